@@ -1,0 +1,62 @@
+"""Errors a user can act on.
+
+Every expected failure of the engine is an ``EngineError``: it says what is wrong, names the thing it is
+wrong with, and carries a ``hint`` that says what to do about it. The command line and the service map
+``code`` to an exit code or a problem document; they never parse messages.
+"""
+
+
+class EngineError(Exception):
+    """An expected failure, with a stable ``code`` and a ``hint`` for whoever has to mend it."""
+
+    code = "engine-error"
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.hint}".strip()
+
+
+class Cancelled(EngineError):  # noqa: N818 - an answer to a request, not a fault
+    """The work was stopped on request; what was finished is on disk."""
+
+    code = "cancelled"
+
+
+class InvalidInputError(EngineError):
+    """An argument or a file's content cannot be used."""
+
+    code = "invalid-input"
+
+
+class NoImagesError(InvalidInputError):
+    """Not one usable photograph (or too few) in the input."""
+
+    code = "no-images"
+
+
+class ReconstructionError(EngineError):
+    """Structure from motion found no model that the evidence supports."""
+
+    code = "reconstruction-failed"
+
+
+class TrainingError(EngineError):
+    """Training cannot start or cannot go on (nothing to train on, or the numbers diverged)."""
+
+    code = "training-failed"
+
+
+class StorageError(EngineError):
+    """The output cannot be written or an earlier output cannot be read."""
+
+    code = "storage"
+
+
+class BackendUnavailableError(EngineError):
+    """The requested rasteriser cannot run on this machine."""
+
+    code = "backend-unavailable"

@@ -1,0 +1,77 @@
+"""Rigid and similarity transforms between named frames.
+
+A variable that holds one says which frames it joins: ``world_from_camera`` takes camera coordinates to
+world coordinates. Composition reads like a chain: ``a_from_b @ b_from_c`` is ``a_from_c``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidTransform:
+    """x ↦ R x + t, with ``rotation`` R [3, 3] and ``translation`` t [3], float64."""
+
+    rotation: Array
+    translation: Array
+
+    @staticmethod
+    def identity() -> "RigidTransform":
+        """The transform that changes nothing."""
+        return RigidTransform(np.eye(3), np.zeros(3))
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Transform points [..., 3]."""
+        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def inverse(self) -> "RigidTransform":
+        """The transform back."""
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: "RigidTransform") -> "RigidTransform":
+        return RigidTransform(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SimilarityTransform:
+    """x ↦ s R x + t, with ``scale`` s > 0, ``rotation`` R [3, 3], ``translation`` t [3], float64."""
+
+    scale: float
+    rotation: Array
+    translation: Array
+
+    @staticmethod
+    def identity() -> "SimilarityTransform":
+        """The transform that changes nothing."""
+        return SimilarityTransform(1.0, np.eye(3), np.zeros(3))
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Transform points [..., 3]."""
+        rotated = np.asarray(points, dtype=np.float64) @ self.rotation.T
+        return self.scale * rotated + self.translation
+
+    def inverse(self) -> "SimilarityTransform":
+        """The transform back."""
+        scale = 1.0 / self.scale
+        return SimilarityTransform(
+            scale, self.rotation.T, -scale * (self.rotation.T @ self.translation)
+        )
+
+    def __matmul__(self, other: "SimilarityTransform") -> "SimilarityTransform":
+        return SimilarityTransform(
+            self.scale * other.scale,
+            self.rotation @ other.rotation,
+            self.scale * (self.rotation @ other.translation) + self.translation,
+        )
+
+    def move_camera(self, source_from_camera: RigidTransform) -> RigidTransform:
+        """Take a camera's ``source_from_camera`` into the target frame (cameras do not scale)."""
+        return RigidTransform(
+            self.rotation @ source_from_camera.rotation, self.apply(source_from_camera.translation)
+        )

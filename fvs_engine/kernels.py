@@ -1,0 +1,61 @@
+"""How the CPU kernels are compiled: one set of Numba options, one thread-safe threading layer.
+
+Every kernel of the engine is decorated with ``kernel`` (single-threaded) or ``parallel_kernel``. The
+options, and why:
+
+* ``fastmath`` without ``nnan``/``ninf``: kernels may meet non-finite numbers and must carry them on.
+* ``error_model="numpy"``: a division by zero is inf, not a branch that stops vectorisation.
+* ``nogil``: a ranking may run while training does.
+* ``cache``: a second process start compiles nothing.
+"""
+
+import ctypes
+import importlib.metadata
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_OPTIONS: dict[str, Any] = {
+    "fastmath": {"contract", "nsz", "arcp", "reassoc"},
+    "error_model": "numpy",
+    "nogil": True,
+    "cache": True,
+}
+
+
+def _use_thread_safe_layer() -> None:
+    """Select TBB (or OpenMP): the default layer aborts when two threads enter kernels at once.
+
+    The ``tbb`` wheel puts its library where the loader does not look, so it is loaded by path first.
+    """
+    try:
+        files = importlib.metadata.files("tbb") or []
+        library = next(str(f.locate()) for f in files if f.name.startswith("libtbb.so.12"))
+        ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
+    except (importlib.metadata.PackageNotFoundError, StopIteration, OSError):
+        numba.config.THREADING_LAYER = "threadsafe"
+    else:
+        numba.config.THREADING_LAYER = "tbb"
+
+
+if "NUMBA_THREADING_LAYER" not in os.environ:
+    _use_thread_safe_layer()
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a single-threaded kernel on its first call; inlined by LLVM into its callers."""
+    return cast(_Function, numba.njit(**_OPTIONS)(function))
+
+
+def parallel_kernel(function: _Function) -> _Function:
+    """Compile a kernel whose ``prange`` loops run on all threads of the process's budget."""
+    return cast(_Function, numba.njit(parallel=True, **_OPTIONS)(function))
+
+
+def set_thread_budget(threads: int) -> None:
+    """Give Numba's kernels ``threads`` threads (at most what the process started with)."""
+    numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))

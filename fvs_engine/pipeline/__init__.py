@@ -1,0 +1,1 @@
+"""The main jobs, from folders on disk to folders on disk."""

@@ -1,0 +1,1 @@
+"""Structure from motion: photographs in, cameras and sparse points out."""

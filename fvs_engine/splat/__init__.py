@@ -1,0 +1,1 @@
+"""3D Gaussian splats: model, initialisation, training, rasterising."""

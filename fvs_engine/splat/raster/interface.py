@@ -1,0 +1,67 @@
+"""What every rasteriser does, whatever it runs on.
+
+Conventions shared by all backends, so that they can be held to one another (gsplat's, "classic" mode):
+
+* a Gaussian is culled when its depth is < ``NEAR_PLANE`` or its screen ellipse misses the image;
+* the 2D covariance gets ``BLUR_PX2`` added to its diagonal (the low-pass of the 3DGS paper);
+* the ellipse extends to ``3.33 σ`` or to where alpha falls under 1/255, whichever is nearer;
+* a splat's alpha is min(0.999, opacity · exp(−½ dᵀ Σ⁻¹ d)), skipped under 1/255;
+* a pixel is finished before the splat that would take its transmittance under ``TRANSMITTANCE_MIN``;
+* splats are blended front to back by the depth of their centres; ties by index.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.gaussians import Gaussians
+
+NEAR_PLANE = 0.01
+BLUR_PX2 = 0.3
+ALPHA_MIN = 1.0 / 255.0
+ALPHA_MAX = 0.999
+TRANSMITTANCE_MIN = 1e-4
+
+
+@dataclass
+class Rendering:
+    """What a camera sees of the model.
+
+    ``color`` [H, W, 3], not clamped; ``alpha`` [H, W] in [0, 1]; ``depth`` [H, W], the sum of
+    weight · depth of the centres along z (divide by alpha for the expected depth). For every Gaussian:
+    ``radii_px`` [N], half the larger side of its screen box, 0 where it was culled; and ``screen_means``
+    [N, 2], a leaf or retained tensor whose ``.grad`` after a backward pass is the gradient with respect
+    to the projected centres in px (None when gradients are off).
+    """
+
+    color: Tensor
+    alpha: Tensor
+    depth: Tensor
+    radii_px: Tensor
+    screen_means: Tensor | None
+
+
+class Rasterizer(Protocol):
+    """One backend. Stateless between calls; safe to call from several threads."""
+
+    name: str
+    device: torch.device
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+        background: Tensor | None = None,
+    ) -> Rendering:
+        """Render; differentiable in every tensor of ``gaussians`` that requires gradients.
+
+        ``sh_degree``: use only this many degrees (default: all that are stored). ``background`` [3]:
+        the colour behind the model (default: black).
+        """
+        ...

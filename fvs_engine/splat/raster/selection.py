@@ -1,0 +1,40 @@
+"""Which rasteriser runs here."""
+
+import torch
+
+from fvs_engine.errors import BackendUnavailableError, InvalidInputError
+from fvs_engine.splat.raster.interface import Rasterizer
+
+BACKENDS = ("auto", "reference", "cpu", "cuda")
+
+
+def create_rasterizer(name: str = "auto") -> Rasterizer:
+    """Create a backend by name; ``auto`` takes ``cuda`` where CUDA and gsplat are there, else ``cpu``.
+
+    Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
+    Backends are imported here, not at the top: each brings a compiler or a device with it.
+    """
+    if name == "auto":
+        try:
+            return create_rasterizer("cuda")
+        except BackendUnavailableError:
+            return create_rasterizer("cpu")
+    if name == "reference":
+        from fvs_engine.splat.raster.reference import ReferenceRasterizer
+
+        return ReferenceRasterizer()
+    if name == "cpu":
+        from fvs_engine.splat.raster.cpu import CpuRasterizer
+
+        return CpuRasterizer()
+    if name == "cuda":
+        if not torch.cuda.is_available():
+            raise BackendUnavailableError(
+                "The cuda rasteriser needs a CUDA device.", hint="Use the backend 'cpu'."
+            )
+        from fvs_engine.splat.raster.cuda import CudaRasterizer
+
+        return CudaRasterizer()
+    raise InvalidInputError(
+        f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(BACKENDS)}."
+    )
