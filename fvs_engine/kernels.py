@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import config
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -37,9 +38,9 @@ def _use_thread_safe_layer() -> None:
         library = next(str(f.locate()) for f in files if f.name.startswith("libtbb.so.12"))
         ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
     except (importlib.metadata.PackageNotFoundError, StopIteration, OSError):
-        numba.config.THREADING_LAYER = "threadsafe"
+        config.THREADING_LAYER = "threadsafe"
     else:
-        numba.config.THREADING_LAYER = "tbb"
+        config.THREADING_LAYER = "tbb"
 
 
 if "NUMBA_THREADING_LAYER" not in os.environ:
@@ -58,4 +59,4 @@ def parallel_kernel(function: _Function) -> _Function:
 
 def set_thread_budget(threads: int) -> None:
     """Give Numba's kernels ``threads`` threads (at most what the process started with)."""
-    numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))
+    numba.set_num_threads(max(1, min(threads, config.NUMBA_NUM_THREADS)))

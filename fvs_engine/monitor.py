@@ -29,9 +29,7 @@ class Monitor:
         self._on_progress = on_progress
         self._cancelled = threading.Event()
 
-    def report(
-        self, stage: str, done: int, total: int | None = None, **detail: float | int | str
-    ) -> None:
+    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
         """Tell that ``done`` units of ``stage`` are finished."""
         if self._on_progress is not None:
             self._on_progress(Progress(stage, done, total, detail))

@@ -59,9 +59,7 @@ class SimilarityTransform:
     def inverse(self) -> "SimilarityTransform":
         """The transform back."""
         scale = 1.0 / self.scale
-        return SimilarityTransform(
-            scale, self.rotation.T, -scale * (self.rotation.T @ self.translation)
-        )
+        return SimilarityTransform(scale, self.rotation.T, -scale * (self.rotation.T @ self.translation))
 
     def __matmul__(self, other: "SimilarityTransform") -> "SimilarityTransform":
         return SimilarityTransform(

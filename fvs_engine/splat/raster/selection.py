@@ -35,6 +35,4 @@ def create_rasterizer(name: str = "auto") -> Rasterizer:
         from fvs_engine.splat.raster.cuda import CudaRasterizer
 
         return CudaRasterizer()
-    raise InvalidInputError(
-        f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(BACKENDS)}."
-    )
+    raise InvalidInputError(f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(BACKENDS)}.")
