@@ -3,15 +3,37 @@
 The centre of the top left pixel is therefore at (0.5, 0.5), as in COLMAP and gsplat.
 """
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.distortion import Distortion, FisheyeDistortion, RationalDistortion
+from fvs_engine.geometry.validation import points_array
+
+Array = NDArray[np.float64]
+
+CAMERA_MODELS: dict[str, tuple[str, ...]] = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+    "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+}
+"""COLMAP's camera models that the engine reads → the names of their parameters, in COLMAP's order."""
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A camera without distortion: ``width`` × ``height`` px, focal lengths and principal point in px."""
+    """A camera without distortion: ``width`` × ``height`` px, focal lengths and principal point in px.
+
+    Raises ``InvalidInputError`` when a number is not finite or a size or focal length not positive.
+    """
 
     width: int
     height: int
@@ -20,8 +42,11 @@ class PinholeCamera:
     cx: float
     cy: float
 
+    def __post_init__(self) -> None:
+        _check_intrinsics(self.width, self.height, self.fx, self.fy, (self.cx, self.cy))
+
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Array:
         """K [3, 3]."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
@@ -29,3 +54,128 @@ class PinholeCamera:
         """The same view on another pixel grid."""
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+    def project(self, points: ArrayLike) -> Array:
+        """Pixels [..., 2] of ``points`` [..., 3] in camera coordinates; NaN where z ≤ 0."""
+        return _to_pixels(self, _to_image_plane(points))
+
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike = 1.0) -> Array:
+        """Points [..., 3] in camera coordinates with z = ``depth`` [...] behind ``pixels`` [..., 2]."""
+        return _at_depth(_from_pixels(self, pixels), depth)
+
+
+@dataclass(frozen=True)
+class DistortedCamera:
+    """A camera with one of COLMAP's models (``CAMERA_MODELS``); ``params`` in COLMAP's order.
+
+    Raises ``InvalidInputError`` for a model that is not known, a wrong number of parameters, numbers that
+    are not finite, and sizes or focal lengths that are not positive.
+    """
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.model not in CAMERA_MODELS:
+            raise InvalidInputError(
+                f"Camera model {self.model!r} is not known.", hint=f"Use one of {', '.join(CAMERA_MODELS)}."
+            )
+        names = CAMERA_MODELS[self.model]
+        params = tuple(float(p) for p in self.params)
+        if len(params) != len(names):
+            raise InvalidInputError(
+                f"Camera model {self.model} has {len(names)} parameters, not {len(params)}.",
+                hint=f"They are {', '.join(names)}.",
+            )
+        object.__setattr__(self, "params", params)
+        _check_intrinsics(self.width, self.height, self.fx, self.fy, params)
+
+    @cached_property
+    def _named(self) -> dict[str, float]:
+        return dict(zip(CAMERA_MODELS[self.model], self.params, strict=True))
+
+    @property
+    def fx(self) -> float:
+        """Horizontal focal length in px."""
+        return self._named["fx"] if "fx" in self._named else self._named["f"]
+
+    @property
+    def fy(self) -> float:
+        """Vertical focal length in px."""
+        return self._named["fy"] if "fy" in self._named else self._named["f"]
+
+    @property
+    def cx(self) -> float:
+        """Principal point, px from the left edge."""
+        return self._named["cx"]
+
+    @property
+    def cy(self) -> float:
+        """Principal point, px from the top edge."""
+        return self._named["cy"]
+
+    @cached_property
+    def distortion(self) -> Distortion:
+        """The lens on the normalised image plane."""
+        intrinsics = {"f", "fx", "fy", "cx", "cy"}
+        coefficients = {name: value for name, value in self._named.items() if name not in intrinsics}
+        if self.model == "OPENCV_FISHEYE":
+            return FisheyeDistortion(**coefficients)
+        return RationalDistortion(**coefficients)
+
+    def resized(self, width: int, height: int) -> "DistortedCamera":
+        """The same view on another pixel grid (a single focal length takes the mean of both scales)."""
+        sx, sy = width / self.width, height / self.height
+        scales = {"f": 0.5 * (sx + sy), "fx": sx, "fy": sy, "cx": sx, "cy": sy}
+        params = tuple(value * scales.get(name, 1.0) for name, value in self._named.items())
+        return DistortedCamera(self.model, width, height, params)
+
+    def project(self, points: ArrayLike) -> Array:
+        """Pixels [..., 2] of ``points`` [..., 3] in camera coordinates.
+
+        NaN where z ≤ 0 and where the lens model folds back (so nothing outside the view enters the image).
+        """
+        return _to_pixels(self, self.distortion.distort(_to_image_plane(points)))
+
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike = 1.0) -> Array:
+        """Points [..., 3] in camera coordinates with z = ``depth`` [...] behind ``pixels`` [..., 2].
+
+        NaN where no ray with z > 0 reaches the pixel.
+        """
+        return _at_depth(self.distortion.undistort(_from_pixels(self, pixels)), depth)
+
+
+Camera = PinholeCamera | DistortedCamera
+"""Any camera. Structure from motion works with all of them; the rasterisers take ``PinholeCamera``."""
+
+
+def _check_intrinsics(width: int, height: int, fx: float, fy: float, others: tuple[float, ...]) -> None:
+    if width <= 0 or height <= 0:
+        raise InvalidInputError(f"A camera's image must have pixels, not {width} × {height}.")
+    if not all(math.isfinite(value) for value in (fx, fy, *others)):
+        raise InvalidInputError("A camera's parameters must be finite.")
+    if fx <= 0 or fy <= 0:
+        raise InvalidInputError(f"A camera's focal lengths must be positive, not {fx} and {fy} px.")
+
+
+def _to_image_plane(points: ArrayLike) -> Array:
+    """Points [..., 3] onto z = 1 as [..., 2], NaN where they are not in front of the camera."""
+    xyz = points_array("points", points, 3)
+    depth = np.where(xyz[..., 2:] > 0, xyz[..., 2:], np.nan)
+    return np.asarray(xyz[..., :2] / depth)
+
+
+def _to_pixels(camera: Camera, plane: Array) -> Array:
+    return np.asarray(plane * np.array([camera.fx, camera.fy]) + np.array([camera.cx, camera.cy]))
+
+
+def _from_pixels(camera: Camera, pixels: ArrayLike) -> Array:
+    centred = points_array("pixels", pixels, 2) - np.array([camera.cx, camera.cy])
+    return np.asarray(centred / np.array([camera.fx, camera.fy]))
+
+
+def _at_depth(plane: Array, depth: ArrayLike) -> Array:
+    z = np.broadcast_to(np.asarray(depth, dtype=np.float64), plane.shape[:-1])[..., None]
+    return np.concatenate([plane * z, z], axis=-1)

@@ -4,20 +4,31 @@ A variable that holds one says which frames it joins: ``world_from_camera`` take
 world coordinates. Composition reads like a chain: ``a_from_b @ b_from_c`` is ``a_from_c``.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.validation import finite_array, rotation_matrix
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
-    """x ↦ R x + t, with ``rotation`` R [3, 3] and ``translation`` t [3], float64."""
+    """x ↦ R x + t, with ``rotation`` R [3, 3] and ``translation`` t [3], float64.
+
+    Raises ``InvalidInputError`` when R is not a rotation or a number is not finite.
+    """
 
     rotation: Array
     translation: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", rotation_matrix("rotation", self.rotation))
+        object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
 
     @staticmethod
     def identity() -> "RigidTransform":
@@ -40,11 +51,20 @@ class RigidTransform:
 
 @dataclass(frozen=True, eq=False)
 class SimilarityTransform:
-    """x ↦ s R x + t, with ``scale`` s > 0, ``rotation`` R [3, 3], ``translation`` t [3], float64."""
+    """x ↦ s R x + t, with ``scale`` s > 0, ``rotation`` R [3, 3], ``translation`` t [3], float64.
+
+    Raises ``InvalidInputError`` when s is not positive, R is not a rotation or a number is not finite.
+    """
 
     scale: float
     rotation: Array
     translation: Array
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise InvalidInputError(f"A similarity's scale must be positive and finite, not {self.scale}.")
+        object.__setattr__(self, "rotation", rotation_matrix("rotation", self.rotation))
+        object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
 
     @staticmethod
     def identity() -> "SimilarityTransform":

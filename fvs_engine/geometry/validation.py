@@ -1,0 +1,39 @@
+"""The checks that every constructor of this package makes, so that bad numbers stop at the door."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fvs_engine.errors import InvalidInputError
+
+ORTHONORMAL_TOLERANCE = 1e-4
+"""Largest entry of |R Rᵀ − I| that still counts as rounding (files often hold float32)."""
+
+
+def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """``values`` as float64 of exactly ``shape``; ``InvalidInputError`` if it is not, or not finite."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InvalidInputError(f"{name} must have shape {shape}, not {array.shape}.")
+    if not np.isfinite(array).all():
+        raise InvalidInputError(f"{name} has a number that is not finite.")
+    return array
+
+
+def rotation_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """``values`` as a proper rotation [3, 3]; ``InvalidInputError`` if it is a mirror, sheared or scaled."""
+    matrix = finite_array(name, values, (3, 3))
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ORTHONORMAL_TOLERANCE:
+        raise InvalidInputError(
+            f"{name} is not orthonormal.", hint="A transform with scale is a SimilarityTransform."
+        )
+    if np.linalg.det(matrix) < 0:
+        raise InvalidInputError(f"{name} is a reflection.", hint="Check the handedness of the axes.")
+    return matrix
+
+
+def points_array(name: str, values: ArrayLike, dimensions: int) -> NDArray[np.float64]:
+    """``values`` as float64 [..., dimensions]; not checked for finiteness."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != dimensions:
+        raise InvalidInputError(f"{name} must have shape [..., {dimensions}], not {list(array.shape)}.")
+    return array
