@@ -2,10 +2,18 @@
 
 from fvs_engine.geometry.alignment import AlignmentReport, alignment_report, robust_umeyama, umeyama
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
+from fvs_engine.geometry.placement import OPENGL_FROM_OPENCV, interpolate, look_at, smooth_path
+from fvs_engine.geometry.rotations import (
+    angle_between,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    slerp,
+)
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 
 __all__ = [
     "CAMERA_MODELS",
+    "OPENGL_FROM_OPENCV",
     "AlignmentReport",
     "Camera",
     "DistortedCamera",
@@ -13,6 +21,13 @@ __all__ = [
     "RigidTransform",
     "SimilarityTransform",
     "alignment_report",
+    "angle_between",
+    "interpolate",
+    "look_at",
+    "matrix_from_quaternion",
+    "quaternion_from_matrix",
     "robust_umeyama",
+    "slerp",
+    "smooth_path",
     "umeyama",
 ]

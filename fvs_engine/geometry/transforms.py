@@ -35,6 +35,23 @@ class RigidTransform:
         """The transform that changes nothing."""
         return RigidTransform(np.eye(3), np.zeros(3))
 
+    @staticmethod
+    def from_matrix(matrix: ArrayLike) -> "RigidTransform":
+        """From a homogeneous matrix [4, 4] or its upper part [3, 4]."""
+        values = np.asarray(matrix, dtype=np.float64)
+        if values.shape not in {(4, 4), (3, 4)}:
+            raise InvalidInputError(f"A transform is a matrix [4, 4] or [3, 4], not {list(values.shape)}.")
+        if values.shape == (4, 4) and not np.array_equal(values[3], [0.0, 0.0, 0.0, 1.0]):
+            raise InvalidInputError("The last row of a rigid transform's matrix must be 0 0 0 1.")
+        return RigidTransform(values[:3, :3], values[:3, 3])
+
+    @property
+    def matrix(self) -> Array:
+        """The homogeneous matrix [4, 4]."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.translation
+        return matrix
+
     def apply(self, points: ArrayLike) -> Array:
         """Transform points [..., 3]."""
         return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation

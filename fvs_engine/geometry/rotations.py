@@ -1,0 +1,60 @@
+"""Rotations as unit quaternions ``wxyz`` and as matrices [3, 3]."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.validation import points_array
+
+Array = NDArray[np.float64]
+
+
+def matrix_from_quaternion(quaternion_wxyz: ArrayLike) -> Array:
+    """Rotation matrices [..., 3, 3] of quaternions [..., 4] of any length but zero.
+
+    Raises ``InvalidInputError`` for a quaternion that is zero or not finite.
+    """
+    return np.asarray(_rotation(quaternion_wxyz).as_matrix())
+
+
+def quaternion_from_matrix(rotation: ArrayLike) -> Array:
+    """Unit quaternions wxyz [..., 4] of rotation matrices [..., 3, 3]; of ±q, the one with w ≥ 0.
+
+    A matrix that is a rotation but for rounding gives its nearest rotation. Raises ``InvalidInputError`` for
+    a matrix that is singular, a reflection or not finite.
+    """
+    matrix = np.asarray(rotation, dtype=np.float64)
+    if matrix.shape[-2:] != (3, 3):
+        raise InvalidInputError(f"Rotations must have shape [..., 3, 3], not {list(matrix.shape)}.")
+    if not np.isfinite(matrix).all() or (np.linalg.det(matrix) <= 0).any():
+        raise InvalidInputError("A rotation matrix is singular, a reflection or not finite.")
+    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3))
+    return np.asarray(flat.as_quat(canonical=True, scalar_first=True).reshape(*matrix.shape[:-2], 4))
+
+
+def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
+    """Angle in rad, 0 to π, of the turn from one rotation matrix to another, each [..., 3, 3]."""
+    turn = np.swapaxes(np.asarray(first, dtype=np.float64), -2, -1) @ np.asarray(second, dtype=np.float64)
+    flat = Rotation.from_matrix(turn.reshape(-1, 3, 3))
+    return np.asarray(flat.magnitude().reshape(turn.shape[:-2]))
+
+
+def slerp(first_wxyz: ArrayLike, second_wxyz: ArrayLike, t: ArrayLike) -> Array:
+    """Turn at constant speed the short way from ``first`` (t = 0) to ``second`` (t = 1).
+
+    ``first_wxyz`` and ``second_wxyz`` are quaternions [4]; ``t`` [...] gives unit quaternions [..., 4].
+    Source: Shoemake, "Animating rotation with quaternion curves", 1985.
+    """
+    first, second = _rotation(first_wxyz), _rotation(second_wxyz)
+    whole_turn = (first.inv() * second).as_rotvec()  # of length ≤ π, hence the short way
+    steps = np.asarray(t, dtype=np.float64)
+    turned = first * Rotation.from_rotvec(steps.reshape(-1, 1) * whole_turn)
+    return np.asarray(turned.as_quat(canonical=True, scalar_first=True).reshape(*steps.shape, 4))
+
+
+def _rotation(quaternion_wxyz: ArrayLike) -> Rotation:
+    quaternion = points_array("quaternion_wxyz", quaternion_wxyz, 4)
+    if not np.isfinite(quaternion).all() or (np.linalg.norm(quaternion, axis=-1) < 1e-150).any():
+        raise InvalidInputError("A quaternion is zero or not finite.")
+    return Rotation.from_quat(quaternion, scalar_first=True)

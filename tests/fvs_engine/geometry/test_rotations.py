@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import angle_between, matrix_from_quaternion, quaternion_from_matrix, slerp
+
+numbers = st.floats(-10, 10)
+quaternions = (
+    st.tuples(numbers, numbers, numbers, numbers).map(np.array).filter(lambda q: np.linalg.norm(q) > 1e-3)
+)
+shares = st.floats(0, 1)
+
+
+def up_to_sign(quaternion):
+    unit = quaternion / np.linalg.norm(quaternion)
+    return np.outer(unit, unit)  # the same for q and −q
+
+
+@given(quaternion=quaternions)
+def test_quaternions_survive_the_way_to_a_matrix_and_back(quaternion):
+    matrix = matrix_from_quaternion(quaternion)
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(matrix) == pytest.approx(1)
+    back = quaternion_from_matrix(matrix)
+    assert back[0] >= 0
+    np.testing.assert_allclose(up_to_sign(back), up_to_sign(quaternion), atol=1e-12)
+
+
+def test_the_scalar_part_comes_first():
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(  # a quarter turn about z takes x to y
+        matrix_from_quaternion([half, 0, 0, half]) @ [1, 0, 0], [0, 1, 0], atol=1e-15
+    )
+
+
+@given(first=quaternions, second=quaternions)
+def test_products_of_quaternions_are_products_of_matrices(first, second):
+    w1, v1, w2, v2 = first[0], first[1:], second[0], second[1:]
+    product = np.concatenate([[w1 * w2 - v1 @ v2], w1 * v2 + w2 * v1 + np.cross(v1, v2)])
+    np.testing.assert_allclose(
+        matrix_from_quaternion(first) @ matrix_from_quaternion(second),
+        matrix_from_quaternion(product),
+        atol=1e-10,
+    )
+
+
+@given(first=quaternions, second=quaternions, t=shares)
+def test_slerp_turns_steadily_the_short_way(first, second, t):
+    start, end = matrix_from_quaternion(first), matrix_from_quaternion(second)
+    between = matrix_from_quaternion(slerp(first, second, t))
+    whole = angle_between(start, end)
+    assert angle_between(start, between) == pytest.approx(t * whole, abs=1e-7)
+    assert angle_between(between, end) == pytest.approx((1 - t) * whole, abs=1e-7)
+
+
+def test_slerp_takes_many_shares_at_once():
+    first, second = np.array([1.0, 0, 0, 0]), np.array([0.0, 1, 0, 0])
+    path = slerp(first, second, np.linspace(0, 1, 5))
+    assert path.shape == (5, 4)
+    np.testing.assert_allclose(path[2], [np.sqrt(0.5), np.sqrt(0.5), 0, 0], atol=1e-15)
+
+
+def test_arrays_keep_their_shape():
+    many = np.random.default_rng(0).normal(size=(2, 3, 4))
+    matrices = matrix_from_quaternion(many)
+    assert matrices.shape == (2, 3, 3, 3)
+    back = quaternion_from_matrix(matrices)
+    assert back.shape == (2, 3, 4)
+    np.testing.assert_allclose(matrix_from_quaternion(back), matrices, atol=1e-12)
+
+
+@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [1, 0, 0]])
+def test_impossible_quaternions_are_refused(quaternion):
+    with pytest.raises(InvalidInputError):
+        matrix_from_quaternion(quaternion)
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1, 1, -1]), np.zeros((3, 3)), np.eye(3) * np.nan, np.eye(4)])
+def test_impossible_matrices_are_refused(matrix):
+    with pytest.raises(InvalidInputError):
+        quaternion_from_matrix(matrix)
