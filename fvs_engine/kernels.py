@@ -16,9 +16,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
+from numba.core import config as _numba_config
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_config = cast(Any, _numba_config)  # its settings are made at import time, where no type checker sees them
 
 _OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "nsz", "arcp", "reassoc"},
@@ -38,9 +40,9 @@ def _use_thread_safe_layer() -> None:
         library = next(str(f.locate()) for f in files if f.name.startswith("libtbb.so.12"))
         ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
     except (importlib.metadata.PackageNotFoundError, StopIteration, OSError):
-        config.THREADING_LAYER = "threadsafe"
+        _config.THREADING_LAYER = "threadsafe"
     else:
-        config.THREADING_LAYER = "tbb"
+        _config.THREADING_LAYER = "tbb"
 
 
 if "NUMBA_THREADING_LAYER" not in os.environ:
@@ -59,4 +61,4 @@ def parallel_kernel(function: _Function) -> _Function:
 
 def set_thread_budget(threads: int) -> None:
     """Give Numba's kernels ``threads`` threads (at most what the process started with)."""
-    numba.set_num_threads(max(1, min(threads, config.NUMBA_NUM_THREADS)))
+    numba.set_num_threads(max(1, min(threads, _config.NUMBA_NUM_THREADS)))
