@@ -1,0 +1,171 @@
+"""Which files of a folder are photographs, and why the others are not."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.images.focal import focal_length_px
+from fvs_engine.images.pixels import UnusableImageError, decode
+from fvs_engine.monitor import Monitor
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".mpo", ".png", ".tif", ".tiff", ".webp", ".bmp"})
+UNREADABLE_SUFFIXES = frozenset(
+    {
+        ".heic",
+        ".heif",
+        ".avif",
+        ".jxl",
+        ".jp2",
+        ".gif",
+        ".exr",
+        ".dng",
+        ".cr2",
+        ".cr3",
+        ".nef",
+        ".arw",
+        ".orf",
+    }
+    | {".rw2", ".raf", ".pef", ".srw"}
+)
+"""Surely photographs, but of formats that are not decoded: named to the user, not passed over."""
+
+MIN_SIDE_PX = 32
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A photograph that decodes to its last pixel.
+
+    ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is
+    EXIF's focal length in px, None when EXIF does not tell; ``plain`` says that any reader sees the right
+    pixels in the file as it is (8 bits, upright, JPEG or PNG); ``format`` is what the content is.
+    """
+
+    path: Path
+    name: str
+    width_px: int
+    height_px: int
+    sha256: str
+    focal_px: float | None
+    format: str
+    plain: bool
+
+
+@dataclass(frozen=True)
+class RejectedImage:
+    """A file that is not used: ``reason`` is a sentence about it, ``hint`` says what to do."""
+
+    name: str
+    reason: str
+    hint: str
+
+
+@dataclass(frozen=True)
+class ImageCatalog:
+    """The photographs of a folder and what was left out; each sorted by name.
+
+    ``ignored`` are files that do not claim to be photographs.
+    """
+
+    folder: Path
+    photographs: tuple[Photograph, ...]
+    rejected: tuple[RejectedImage, ...]
+    ignored: tuple[str, ...]
+
+
+def catalog_images(
+    folder: Path, *, monitor: Monitor | None = None, threads: int | None = None
+) -> ImageCatalog:
+    """Decode every image below ``folder`` and sort the usable from the rest.
+
+    Subfolders are searched; hidden files and folders are not. Of files with the same content the first by
+    name is kept. Progress is reported as stage ``images``. Raises ``InvalidInputError`` when ``folder`` is
+    not a readable folder, ``Cancelled`` when asked to stop.
+    """
+    monitor = monitor or Monitor()
+    candidates: list[str] = []
+    rejected: list[RejectedImage] = []
+    ignored: list[str] = []
+    for name in _file_names(folder):
+        suffix = Path(name).suffix.lower()
+        if suffix in SUFFIXES:
+            candidates.append(name)
+        elif suffix in UNREADABLE_SUFFIXES:
+            reason = f"{suffix[1:].upper()} files are not read here."
+            rejected.append(RejectedImage(name, reason, "Export it as JPEG or PNG."))
+        else:
+            ignored.append(name)
+
+    first_with: dict[str, str] = {}
+    photographs: list[Photograph] = []
+    executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    try:
+        examined = executor.map(lambda name: _examine(folder, name), candidates)
+        for done, result in enumerate(examined, start=1):
+            if isinstance(result, RejectedImage):
+                rejected.append(result)
+            elif result.sha256 in first_with:
+                reason = f"it is the same file as {first_with[result.sha256]}."
+                rejected.append(RejectedImage(result.name, reason, "Delete one of the two."))
+            else:
+                first_with[result.sha256] = result.name
+                photographs.append(result)
+            monitor.report("images", done, len(candidates))
+            monitor.check()
+    finally:
+        executor.shutdown(cancel_futures=True)
+    rejected.sort(key=lambda image: image.name)
+    return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
+
+
+def _file_names(folder: Path) -> list[str]:
+    if not folder.exists():
+        raise InvalidInputError(f"The folder {folder} does not exist.", hint="Give a folder of photographs.")
+    if not folder.is_dir():
+        raise InvalidInputError(
+            f"{folder} is not a folder.", hint="Give the folder that holds the photographs."
+        )
+    return sorted(_walk(folder))
+
+
+def _walk(folder: Path) -> Iterator[str]:
+    def stop(error: OSError) -> None:
+        raise InvalidInputError(
+            f"The folder {error.filename} cannot be read: {error.strerror}.", hint="Check its permissions."
+        ) from error
+
+    for parent, subfolders, files in os.walk(folder, onerror=stop):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith("."):
+                yield Path(parent, name).relative_to(folder).as_posix()
+
+
+def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
+    path = folder / name
+    try:
+        content = path.read_bytes()
+        image = decode(content)
+    except UnusableImageError as error:
+        return RejectedImage(name, error.message, error.hint)
+    except OSError as error:
+        return RejectedImage(
+            name, f"it cannot be read: {error.strerror}.", "Check the file and its permissions."
+        )
+    width, height = image.rgb.size
+    if min(width, height) < MIN_SIDE_PX:
+        return RejectedImage(name, f"it is too small ({width}×{height} px).", "Use the original photograph.")
+    return Photograph(
+        path=path,
+        name=name,
+        width_px=width,
+        height_px=height,
+        sha256=hashlib.sha256(content).hexdigest(),
+        focal_px=focal_length_px(image.exif, width, height),
+        format=image.format,
+        plain=image.plain,
+    )

@@ -1,0 +1,102 @@
+"""A folder of photographs that any reader takes the same way: upright, 8-bit, JPEG or PNG."""
+
+import contextlib
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path, PurePosixPath
+
+from PIL import Image
+
+from fvs_engine.images.catalog import Photograph
+from fvs_engine.images.pixels import decode
+from fvs_engine.monitor import Monitor
+
+_SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
+_ORIENTATION_TAG = 0x0112
+_JPEG_QUALITY = 98
+
+
+def normalised_name(photograph: Photograph) -> str:
+    """The name of ``photograph`` in the normalised folder.
+
+    Its own, unless its suffix does not tell what the file holds there; then the right one is appended:
+    ``scan.tif`` becomes ``scan.tif.png`` and cannot collide with a ``scan.png``.
+    """
+    target = photograph.format if photograph.plain or photograph.format in ("JPEG", "MPO") else "PNG"
+    suffixes = _SUFFIXES[target]
+    if PurePosixPath(photograph.name).suffix.lower() in suffixes:
+        return photograph.name
+    return photograph.name + suffixes[0]
+
+
+def normalise_images(
+    photographs: Sequence[Photograph],
+    folder: Path,
+    *,
+    monitor: Monitor | None = None,
+    threads: int | None = None,
+) -> Mapping[str, Path]:
+    """Fill ``folder`` with the photographs, and return normalised name → path in the order given.
+
+    A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
+    survive. Another one is decoded and written anew with its EXIF, less the orientation: JPEG (quality 98,
+    full chroma) if it was lossy already, else PNG. Files that are there already are kept, so that an
+    interrupted call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
+    the folder cannot be written, ``Cancelled`` when asked to stop.
+    """
+    monitor = monitor or Monitor()
+    paths = {normalised_name(photograph): folder / normalised_name(photograph) for photograph in photographs}
+    for parent in {path.parent for path in paths.values()} | {folder}:
+        parent.mkdir(parents=True, exist_ok=True)
+    executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    try:
+        for done, _ in enumerate(executor.map(_write, photographs, paths.values()), start=1):
+            monitor.report("normalise", done, len(photographs))
+            monitor.check()
+    finally:
+        executor.shutdown(cancel_futures=True)
+    return paths
+
+
+def _write(photograph: Photograph, path: Path) -> None:
+    if path.exists():
+        return
+    temporary = path.with_name(f".{path.name}.partial")
+    temporary.unlink(missing_ok=True)
+    try:
+        if photograph.plain:
+            _link_or_copy(photograph.path, temporary)
+        else:
+            _write_anew(photograph, temporary, path.suffix.lower())
+        temporary.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(source.resolve())
+    except OSError:  # another file system, or one without hard links, or somebody else's file
+        shutil.copyfile(source, target)
+
+
+def _write_anew(photograph: Photograph, target: Path, suffix: str) -> None:
+    image = decode(photograph.path.read_bytes())
+    exif = _upright_exif(image.exif)
+    if suffix == ".png":
+        image.rgb.save(target, format="PNG", compress_level=1, exif=exif)
+    else:
+        image.rgb.save(target, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, exif=exif)
+
+
+def _upright_exif(exif: Image.Exif) -> bytes:
+    """EXIF without the orientation, which the pixels have by now; empty if it is damaged."""
+    try:
+        exif.pop(_ORIENTATION_TAG, None)
+        return exif.tobytes()
+    except Exception:  # what a camera wrote wrongly cannot always be written again
+        return b""

@@ -1,0 +1,188 @@
+"""From any photograph on disk to upright 8-bit RGB pixels.
+
+What is decided here, once, for the whole engine:
+
+* The formats are an explicit list, and Pillow is never asked to guess beyond it.
+* Orientation: EXIF says how the camera was held; pixels are turned upright and the tag is spent.
+* 16-bit greyscale is scaled by 255/65535 and rounded, the same for every image, so that exposures stay
+  comparable. (16-bit colour is reduced to 8 bits by the decoder.) 32-bit and float images have no
+  white level that all images share: they are refused.
+* Transparency is composited on black, because the rasterisers render on black.
+* CMYK, palette, greyscale and bilevel images become RGB.
+"""
+
+import io
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from fvs_engine.errors import InvalidInputError
+
+FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
+"""MPO, which phones and 3D cameras write, opens as JPEG; its first picture is the photograph."""
+MAX_PIXELS = 256_000_000
+"""Larger images are refused before they are decoded: a small file can claim to hold terabytes."""
+
+_ORIENTATION_TAG = 0x0112
+_TRANSPOSITIONS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+
+# Pillow's own limit warns at this size and raises at twice it; ours refuses at once, so the warning
+# would only be noise on a user's terminal.
+Image.MAX_IMAGE_PIXELS = MAX_PIXELS
+warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
+
+
+class UnusableImageError(InvalidInputError):
+    """One image cannot be used; ``message`` says why, ``hint`` what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedImage:
+    """A photograph, fully decoded, upright, 8-bit RGB.
+
+    ``plain``: any reader sees these very pixels in the original file; there was nothing to convert.
+    """
+
+    rgb: Image.Image
+    format: str
+    plain: bool
+    exif: Image.Exif
+
+
+def decode(content: bytes) -> DecodedImage:
+    """Decode the bytes of one image file to the last pixel.
+
+    Raises ``UnusableImageError`` when they are not an image of a known format, are damaged or cut off,
+    claim too many pixels, hold an animation, or have no 8- or 16-bit pixels.
+    """
+    if not content:
+        raise UnusableImageError("it is empty (0 bytes).", hint="Copy it from the camera again.")
+    try:
+        with Image.open(io.BytesIO(content), formats=FORMATS) as image:
+            return _decode_opened(
+                image, sixteen_bit_png=content[:4] == b"\x89PNG" and content[24:25] == b"\x10"
+            )
+    except UnidentifiedImageError as error:
+        raise UnusableImageError(_what_it_is_instead(content), hint=_CONVERT_HINT) from error
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise _too_large() from error
+    except MemoryError as error:
+        raise UnusableImageError(
+            "there is not enough memory to decode it.", hint="Scale it down first."
+        ) from error
+    except UnusableImageError:
+        raise
+    except Exception as error:  # a decoder fed with damaged bytes fails in any way it likes
+        detail = str(error).rstrip(".") or type(error).__name__
+        raise UnusableImageError(
+            f"it is damaged or cut off ({detail}).", hint="Copy it from the camera again, or delete it."
+        ) from error
+
+
+def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
+    """Read a photograph as upright RGB, uint8 [H, W, 3].
+
+    With ``long_side_px`` the longer side is reduced to it (never enlarged), low-pass filtered.
+    Raises ``UnusableImageError``, naming the file.
+    """
+    try:
+        image = decode(path.read_bytes()).rgb
+    except OSError as error:
+        raise UnusableImageError(f"{path} cannot be read: {error.strerror}.") from error
+    except UnusableImageError as error:
+        raise UnusableImageError(f"{path} cannot be used: {error.message}", hint=error.hint) from error
+    if long_side_px is not None:
+        size = reduced_size(image.width, image.height, long_side_px)
+        if size != image.size:
+            image = image.resize(size, Image.Resampling.LANCZOS)
+    return np.array(image, dtype=np.uint8)
+
+
+def reduced_size(width: int, height: int, long_side_px: int) -> tuple[int, int]:
+    """Width and height of an image whose longer side is reduced to ``long_side_px``; never enlarged."""
+    scale = min(1.0, long_side_px / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
+def _decode_opened(image: Image.Image, *, sixteen_bit_png: bool) -> DecodedImage:
+    image_format = image.format or ""
+    if image.width * image.height > MAX_PIXELS:
+        raise _too_large()
+    if image_format in ("PNG", "WEBP") and getattr(image, "is_animated", False):
+        raise UnusableImageError(
+            "it is an animation.", hint="Save the frames you want as separate photographs."
+        )
+    image.load()
+    exif = _exif(image)
+    orientation = exif.get(_ORIENTATION_TAG, 1)
+    if orientation not in _TRANSPOSITIONS:
+        orientation = 1
+    plain = (
+        image_format in ("JPEG", "MPO", "PNG")
+        and image.mode in ("RGB", "L")
+        and orientation == 1
+        and not image.has_transparency_data
+        and not sixteen_bit_png
+    )
+    rgb = _to_rgb(image)
+    if orientation != 1:
+        rgb = rgb.transpose(_TRANSPOSITIONS[orientation])
+    return DecodedImage(rgb, image_format, plain, exif)
+
+
+def _exif(image: Image.Image) -> Image.Exif:
+    try:
+        exif = image.getexif()
+        exif.get(_ORIENTATION_TAG)
+    except Exception:  # damaged metadata says nothing, and the pixels are still good
+        return Image.Exif()
+    return exif
+
+
+def _to_rgb(image: Image.Image) -> Image.Image:
+    if image.mode.startswith("I;16"):
+        values = np.asarray(image, dtype=np.uint16).astype(np.uint32)
+        return Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8)).convert("RGB")
+    if image.mode in ("I", "F"):
+        raise UnusableImageError(
+            "its pixels are 32-bit numbers.", hint="Export it as an 8- or 16-bit photograph."
+        )
+    if image.has_transparency_data:
+        rgba = image.convert("RGBA")
+        return Image.alpha_composite(Image.new("RGBA", rgba.size, (0, 0, 0, 255)), rgba).convert("RGB")
+    return image.convert("RGB")
+
+
+_CONVERT_HINT = f"Convert it to JPEG or PNG, or remove it (formats that work: {', '.join(FORMATS)})."
+
+
+def _what_it_is_instead(content: bytes) -> str:
+    head = content[:512]
+    if head[4:8] == b"ftyp":
+        return "it is HEIC or AVIF, which is not read here."
+    if b"\0" not in head:
+        try:
+            head[:256].decode("utf-8", errors="strict" if len(head) <= 256 else "ignore")
+        except UnicodeDecodeError:
+            return "it is not an image."
+        if all(byte >= 9 for byte in head):
+            return "it is not an image but text."
+    return "it is not an image."
+
+
+def _too_large() -> UnusableImageError:
+    return UnusableImageError(
+        f"it has more than {MAX_PIXELS // 1_000_000} megapixels.", hint="Scale it down first."
+    )

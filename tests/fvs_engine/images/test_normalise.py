@@ -1,0 +1,73 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.images.catalog import catalog_images
+from fvs_engine.images.normalise import normalise_images
+from fvs_engine.images.pixels import load_rgb
+from fvs_engine.monitor import Monitor
+
+
+def _pixels(seed: int, height: int = 48, width: int = 64) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def test_a_plain_photograph_is_linked_not_written_anew(kermit_dir: Path, tmp_path: Path) -> None:
+    catalog = catalog_images(kermit_dir)
+    paths = normalise_images(catalog.photographs, tmp_path / "images")
+    assert list(paths) == [photograph.name for photograph in catalog.photographs]
+    for photograph in catalog.photographs:
+        assert paths[photograph.name].read_bytes() == photograph.path.read_bytes()
+
+
+def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif.get_ifd(0x8769)[0xA405] = 28
+    Image.fromarray(_pixels(0)).save(source / "held.jpg", exif=exif)
+    Image.fromarray(_pixels(1)).convert("CMYK").save(source / "print.jpg")
+    Image.fromarray(_pixels(2)).convert("RGBA").save(source / "scan.tif")
+    Image.fromarray(_pixels(3)).save(source / "scan.png")
+    Image.fromarray(_pixels(4)[..., 0].astype(np.uint16) * 257).save(source / "deep.png")
+    Image.fromarray(_pixels(5)).save(source / "wrong suffix.jpg", format="PNG")
+
+    catalog = catalog_images(source)
+    paths = normalise_images(catalog.photographs, tmp_path / "images")
+    assert set(paths) == {
+        "deep.png",
+        "held.jpg",
+        "print.jpg",
+        "scan.png",
+        "scan.tif.png",
+        "wrong suffix.jpg.png",
+    }
+    for photograph, path in zip(catalog.photographs, paths.values(), strict=True):
+        expected = load_rgb(photograph.path)
+        with Image.open(path) as image:
+            assert image.format == {".jpg": "JPEG", ".png": "PNG"}[path.suffix]
+            assert image.mode == "RGB"
+            assert image.size == (photograph.width_px, photograph.height_px)
+            assert image.getexif().get(0x0112, 1) == 1
+            error = np.abs(np.asarray(image).astype(int) - expected.astype(int)).mean()
+        assert error == 0 if path.suffix == ".png" else error < 3
+    with Image.open(paths["held.jpg"]) as image:
+        assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+
+
+def test_an_interrupted_call_can_be_repeated(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    for seed in range(5):
+        Image.fromarray(_pixels(seed)).convert("RGBA").save(source / f"{seed}.png")
+    catalog = catalog_images(source)
+    monitor = Monitor(lambda report: monitor.cancel() if report.done == 2 else None)
+    with pytest.raises(Cancelled):
+        normalise_images(catalog.photographs, tmp_path / "images", monitor=monitor, threads=1)
+    paths = normalise_images(catalog.photographs, tmp_path / "images")
+    assert sorted(path.name for path in (tmp_path / "images").iterdir()) == sorted(paths)
+    assert all(load_rgb(path).shape == (48, 64, 3) for path in paths.values())
