@@ -26,22 +26,31 @@ ALPHA_MAX = 0.999
 TRANSMITTANCE_MIN = 1e-4
 
 
+class HasGradient(Protocol):
+    """Something that holds a gradient after a backward pass; a tensor, for most backends."""
+
+    @property
+    def grad(self) -> Tensor | None:
+        """The gradient, or None before a backward pass."""
+        ...
+
+
 @dataclass
 class Rendering:
     """What a camera sees of the model.
 
     ``color`` [H, W, 3], not clamped; ``alpha`` [H, W] in [0, 1]; ``depth`` [H, W], the sum of
     weight · depth of the centres along z (divide by alpha for the expected depth). For every Gaussian:
-    ``radii_px`` [N], half the larger side of its screen box, 0 where it was culled; and ``screen_means``
-    [N, 2], a leaf or retained tensor whose ``.grad`` after a backward pass is the gradient with respect
-    to the projected centres in px (None when gradients are off).
+    ``radii_px`` [N], half the larger side of its screen box, 0 where it was culled; and ``screen_means``,
+    whose ``.grad`` [N, 2] after a backward pass is the gradient with respect to the projected centres in
+    px (None when gradients are off).
     """
 
     color: Tensor
     alpha: Tensor
     depth: Tensor
     radii_px: Tensor
-    screen_means: Tensor | None
+    screen_means: HasGradient | None
 
 
 class Rasterizer(Protocol):

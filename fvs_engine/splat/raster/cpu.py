@@ -1,0 +1,158 @@
+"""The CPU rasteriser: Numba kernels behind torch's autograd. Deterministic for any number of threads."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster.interface import Rendering
+from fvs_engine.splat.raster.kernels import binning, blending, projection
+from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
+
+Floats = NDArray[np.float32]
+
+
+class CpuRasterizer:
+    """Numba kernels, forward and backward; float32."""
+
+    name = "cpu"
+    device = torch.device("cpu")
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+        background: Tensor | None = None,
+    ) -> Rendering:
+        """See ``Rasterizer.render``."""
+        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        tensors = gaussians.tensors()
+        differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
+        # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
+        screen_means = torch.zeros((len(gaussians), 2), requires_grad=True) if differentiable else None
+        view = _View(camera, camera_from_model, degree)
+        behind = torch.zeros(3) if background is None else background.detach()
+        color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
+            view, behind, screen_means, *tensors.values()
+        )
+        return Rendering(color, alpha, depth, radii, screen_means)
+
+
+class _View:
+    """A camera as the kernels take it."""
+
+    def __init__(self, camera: PinholeCamera, camera_from_model: RigidTransform, degree: int) -> None:
+        self.size = (camera.width, camera.height)
+        self.degree = degree
+        self.vector = np.zeros(20, np.float32)
+        self.vector[0:9] = camera_from_model.rotation.ravel()
+        self.vector[9:12] = camera_from_model.translation
+        self.vector[12:15] = camera_from_model.inverse().translation
+        self.vector[15:19] = camera.fx, camera.fy, camera.cx, camera.cy
+
+    @property
+    def tiles(self) -> tuple[int, int]:
+        """Columns and rows of tiles."""
+        width, height = self.size
+        return -(-width // binning.TILE_PX), -(-height // binning.TILE_PX)
+
+
+@dataclass
+class _Forward:
+    """What the backward pass needs of the forward pass."""
+
+    records: Floats
+    radii: Floats
+    order: NDArray[np.int64]
+    splats: Floats
+    tile_starts: NDArray[np.int64]
+    hit_splats: NDArray[np.int32]
+    hit_numbers: NDArray[np.int32]
+    splat_starts: NDArray[np.int64]
+    background: Floats
+    color: Floats
+    alpha: Floats
+    depth: Floats
+
+
+def _array(tensor: Tensor) -> Floats:
+    return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
+
+
+def _rasterize(view: _View, background: Floats, parameters: list[Floats]) -> _Forward:
+    means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
+    records = np.empty((len(means), RECORD_SIZE), np.float32)
+    radii = np.empty(len(means), np.float32)
+    projection.project(
+        means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest,
+        view.degree, view.vector, view.size, records, radii,
+    )  # fmt: skip
+    order = binning.front_to_back(records, radii)
+    splats = binning.gather(records, order)
+    tile_starts, hit_splats, hit_numbers, splat_starts = binning.bin_splats(
+        splats, *view.tiles, numba.get_num_threads()
+    )
+    width, height = view.size
+    color = np.empty((height, width, 3), np.float32)
+    alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    blending.blend(splats, tile_starts, hit_splats, background, color, alpha, depth)
+    return _Forward(
+        records, radii, order, splats, tile_starts, hit_splats, hit_numbers, splat_starts,
+        background, color, alpha, depth,
+    )  # fmt: skip
+
+
+def _differentiate(
+    forward: _Forward, view: _View, parameters: list[Floats], image_gradients: list[Floats]
+) -> tuple[Floats, list[Floats]]:
+    """Gradients of the projected centres [N, 2] and of the parameters."""
+    means, log_scales, quaternions, _, _, sh_rest = parameters
+    g_color, g_alpha, g_depth = image_gradients
+    hit_gradients = np.zeros((len(forward.hit_splats), GRADIENT_SIZE), np.float32)
+    blending.blend_backward(
+        forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_numbers, forward.background,
+        forward.color, forward.alpha, forward.depth, g_color, g_alpha, g_depth, hit_gradients,
+    )  # fmt: skip
+    gradients = np.zeros((len(means), GRADIENT_SIZE), np.float32)
+    blending.sum_hits(hit_gradients, forward.splat_starts, forward.order, gradients)
+    outputs = [np.empty_like(parameter) for parameter in parameters]
+    projection.project_backward(
+        means, log_scales, quaternions, sh_rest, view.degree, view.vector, view.size,
+        forward.records, forward.radii, gradients, *outputs,
+    )  # fmt: skip
+    return gradients[:, CENTER_X : CENTER_X + 2], outputs
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any,
+        view: _View,
+        background: Tensor,
+        screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is of interest
+        *parameters: Tensor,
+    ) -> tuple[Tensor, ...]:
+        forward = _rasterize(view, _array(background), [_array(p) for p in parameters])
+        radii = torch.from_numpy(forward.radii)
+        ctx.mark_non_differentiable(radii)
+        ctx.save_for_backward(*parameters)
+        ctx.view, ctx.forward = view, forward
+        images = (torch.from_numpy(image) for image in (forward.color, forward.alpha, forward.depth))
+        return *images, radii
+
+    @staticmethod
+    def backward(ctx: Any, *image_gradients: Tensor) -> tuple[Tensor | None, ...]:
+        parameters = [_array(p) for p in ctx.saved_tensors]
+        screen, outputs = _differentiate(
+            ctx.forward, ctx.view, parameters, [_array(g) for g in image_gradients[:3]]
+        )
+        return None, None, torch.from_numpy(screen.copy()), *(torch.from_numpy(o) for o in outputs)

@@ -1,0 +1,86 @@
+"""The CUDA rasteriser: gsplat (https://github.com/nerfstudio-project/gsplat), in its classic mode.
+
+gsplat's wheel compiles its kernels on first use and needs ``nvcc`` for it.
+"""
+
+import torch
+from torch import Tensor
+
+from fvs_engine.errors import BackendUnavailableError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE, Rendering
+
+try:
+    import gsplat
+except ImportError as error:
+    raise BackendUnavailableError(
+        "The cuda rasteriser needs the package gsplat.",
+        hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
+    ) from error
+
+
+class CudaRasterizer:
+    """gsplat on the current CUDA device; the Gaussians must live there."""
+
+    name = "cuda"
+
+    def __init__(self) -> None:
+        self.device = torch.device("cuda")
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+        background: Tensor | None = None,
+    ) -> Rendering:
+        """See ``Rasterizer.render``."""
+        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        device = gaussians.device
+        view = torch.eye(4)
+        view[:3, :3] = torch.as_tensor(camera_from_model.rotation)
+        view[:3, 3] = torch.as_tensor(camera_from_model.translation)
+        intrinsics = torch.as_tensor(camera.matrix, dtype=torch.float32)
+        images, alphas, meta = gsplat.rasterization(
+            gaussians.means,
+            gaussians.quaternions_wxyz,
+            gaussians.log_scales.exp(),
+            torch.sigmoid(gaussians.opacity_logits),
+            torch.cat([gaussians.sh_dc[:, None], gaussians.sh_rest], dim=1),
+            view.to(device)[None],
+            intrinsics.to(device)[None],
+            camera.width,
+            camera.height,
+            near_plane=NEAR_PLANE,
+            eps2d=BLUR_PX2,
+            sh_degree=degree,
+            packed=False,
+            render_mode="RGB+D",
+        )
+        screen_means = meta["means2d"]
+        if screen_means.requires_grad:
+            screen_means.retain_grad()
+        color, alpha, depth = images[0, ..., :3], alphas[0, ..., 0], images[0, ..., 3]
+        if background is not None:
+            color = color + (1 - alpha)[..., None] * background.to(device)
+        radii = meta["radii"][0].float()
+        radii = radii.amax(-1) if radii.ndim == 2 else radii
+        # gsplat's centres carry a leading camera axis; its gradient is read through the same view.
+        return Rendering(
+            color, alpha, depth, radii, _ScreenMeans(screen_means) if screen_means.requires_grad else None
+        )
+
+
+class _ScreenMeans:
+    """The projected centres of the one camera, whose ``grad`` is [N, 2] as the interface says."""
+
+    def __init__(self, batched: Tensor) -> None:
+        self._batched = batched
+
+    @property
+    def grad(self) -> Tensor | None:
+        """The gradient [N, 2] after a backward pass."""
+        return None if self._batched.grad is None else self._batched.grad[0]

@@ -1,0 +1,169 @@
+"""Which splats touch which tiles, front to back.
+
+Splats are sorted by depth once; a counting sort then deals them to tiles, so every tile's list comes out
+ordered. A *hit* is one splat in one tile. Hits are numbered in splat order (all hits of a splat are
+neighbours, so its gradient is one contiguous sum) and listed in tile order. A splat is listed only in
+tiles that its ellipse, not merely its box, touches.
+"""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.kernels import F, kernel, parallel_kernel
+from fvs_engine.splat.raster.kernels.records import (
+    CENTER_X,
+    CENTER_Y,
+    DEPTH,
+    EXTENT_X,
+    EXTENT_Y,
+    FACTOR_A,
+    FACTOR_B,
+    FACTOR_K,
+    RECORD_SIZE,
+)
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+TILE_PX = 16
+TILE = F(TILE_PX)
+SLACK_PX = F(0.02)  # rounding may not lose a pixel whose alpha is just at its threshold
+
+
+@kernel
+def front_to_back(records: Floats, radii: Floats) -> NDArray[np.int64]:
+    """Indices [V] of the visible splats by depth, ties by index: a radix sort of the depths' bits."""
+    count = 0
+    for n in range(radii.size):
+        count += radii[n] > F(0)
+    order = np.empty(count, np.int64)
+    keys = np.empty(count, np.float32)
+    at = 0
+    for n in range(radii.size):
+        if radii[n] > F(0):
+            order[at] = n
+            keys[at] = records[n, DEPTH]  # positive, so their bits sort as they do
+            at += 1
+    bits = keys.view(np.uint32)
+    other_bits, other_order = np.empty_like(bits), np.empty_like(order)
+    for shift in (np.uint32(0), np.uint32(11), np.uint32(22)):
+        starts = np.zeros(2049, np.int64)
+        for i in range(count):
+            starts[((bits[i] >> shift) & np.uint32(2047)) + 1] += 1
+        for digit in range(2048):
+            starts[digit + 1] += starts[digit]
+        for i in range(count):
+            digit = (bits[i] >> shift) & np.uint32(2047)
+            other_bits[starts[digit]] = bits[i]
+            other_order[starts[digit]] = order[i]
+            starts[digit] += 1
+        bits, other_bits = other_bits, bits
+        order, other_order = other_order, order
+    return order
+
+
+@kernel
+def ellipse_span(
+    low: float, high: float, extent: float, across: float, slope: float, half_width: float
+) -> tuple[float, float]:
+    """How far an ellipse around the origin reaches across a band ``low`` … ``high`` of its coordinate s.
+
+    The ellipse reaches ± ``extent`` along s and ± ``across`` along the other coordinate t; at s it spans
+    t = slope · s ± half_width · √(1 − (s / extent)²). Returns the least and the
+    greatest t; empty when least > greatest.
+    """
+    if low > extent or high < -extent:
+        return F(1), F(-1)
+    summit = slope * extent * extent / across  # the s at which t is greatest
+    s = min(max(summit, low), high) / extent
+    greatest = slope * s * extent + half_width * math.sqrt(max(F(1) - s * s, F(0)))
+    s = min(max(-summit, low), high) / extent
+    least = slope * s * extent - half_width * math.sqrt(max(F(1) - s * s, F(0)))
+    return least, greatest
+
+
+@kernel
+def _tile_range(low: float, high: float, tiles: int) -> tuple[int, int]:
+    """First and last + 1 of ``tiles`` tiles that an interval in px touches."""
+    if high < F(-SLACK_PX) or low > high:
+        return 0, 0
+    first = int(max(low - SLACK_PX, F(0)) / TILE)
+    return first, min(int(min((high + SLACK_PX) / TILE, F(tiles))) + 1, tiles)
+
+
+@kernel
+def _tile_columns(splat: Floats, row: int, tiles_x: int) -> tuple[int, int]:
+    """First and last + 1 tile that the splat's ellipse touches in a row of tiles."""
+    top = F(row * TILE_PX) - splat[CENTER_Y] - SLACK_PX
+    bottom = top + TILE + F(2) * SLACK_PX
+    half_width = splat[FACTOR_B] * splat[EXTENT_Y] / splat[FACTOR_A]
+    left, right = ellipse_span(top, bottom, splat[EXTENT_Y], splat[EXTENT_X], splat[FACTOR_K], half_width)
+    return _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, tiles_x)
+
+
+@parallel_kernel
+def gather(records: Floats, order: NDArray[np.int64]) -> Floats:
+    """The records [V, 12] in depth order: neighbours in a tile's list are then neighbours in memory."""
+    splats = np.empty((order.size, RECORD_SIZE), np.float32)
+    for i in numba.prange(order.size):
+        for j in range(RECORD_SIZE):
+            splats[i, j] = records[order[i], j]
+    return splats
+
+
+@parallel_kernel
+def bin_splats(
+    splats: Floats, tiles_x: int, tiles_y: int, parts: int
+) -> tuple[NDArray[np.int64], Ints, Ints, NDArray[np.int64]]:
+    """Deal V depth-sorted splats to tiles; ``parts``: how many threads share the work.
+
+    Returns ``tile_starts`` [T + 1] into the lists, then in tile order ``hit_splats`` [H] and ``hit_numbers``
+    [H], and ``splat_starts`` [V + 1], the first hit number of every splat.
+    """
+    count, tiles = splats.shape[0], tiles_x * tiles_y
+    hits_of_splat = np.zeros(count + 1, np.int64)
+    counts = np.zeros((parts, tiles), np.int64)
+    for part in numba.prange(parts):
+        for i in range(part * count // parts, (part + 1) * count // parts):
+            first_row, end_row = _tile_range(
+                splats[i, CENTER_Y] - splats[i, EXTENT_Y], splats[i, CENTER_Y] + splats[i, EXTENT_Y], tiles_y
+            )
+            hits = 0
+            for row in range(first_row, end_row):
+                first, end = _tile_columns(splats[i], row, tiles_x)
+                for column in range(first, end):
+                    counts[part, row * tiles_x + column] += 1
+                hits += max(end - first, 0)
+            hits_of_splat[i + 1] = hits
+    for i in range(count):
+        hits_of_splat[i + 1] += hits_of_splat[i]
+    tile_starts = np.empty(tiles + 1, np.int64)
+    total = 0
+    for tile in range(tiles):
+        tile_starts[tile] = total
+        for part in range(parts):
+            hits = counts[part, tile]
+            counts[part, tile] = total
+            total += hits
+    tile_starts[tiles] = total
+
+    hit_splats = np.empty(total, np.int32)
+    hit_numbers = np.empty(total, np.int32)
+    for part in numba.prange(parts):
+        for i in range(part * count // parts, (part + 1) * count // parts):
+            number = hits_of_splat[i]
+            first_row, end_row = _tile_range(
+                splats[i, CENTER_Y] - splats[i, EXTENT_Y], splats[i, CENTER_Y] + splats[i, EXTENT_Y], tiles_y
+            )
+            for row in range(first_row, end_row):
+                first, end = _tile_columns(splats[i], row, tiles_x)
+                for column in range(first, end):
+                    slot = counts[part, row * tiles_x + column]
+                    counts[part, row * tiles_x + column] = slot + 1
+                    hit_splats[slot] = i
+                    hit_numbers[slot] = number
+                    number += 1
+    return tile_starts, hit_splats, hit_numbers, hits_of_splat
