@@ -1,0 +1,94 @@
+"""Running one job of the engine under a terminal: progress, Ctrl-C, errors, exit status."""
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import NoReturn, TypeVar
+
+import typer
+
+from fvs_engine.errors import Cancelled, EngineError
+from fvs_engine.monitor import Monitor
+from fvs_service.cli.exit_codes import INTERRUPTED, exit_code_of
+from fvs_service.cli.progress import Display, create_display
+
+_Result = TypeVar("_Result")
+Say = Callable[[str], None]
+"""Shows a sentence to the user."""
+
+
+def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result:
+    """Run ``job(monitor, say)`` with progress on stderr, and return what it returns.
+
+    The job gets a thread of its own, so that the main thread is free to hear signals while native code
+    runs. The first SIGINT or SIGTERM asks the job to stop, the second ends the process at once. An
+    ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
+    JSON on stdout).
+    """
+    outcome: list[_Result] = []
+    failure: list[BaseException] = []
+    with create_display(machine=machine) as display:
+        monitor = Monitor(display.update)
+
+        def run() -> None:
+            try:
+                outcome.append(job(monitor, display.say))
+            except BaseException as error:  # it is raised again in the main thread
+                failure.append(error)
+
+        thread = threading.Thread(target=run, name="job", daemon=True)
+        with _stop_on_signals(monitor) as announce:
+            thread.start()
+            while thread.is_alive():
+                thread.join(0.1)
+                announce(display)
+    if not failure:
+        return outcome[0]
+    error = failure[0]
+    if isinstance(error, EngineError):
+        fail(error, machine=machine)
+    raise error
+
+
+def fail(error: EngineError, *, machine: bool) -> NoReturn:
+    """Say what went wrong and end the program with the error's exit status."""
+    if machine:
+        document = {"code": error.code, "message": error.message, "hint": error.hint}
+        sys.stdout.write(json.dumps({"error": document}) + "\n")
+    if isinstance(error, Cancelled):
+        sys.stderr.write(f"{error}\n")
+    else:
+        sys.stderr.write(f"Error: {error.message}\n")
+        if error.hint:
+            sys.stderr.write(f"{error.hint}\n")
+    raise typer.Exit(exit_code_of(error)) from error
+
+
+@contextlib.contextmanager
+def _stop_on_signals(monitor: Monitor) -> Iterator[Callable[[Display], None]]:
+    asked = threading.Event()
+    announced = threading.Event()
+
+    def on_signal(_number: int, _frame: FrameType | None) -> None:
+        if asked.is_set():
+            os._exit(INTERRUPTED)
+        asked.set()
+        monitor.cancel()
+
+    def announce(display: Display) -> None:
+        if asked.is_set() and not announced.is_set():
+            announced.set()
+            display.say("Stopping at the next safe point. Press Ctrl-C again to stop at once.")
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, on_signal) for number in numbers]
+    try:
+        yield announce
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

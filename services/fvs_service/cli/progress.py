@@ -1,0 +1,246 @@
+"""Progress on stderr: bars for people, lines for logs, JSON lines for machines."""
+
+import json
+import sys
+import threading
+import time
+from types import TracebackType
+from typing import IO, Protocol
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.progress import (
+    Progress as RichProgress,
+)
+from rich.text import Text
+
+from fvs_engine.monitor import Progress
+
+_LOG_EVERY_S = 10.0
+_JSON_EVERY_S = 0.2
+
+_LABELS = {
+    "images": "Checking photographs",
+    "normalise": "Preparing photographs",
+    "features": "Finding features",
+    "matching": "Matching",
+    "undistort": "Undistorting",
+    "load": "Loading views",
+    "train": "Training",
+    "evaluate": "Rendering held-out views",
+    "score": "Scoring candidates",
+    "contact-sheet": "Drawing the contact sheet",
+    "render": "Rendering",
+}
+
+
+class Display(Protocol):
+    """Shows progress while it is entered; ``update`` may be called from any thread."""
+
+    def __enter__(self) -> "Display": ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def update(self, progress: Progress) -> None:
+        """Show one report."""
+        ...
+
+    def say(self, message: str) -> None:
+        """Show a sentence."""
+        ...
+
+
+def create_display(*, machine: bool) -> Display:
+    """JSON lines for machines, bars on a terminal, lines elsewhere."""
+    if machine:
+        return JsonDisplay(sys.stderr)
+    if sys.stderr.isatty():
+        return BarDisplay(Console(stderr=True))
+    return LogDisplay(sys.stderr)
+
+
+def label_of(stage: str) -> str:
+    """What people call a stage."""
+    return _LABELS.get(stage) or stage.replace("-", " ").replace("_", " ").capitalize()
+
+
+def _details(progress: Progress) -> str:
+    parts = []
+    for name, value in progress.detail.items():
+        shown = (
+            f"{value:.4g}" if isinstance(value, float) else f"{value:,}" if isinstance(value, int) else value
+        )
+        parts.append(f"{name.replace('_', ' ')} {shown}")
+    return ", ".join(parts)
+
+
+class _Rate(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text(f"{speed:,.1f}/s" if speed else "", style="progress.data.speed")
+
+
+class BarDisplay:
+    """One bar per stage, with its rate, the time it took and the time left."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bars = RichProgress(
+            SpinnerColumn(finished_text="[green]✓"),
+            TextColumn("{task.description:26}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[count]:>13}"),
+            _Rate(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            TextColumn("[dim]{task.fields[detail]}"),
+            console=console,
+            speed_estimate_period=60,
+        )
+        self._tasks: dict[str, TaskID] = {}
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> "BarDisplay":
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bars.stop()
+
+    def update(self, progress: Progress) -> None:
+        """Move the stage's bar; a stage that begins ends the ones before it."""
+        with self._lock:
+            task = self._tasks.get(progress.stage)
+            count = f"{progress.done:,}" + (f"/{progress.total:,}" if progress.total else "")
+            if task is None:
+                for earlier in self._tasks.values():
+                    self._end(earlier)
+                # A resumed stage begins at ``done``; its rate must not count what was there before.
+                task = self._bars.add_task(
+                    label_of(progress.stage),
+                    total=progress.total,
+                    completed=progress.done,
+                    count="",
+                    detail="",
+                )
+                self._tasks[progress.stage] = task
+            self._bars.update(
+                task,
+                completed=progress.done,
+                total=progress.total,
+                count=count,
+                detail=_details(progress),
+            )
+
+    def say(self, message: str) -> None:
+        """Print above the bars."""
+        self._console.print(message, markup=False, highlight=False)
+
+    def _end(self, task: TaskID) -> None:
+        state = next(known for known in self._bars.tasks if known.id == task)
+        if not state.finished:
+            self._bars.update(task, total=max(state.completed, 1), completed=max(state.completed, 1))
+
+
+class LogDisplay:
+    """A line when a stage begins, every ten seconds, and when it ends."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+        self._stage = ""
+        self._began = (0.0, 0)
+        self._shown = 0.0
+
+    def __enter__(self) -> "LogDisplay":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.flush()
+
+    def update(self, progress: Progress) -> None:
+        """Write a line if one is due."""
+        with self._lock:
+            now = time.monotonic()
+            begins = progress.stage != self._stage
+            if begins:
+                self._stage, self._began = progress.stage, (now, progress.done)
+            ends = progress.done == progress.total
+            if not (begins or ends or now - self._shown >= _LOG_EVERY_S):
+                return
+            self._shown = now
+            line = f"{label_of(progress.stage)}: {progress.done:,}"
+            if progress.total:
+                line += f"/{progress.total:,}"
+            seconds, done = now - self._began[0], progress.done - self._began[1]
+            if seconds > 0 and done > 0:
+                line += f", {done / seconds:,.1f}/s"
+                if progress.total and not ends:
+                    line += f", {(progress.total - progress.done) * seconds / done:,.0f} s left"
+            details = _details(progress)
+            self._stream.write(f"{line}, {details}\n" if details else f"{line}\n")
+            self._stream.flush()
+
+    def say(self, message: str) -> None:
+        """Write a line."""
+        with self._lock:
+            self._stream.write(message + "\n")
+            self._stream.flush()
+
+
+class JsonDisplay:
+    """One JSON object per line: ``{"stage", "done", "total", …}`` or ``{"message"}``."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+        self._stage = ""
+        self._shown = 0.0
+
+    def __enter__(self) -> "JsonDisplay":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.flush()
+
+    def update(self, progress: Progress) -> None:
+        """Write the report unless the last one was written a moment ago."""
+        with self._lock:
+            now = time.monotonic()
+            ends = progress.done == progress.total
+            if progress.stage == self._stage and not ends and now - self._shown < _JSON_EVERY_S:
+                return
+            self._stage, self._shown = progress.stage, now
+            report = {
+                **progress.detail,
+                "stage": progress.stage,
+                "done": progress.done,
+                "total": progress.total,
+            }
+            self._write(report)
+
+    def say(self, message: str) -> None:
+        """Write the message."""
+        with self._lock:
+            self._write({"message": message})
+
+    def _write(self, document: dict[str, object]) -> None:
+        self._stream.write(json.dumps(document) + "\n")
+        self._stream.flush()

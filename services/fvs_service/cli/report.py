@@ -1,0 +1,102 @@
+"""Results on stdout: tables for people, JSON for machines."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from fvs_engine.pipeline.info import FolderInfo
+    from fvs_engine.pipeline.rank import Ranking
+
+
+def show_folder(folder: Path, *, machine: bool) -> None:
+    """Describe an output folder; raises ``EngineError`` when it is none."""
+    from fvs_engine.pipeline.info import folder_info
+
+    info = folder_info(folder)
+    if machine:
+        sys.stdout.write(info.model_dump_json() + "\n")
+        return
+    table = Table.grid(padding=(0, 2))
+    for name, value in _facts(info):
+        table.add_row(f"[bold]{name}", value)
+    Console().print(table)
+
+
+def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: bool) -> None:
+    """Print the first ``top`` candidates and where the files are."""
+    shown = ranking.candidates[:top]
+    if machine:
+        document = ranking.model_copy(update={"candidates": shown}).model_dump(mode="json")
+        sys.stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
+        return
+    table = Table("rank", "id", "score", "coverage", "status", box=None, header_style="bold")
+    for column in (0, 2, 3):
+        table.columns[column].justify = "right"
+    for place in shown:
+        table.add_row(
+            "" if place.rank is None else str(place.rank),
+            place.id,
+            "" if place.score is None else f"{place.score:.3f}",
+            f"{place.coverage:.0%}",
+            place.status.value,
+        )
+    console = Console()
+    console.print(table)
+    if len(shown) < len(ranking.candidates):
+        console.print(f"… and {len(ranking.candidates) - len(shown)} more in ranking.json", highlight=False)
+    show_files([folder / "ranking.json", folder / "contact_sheet.png"], machine=False)
+
+
+def show_files(paths: Sequence[Path], *, machine: bool) -> None:
+    """Print the paths of files that were written."""
+    if machine:
+        sys.stdout.write(json.dumps({"files": [str(path) for path in paths]}) + "\n")
+    else:
+        sys.stdout.writelines(f"{path}\n" for path in paths)
+
+
+def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
+    manifest, metrics = info.manifest, info.metrics
+    facts = [
+        ("folder", f"{info.folder} ({info.disk_bytes / 1e6:,.0f} MB, {info.stage})"),
+        (
+            "photographs",
+            f"{len(manifest.images.photographs)} used, {len(manifest.images.rejected)} left out",
+        ),
+    ]
+    if manifest.cameras is not None:
+        cameras = manifest.cameras
+        facts.append(
+            (
+                "cameras",
+                f"{len(cameras.registered)} registered from {cameras.source}, "
+                f"{len(cameras.unregistered)} not, {cameras.points:,} points",
+            )
+        )
+        if cameras.unregistered:
+            facts.append(("not registered", ", ".join(cameras.unregistered)))
+    if manifest.training is not None:
+        training = manifest.training
+        rate = training.iterations / training.seconds if training.seconds > 0 else 0.0
+        facts.append(
+            (
+                "training",
+                f"{manifest.settings.quality}, {training.iterations:,} of {training.target_iterations:,} "
+                f"iterations at {training.width_px}×{training.height_px} px, "
+                f"{training.gaussians:,} Gaussians, {rate:.1f} iterations/s",
+            )
+        )
+    if metrics is not None and metrics.psnr_db is not None:
+        facts.append(
+            (
+                "held-out views",
+                f"PSNR {metrics.psnr_db:.2f} dB, SSIM {metrics.ssim:.3f} over {len(metrics.views)}",
+            )
+        )
+    return facts
