@@ -1,0 +1,79 @@
+"""What every scorer takes and gives, so that one can stand in for another."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.monitor import Monitor
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A view that could be photographed next."""
+
+    id: str
+    camera: PinholeCamera
+    camera_from_model: RigidTransform
+
+
+class CandidateStatus(StrEnum):
+    """Whether a candidate's score may be compared with others'."""
+
+    RANKED = "ranked"
+    LOW_COVERAGE = "low-coverage"
+    """The model fills so little of the view that its score describes the void around it."""
+    OUT_OF_MODEL = "out-of-model"
+    """Nothing that could be scored is in view."""
+
+
+@dataclass(frozen=True)
+class CandidateScore:
+    """What a scorer says of one candidate: the lower the ``score``, the sooner it should be photographed.
+
+    ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
+    the mean alpha of the view: the share of it that the model fills. Raises ``InvalidInputError`` otherwise.
+    """
+
+    id: str
+    score: float | None
+    status: CandidateStatus
+    coverage: float
+
+    def __post_init__(self) -> None:
+        if (self.score is None) != (self.status is CandidateStatus.OUT_OF_MODEL):
+            raise InvalidInputError(f"Candidate {self.id}: no score if and only if it is out of the model.")
+        if self.score is not None and not math.isfinite(self.score):
+            raise InvalidInputError(f"Candidate {self.id}: a score must be finite, not {self.score}.")
+        if not 0.0 <= self.coverage <= 1.0:
+            raise InvalidInputError(f"Candidate {self.id}: coverage must be in [0, 1], not {self.coverage}.")
+
+
+class Scorer(Protocol):
+    """Scores candidates against a model. Stateless: the same input gives the same scores."""
+
+    @property
+    def name(self) -> str:
+        """What the method is called in results."""
+        ...
+
+    def score(
+        self,
+        gaussians: Gaussians,
+        candidates: Sequence[Candidate],
+        rasterizer: Rasterizer,
+        *,
+        sh_degree: int | None = None,
+        monitor: Monitor | None = None,
+    ) -> tuple[CandidateScore, ...]:
+        """One score per candidate, in their order; the candidates' images must have one size.
+
+        ``sh_degree``: render with only this many degrees. Progress is reported in candidates. Raises
+        ``InvalidInputError`` for sizes that differ and ``Cancelled`` when the monitor says so.
+        """
+        ...

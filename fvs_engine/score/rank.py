@@ -1,0 +1,62 @@
+"""From scores to an order: which candidate first, and why."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.score.interface import CandidateScore, CandidateStatus
+
+_ORDER = (CandidateStatus.RANKED, CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL)
+
+
+@dataclass(frozen=True)
+class RankedCandidate:
+    """A candidate's place. ``rank`` counts from 1; None for what cannot be compared (see ``status``).
+
+    ``distance`` is how far the camera has to travel, in the unit of whoever asked; None when it is not known.
+    """
+
+    rank: int | None
+    id: str
+    score: float | None
+    status: CandidateStatus
+    coverage: float
+    distance: float | None
+
+
+def rank(
+    scores: Iterable[CandidateScore], distances: Mapping[str, float] | None = None
+) -> tuple[RankedCandidate, ...]:
+    """Order candidates: the lowest score first, ties by distance, then by id.
+
+    Only candidates with status ``ranked`` get a rank; those of low coverage and those out of the model
+    follow, in the same order among themselves. ``distances`` maps ids to distances; candidates that it lacks
+    count as farthest in a tie. Raises ``InvalidInputError`` for an id that occurs twice and a distance that
+    is negative or not finite.
+    """
+    known = dict(distances or {})
+    scored = list(scores)
+    repeated = [name for name, count in Counter(score.id for score in scored).items() if count > 1]
+    if repeated:
+        raise InvalidInputError(f"Candidate {repeated[0]} occurs more than once.")
+    for name, distance in known.items():
+        if not (math.isfinite(distance) and distance >= 0):
+            raise InvalidInputError(f"The distance to candidate {name} cannot be {distance}.")
+
+    def place(score: CandidateScore) -> tuple[int, float, float, str]:
+        value = 0.0 if score.score is None else score.score
+        return _ORDER.index(score.status), value, known.get(score.id, math.inf), score.id
+
+    return tuple(
+        RankedCandidate(
+            rank=position if score.status is CandidateStatus.RANKED else None,
+            id=score.id,
+            score=score.score,
+            status=score.status,
+            coverage=score.coverage,
+            distance=known.get(score.id),
+        )
+        for position, score in enumerate(sorted(scored, key=place), start=1)
+    )
