@@ -4,6 +4,7 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from types import TracebackType
 from typing import IO, Protocol
 
@@ -241,6 +242,6 @@ class JsonDisplay:
         with self._lock:
             self._write({"message": message})
 
-    def _write(self, document: dict[str, object]) -> None:
+    def _write(self, document: Mapping[str, object]) -> None:
         self._stream.write(json.dumps(document) + "\n")
         self._stream.flush()

@@ -1,0 +1,59 @@
+# make setup      .venv with everything (done by the others when needed)
+# make demo       reconstruct and rank a folder of photographs: make demo IMAGES=path/to/photographs
+# make test       everything that CI checks
+# make test-slow  the long checks on real photographs
+# make lint       format and fix what can be fixed, then lint
+# make bench      the benchmarks: raster, train, score
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+IMAGES ?= $(wildcard ../shared/data/kermit)
+OUT ?= out/demo
+
+.PHONY: setup demo test check lint test-slow bench clean
+
+setup: $(INSTALLED)
+
+# torch goes first and by its pin: it is then the CPU build where one is offered, and stays.
+$(INSTALLED): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . --group dev
+	touch $@
+
+demo: setup
+	@test -n "$(IMAGES)" || { echo "Say which photographs: make demo IMAGES=path/to/a/folder"; exit 2; }
+	$(BIN)/fvs reconstruct "$(IMAGES)" --out "$(OUT)"
+	$(BIN)/fvs rank "$(OUT)"
+	@echo
+	@echo "Look at   $(OUT)/ranking/contact_sheet.png   candidate views, the least well known first"
+	@echo "     and  $(OUT)/renders/held-out/           photographs the model never saw, beside its renders"
+	@echo "Open      $(OUT)/splat/point_cloud.ply       in any splat viewer"
+
+check: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/deptry . --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores DEP002=tbb
+
+test: check
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: setup
+	$(BIN)/python -m pytest -m slow
+
+lint: setup
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: setup
+	$(BIN)/python benchmarks/raster.py
+	$(BIN)/python benchmarks/train.py
+	$(BIN)/python benchmarks/score.py
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out

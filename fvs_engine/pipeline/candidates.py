@@ -1,0 +1,185 @@
+"""Which poses a ranking is asked about: a candidates file, a transforms.json, or poses between the views."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationError
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import (
+    PinholeCamera,
+    RigidTransform,
+    interpolate,
+    matrix_from_quaternion,
+    robust_umeyama,
+)
+from fvs_engine.pipeline.manifest import Record
+from fvs_engine.pipeline.views import ModelView, usual_camera
+from fvs_engine.score.interface import Candidate
+from fvs_engine.sfm.imports import import_transforms_json
+
+_UNIT_TOLERANCE = 1e-3
+_MIN_SHARED_VIEWS = 3
+
+
+class CameraInput(Record):
+    """Intrinsics of a candidate, in px."""
+
+    width: PositiveInt = Field(le=16384)
+    height: PositiveInt = Field(le=16384)
+    fx: PositiveFloat
+    fy: PositiveFloat
+    cx: float
+    cy: float
+
+
+class PoseInput(Record):
+    """A candidate by its pose: model_from_camera of an OpenCV camera, in the model frame.
+
+    Without ``camera`` it sees with the camera that most photographs have.
+    """
+
+    id: str = Field(min_length=1)
+    position: tuple[float, float, float]
+    orientation_wxyz: tuple[float, float, float, float]
+    camera: CameraInput | None = None
+
+
+class ViewInput(Record):
+    """A candidate where a photograph of the model was taken, seen with the camera that most have."""
+
+    id: str = Field(min_length=1)
+    view: str
+
+
+def read_candidates(
+    path: Path, views: Sequence[ModelView], aliases: Mapping[str, str]
+) -> tuple[Candidate, ...]:
+    """Read a candidates file: a JSON list of ``PoseInput`` and ``ViewInput``, or a transforms.json.
+
+    ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
+    transforms.json the frames that are no views of the model become candidates; the views that both have
+    place it in the model frame.
+
+    Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
+    are not finite, quaternions that are not unit, ids that occur twice, unknown views and empty lists.
+    """
+    document = _read_json(path)
+    if isinstance(document, dict) and "frames" in document:
+        candidates = _from_transforms(path, views)
+    elif isinstance(document, list):
+        by_name = {view.name: view for view in views}
+        by_name |= {alias: by_name[name] for alias, name in aliases.items() if name in by_name}
+        camera = usual_camera(views)
+        candidates = [_parse(path, index, entry, by_name, camera) for index, entry in enumerate(document)]
+    else:
+        raise InvalidInputError(
+            f"{path} is neither a list of candidates nor a transforms.json.",
+            hint='Write [{"id": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
+        )
+    if not candidates:
+        raise InvalidInputError(f"{path} holds no candidate.", hint="List at least one pose.")
+    seen: set[str] = set()
+    for candidate in candidates:
+        if candidate.id in seen:
+            raise InvalidInputError(
+                f"{path} holds two candidates with the id {candidate.id!r}.", hint="Give each its own id."
+            )
+        seen.add(candidate.id)
+    return tuple(candidates)
+
+
+def candidates_between(views: Sequence[ModelView]) -> tuple[Candidate, ...]:
+    """Poses halfway between neighbouring views, for whoever has no candidates at hand.
+
+    Every view is paired with the two that stand nearest to it; each pair gives one candidate, which is
+    named after both.
+    """
+    centres = np.stack([_model_from_camera(view).translation for view in views])
+    camera = usual_camera(views)
+    pairs: set[tuple[int, int]] = set()
+    for index, centre in enumerate(centres):
+        nearest = np.argsort(np.linalg.norm(centres - centre, axis=1), kind="stable")
+        for other in [int(number) for number in nearest if number != index][:2]:
+            pairs.add((min(index, other), max(index, other)))
+    candidates = []
+    for first, second in sorted(pairs):
+        between = interpolate(_model_from_camera(views[first]), _model_from_camera(views[second]), 0.5)
+        name = f"{Path(views[first].name).stem}–{Path(views[second].name).stem}"
+        candidates.append(Candidate(name, camera, between.inverse()))
+    return tuple(candidates)
+
+
+def candidates_at(views: Sequence[ModelView], camera: PinholeCamera) -> tuple[Candidate, ...]:
+    """One candidate where each of ``views`` was taken, named after it.
+
+    All see with ``camera``, whatever took the photograph: only scores of one image size can be compared.
+    """
+    return tuple(Candidate(view.name, camera, view.camera_from_model) for view in views)
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise InvalidInputError(f"{path} is not JSON: {error}.") from error
+
+
+def _parse(
+    path: Path, index: int, entry: Any, by_name: Mapping[str, ModelView], camera: PinholeCamera
+) -> Candidate:
+    where = f"{path}, candidate {index}"
+    kind = ViewInput if isinstance(entry, dict) and "view" in entry else PoseInput
+    try:
+        # Through JSON, because only there strict means what it says for arrays.
+        parsed = kind.model_validate_json(json.dumps(entry), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise InvalidInputError(f"{where}{f', {field}' if field else ''}: {first['msg']}.") from error
+    if isinstance(parsed, ViewInput):
+        view = by_name.get(parsed.view)
+        if view is None:
+            raise InvalidInputError(
+                f"{where}: the model has no view {parsed.view!r}.", hint="`fvs info DIR` lists the views."
+            )
+        return Candidate(parsed.id, camera, view.camera_from_model)
+    if parsed.camera is not None:
+        camera = PinholeCamera(**parsed.camera.model_dump())
+    quaternion = np.array(parsed.orientation_wxyz)
+    if abs(np.linalg.norm(quaternion) - 1.0) > _UNIT_TOLERANCE:
+        raise InvalidInputError(
+            f"{where}, orientation_wxyz: its length is {np.linalg.norm(quaternion):.4g}, not 1.",
+            hint="Give a unit quaternion, w first.",
+        )
+    model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), np.array(parsed.position))
+    return Candidate(parsed.id, camera, model_from_camera.inverse())
+
+
+def _from_transforms(path: Path, views: Sequence[ModelView]) -> list[Candidate]:
+    frames = {view.name: view.camera_from_model.inverse() for view in import_transforms_json(path).views}
+    known = {Path(view.name).name: _model_from_camera(view) for view in views}
+    shared = [name for name in frames if Path(name).name in known]
+    if len(shared) < _MIN_SHARED_VIEWS:
+        raise InvalidInputError(
+            f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to place it.",
+            hint="Give a transforms.json that lists the photographs of the model too.",
+        )
+    source = np.stack([frames[name].translation for name in shared])
+    target = np.stack([known[Path(name).name].translation for name in shared])
+    model_from_file = robust_umeyama(source, target).transform
+    camera = usual_camera(views)
+    return [
+        Candidate(name, camera, model_from_file.move_camera(file_from_camera).inverse())
+        for name, file_from_camera in frames.items()
+        if Path(name).name not in known
+    ]
+
+
+def _model_from_camera(view: ModelView) -> RigidTransform:
+    return view.camera_from_model.inverse()

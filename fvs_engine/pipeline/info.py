@@ -1,0 +1,42 @@
+"""What an output folder holds, in one record."""
+
+from pathlib import Path
+
+from fvs_engine.errors import StorageError
+from fvs_engine.pipeline.manifest import Manifest, Metrics, Record
+from fvs_engine.pipeline.workspace import Workspace
+
+
+class FolderInfo(Record):
+    """The manifest, the metrics once training is finished, and what lies on disk."""
+
+    folder: str
+    stage: str
+    manifest: Manifest
+    metrics: Metrics | None
+    disk_bytes: int
+
+
+def folder_info(root: Path) -> FolderInfo:
+    """Describe the output folder ``root``; raises ``InvalidInputError`` when it is none."""
+    workspace = Workspace.existing(root)
+    manifest = workspace.read_manifest()
+    if manifest is None:
+        raise StorageError(f"{workspace.manifest_path} has just been deleted.")
+    metrics = workspace.read_metrics()
+    if manifest.cameras is None:
+        stage = "structure from motion is not finished"
+    elif manifest.training is None:
+        stage = "training has not begun"
+    elif metrics is None or metrics.iterations < manifest.training.target_iterations:
+        stage = "training is not finished"
+    else:
+        stage = "finished"
+    files = (path for path in root.rglob("*") if path.is_file() and not path.is_symlink())
+    return FolderInfo(
+        folder=str(root),
+        stage=stage,
+        manifest=manifest,
+        metrics=metrics,
+        disk_bytes=sum(path.stat().st_size for path in files),
+    )

@@ -1,0 +1,122 @@
+"""What an output folder remembers about how it was made: ``manifest.json``."""
+
+import importlib.metadata
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+
+DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
+"""``fine`` is the 3DGS release's; ``coarse`` keeps a step on two CPU cores well under a second."""
+
+
+class Record(BaseModel):
+    """Base of everything that is written: immutable, unknown fields and non-finite numbers refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ReconstructionSettings(Record):
+    """What the user asked for.
+
+    ``iterations`` and ``long_side_px``: None takes the preset's. ``test_every``: of the views sorted by
+    name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
+    a folder or file with cameras made elsewhere, instead of structure from motion.
+    """
+
+    quality: Literal["coarse", "fine"] = "coarse"
+    iterations: int | None = Field(default=None, gt=0)
+    long_side_px: int | None = Field(default=None, ge=64)
+    test_every: int = Field(default=8, ge=0)
+    seed: int = Field(default=0, ge=0)
+    backend: str = "auto"
+    colmap: str | None = None
+    transforms: str | None = None
+
+    @property
+    def training_long_side_px(self) -> int:
+        """The long side that images are reduced to for training."""
+        return self.long_side_px or DEFAULT_LONG_SIDE_PX[self.quality]
+
+
+class ImageRecord(Record):
+    """One photograph that was used: its name in the source folder and in ``images/``."""
+
+    name: str
+    normalised_name: str
+    sha256: str
+
+
+class RejectionRecord(Record):
+    """One file of the source folder that was not used, and why."""
+
+    name: str
+    reason: str
+    hint: str
+
+
+class ImagesRecord(Record):
+    """The stage that checked and normalised the photographs."""
+
+    folder: str
+    photographs: tuple[ImageRecord, ...]
+    rejected: tuple[RejectionRecord, ...]
+
+
+class CamerasRecord(Record):
+    """The stage that found (or imported) the cameras and undistorted the images.
+
+    ``report`` is what structure from motion says about its evidence.
+    """
+
+    source: Literal["photographs", "colmap", "transforms"]
+    registered: tuple[str, ...]
+    unregistered: tuple[str, ...]
+    points: int
+    seconds: float
+    report: dict[str, Any]
+
+
+class TrainingRecord(Record):
+    """How far training has come."""
+
+    train_views: tuple[str, ...]
+    test_views: tuple[str, ...]
+    width_px: int
+    height_px: int
+    iterations: int
+    target_iterations: int
+    gaussians: int
+    seconds: float
+
+
+class Manifest(Record):
+    """The whole memory of an output folder; a stage's record is there once the stage is finished."""
+
+    version: Literal[1] = 1
+    program: str = Field(default_factory=lambda: f"fvs {importlib.metadata.version('fvs')}")
+    created: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
+    settings: ReconstructionSettings
+    images: ImagesRecord
+    cameras: CamerasRecord | None = None
+    training: TrainingRecord | None = None
+
+
+class ViewMetrics(Record):
+    """How well the model renders one held-out view."""
+
+    name: str
+    psnr_db: float
+    ssim: float
+
+
+class Metrics(Record):
+    """``metrics.json``: how good the model is and what it cost; ``views`` are the held-out ones."""
+
+    views: tuple[ViewMetrics, ...]
+    psnr_db: float | None
+    ssim: float | None
+    iterations: int
+    gaussians: int
+    training_seconds: float
+    peak_memory_bytes: int

@@ -1,0 +1,63 @@
+"""A trained model as it lies in an output folder: the Gaussians and the views they were trained on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.pipeline.manifest import Manifest, TrainingRecord
+from fvs_engine.pipeline.views import ModelView, model_views, read_undistorted, usual_camera
+from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.ply import read_ply
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedModel:
+    """What a ranking or a rendering needs; ``aliases`` are the views' names in the source folder."""
+
+    workspace: Workspace
+    manifest: Manifest
+    training: TrainingRecord
+    gaussians: Gaussians
+    views: tuple[ModelView, ...]
+
+    @property
+    def aliases(self) -> Mapping[str, str]:
+        """Source name → the model's name of a photograph."""
+        return {record.name: record.normalised_name for record in self.manifest.images.photographs}
+
+    @property
+    def training_views(self) -> tuple[ModelView, ...]:
+        """The views that the Gaussians were trained on."""
+        return tuple(view for view in self.views if view.name in self.training.train_views)
+
+    @property
+    def held_out_views(self) -> tuple[ModelView, ...]:
+        """The views that training never saw."""
+        return tuple(view for view in self.views if view.name in self.training.test_views)
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """The camera that most training views have."""
+        return usual_camera(self.training_views)
+
+
+def open_model(root: Path) -> TrainedModel:
+    """Read the last good state of an output folder, also while a training goes on in it.
+
+    Raises ``InvalidInputError`` when it is no output folder or nothing has been trained there yet.
+    """
+    workspace = Workspace.existing(root)
+    manifest = workspace.read_manifest()
+    if manifest is None or manifest.training is None:
+        raise InvalidInputError(
+            f"{root} holds no trained model yet.", hint="Run the same `fvs reconstruct` again to go on."
+        )
+    views = model_views(
+        read_undistorted(workspace),
+        workspace.undistorted / "images",
+        manifest.settings.training_long_side_px,
+    )
+    return TrainedModel(workspace, manifest, manifest.training, read_ply(workspace.point_cloud), views)

@@ -1,0 +1,102 @@
+"""Ranking candidate views of a trained model: which pose should be photographed next."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pydantic import AwareDatetime, Field
+
+from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
+from fvs_engine.pipeline.manifest import Record
+from fvs_engine.pipeline.model import TrainedModel, open_model
+from fvs_engine.pipeline.storage import storage_errors, write_atomically
+from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
+from fvs_engine.splat.raster import create_rasterizer
+
+SHEET_CANDIDATES = 12
+"""How many candidates the contact sheet shows when nobody says."""
+
+
+class RankedPose(Record):
+    """One candidate's place and pose (model_from_camera); ``rank`` is None for what cannot be compared."""
+
+    rank: int | None
+    id: str
+    score: float | None
+    status: CandidateStatus
+    coverage: float
+    position: tuple[float, float, float]
+    orientation_wxyz: tuple[float, float, float, float]
+
+
+class Ranking(Record):
+    """``ranking.json``: the candidates, the first to be photographed first, and what compared them."""
+
+    version: int = 1
+    created: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
+    method: str
+    iterations: int
+    gaussians: int
+    width_px: int
+    height_px: int
+    candidates: tuple[RankedPose, ...]
+
+
+def rank_candidates(
+    root: Path,
+    candidates_file: Path | None,
+    *,
+    out: Path | None = None,
+    top: int | None = None,
+    backend: str = "auto",
+    monitor: Monitor | None = None,
+) -> tuple[Ranking, Path]:
+    """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
+
+    Without a file the held-out views and poses halfway between neighbouring training views are ranked.
+    The contact sheet shows the first ``top``. Returns the ranking and the folder written: ``out``, or
+    ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be used or a folder without
+    a model, ``StorageError`` when ``out`` cannot be written.
+    """
+    monitor = monitor or Monitor()
+    model = open_model(root)
+    candidates = _candidates(model, candidates_file)
+    rasterizer = create_rasterizer(backend)
+    gaussians = model.gaussians.to(rasterizer.device)
+    scorer = MedianFrequency()
+    ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
+    by_id = {candidate.id: candidate for candidate in candidates}
+    ranking = Ranking(
+        method=scorer.name,
+        iterations=model.training.iterations,
+        gaussians=len(gaussians),
+        width_px=candidates[0].camera.width,
+        height_px=candidates[0].camera.height,
+        candidates=tuple(_ranked_pose(place, by_id[place.id]) for place in ranked),
+    )
+    folder = out or model.workspace.ranking
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "ranking.json", ranking.model_dump_json(indent=2).encode() + b"\n")
+    return ranking, folder
+
+
+def _candidates(model: TrainedModel, path: Path | None) -> Sequence[Candidate]:
+    if path is not None:
+        return read_candidates(path, model.views, model.aliases)
+    return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
+
+
+def _ranked_pose(place: RankedCandidate, candidate: Candidate) -> RankedPose:
+    model_from_camera = candidate.camera_from_model.inverse()
+    return RankedPose(
+        rank=place.rank,
+        id=place.id,
+        score=place.score,
+        status=place.status,
+        coverage=place.coverage,
+        position=tuple(model_from_camera.translation.tolist()),
+        orientation_wxyz=tuple(quaternion_from_matrix(model_from_camera.rotation).tolist()),
+    )

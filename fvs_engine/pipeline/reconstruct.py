@@ -1,0 +1,152 @@
+"""A folder of photographs in, cameras and a trained splat out; every stage can be resumed."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from fvs_engine.errors import InvalidInputError, NoImagesError
+from fvs_engine.images.catalog import ImageCatalog, catalog_images
+from fvs_engine.images.normalise import normalise_images, normalised_name
+from fvs_engine.kernels import set_thread_budget
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.cameras import find_cameras
+from fvs_engine.pipeline.manifest import (
+    ImageRecord,
+    ImagesRecord,
+    Manifest,
+    Metrics,
+    ReconstructionSettings,
+    RejectionRecord,
+)
+from fvs_engine.pipeline.storage import OutputExistsError, require_free_bytes, storage_errors
+from fvs_engine.pipeline.train import disk_need_bytes, train
+from fvs_engine.pipeline.workspace import Workspace
+
+MIN_PHOTOGRAPHS = 2
+_BYTES_PER_PIXEL = 4
+"""Room for a normalised and an undistorted copy of each photograph, at worst about."""
+_BYTES_PER_PHOTOGRAPH = 4_000_000
+"""Room for its features and matches."""
+
+Warn = Callable[[str], None]
+"""Tells the user a sentence that is no error."""
+
+
+def reconstruct_folder(
+    photographs: Path,
+    out: Path,
+    settings: ReconstructionSettings,
+    *,
+    overwrite: bool = False,
+    monitor: Monitor | None = None,
+    warn: Warn = lambda _sentence: None,
+    threads: int | None = None,
+) -> Metrics:
+    """Reconstruct ``photographs`` into the folder ``out``, going on from what is finished there.
+
+    The same call on the same folder resumes it; with more ``iterations`` it trains on. What else may differ
+    is the backend and the number of threads; for anything else ``OutputExistsError`` says what differs.
+    ``overwrite`` deletes an earlier result first. Files that cannot be used are told to ``warn`` and the
+    rest is used.
+
+    Raises ``NoImagesError`` for fewer than two photographs, ``ReconstructionError`` when they support no
+    model, ``TrainingError``, ``StorageError`` (``DiskFullError``, ``OutputExistsError``), ``Cancelled``;
+    after each of them the folder holds the last good state.
+    """
+    monitor = monitor or Monitor()
+    if settings.colmap and settings.transforms:
+        raise InvalidInputError("Cameras come from one place.", hint="Give either --colmap or --transforms.")
+    if threads is not None:
+        set_thread_budget(threads)
+    catalog = catalog_images(photographs, monitor=monitor, threads=threads)
+    for rejected in catalog.rejected:
+        warn(f"Left out {rejected.name}: {rejected.reason} {rejected.hint}")
+    _require_photographs(catalog)
+
+    workspace = Workspace(out)
+    with workspace.locked():
+        if overwrite:
+            workspace.clear()
+        manifest = _open_manifest(workspace, settings, _images_record(catalog))
+        if manifest.cameras is None:
+            _require_room(catalog, workspace, settings)
+            with storage_errors(workspace.images):
+                normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
+            manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn, threads=threads)
+        return train(workspace, manifest, monitor=monitor, warn=warn)
+
+
+def _require_photographs(catalog: ImageCatalog) -> None:
+    count = len(catalog.photographs)
+    if count >= MIN_PHOTOGRAPHS:
+        return
+    if count == 1:
+        message = f"{catalog.folder} holds only one usable photograph, {catalog.photographs[0].name}."
+    else:
+        message = f"{catalog.folder} holds no usable photograph."
+    if catalog.rejected:
+        first = catalog.rejected[0]
+        message += f" {len(catalog.rejected)} files were left out; {first.name}: {first.reason}"
+    raise NoImagesError(
+        message, hint="Give at least two photographs of the same scene that overlap; ten or more work well."
+    )
+
+
+def _require_room(catalog: ImageCatalog, workspace: Workspace, settings: ReconstructionSettings) -> None:
+    pixels = sum(photograph.width_px * photograph.height_px for photograph in catalog.photographs)
+    copies = _BYTES_PER_PIXEL * pixels + _BYTES_PER_PHOTOGRAPH * len(catalog.photographs)
+    require_free_bytes(workspace.root, copies + disk_need_bytes(settings))
+
+
+def _images_record(catalog: ImageCatalog) -> ImagesRecord:
+    return ImagesRecord(
+        folder=str(catalog.folder.absolute()),
+        photographs=tuple(
+            ImageRecord(
+                name=photograph.name, normalised_name=normalised_name(photograph), sha256=photograph.sha256
+            )
+            for photograph in catalog.photographs
+        ),
+        rejected=tuple(
+            RejectionRecord(name=image.name, reason=image.reason, hint=image.hint)
+            for image in catalog.rejected
+        ),
+    )
+
+
+def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, images: ImagesRecord) -> Manifest:
+    """Take up what the folder remembers, or begin; refuse to mix two reconstructions."""
+    earlier = workspace.read_manifest()
+    if earlier is None:
+        manifest = Manifest(settings=settings, images=images)
+    else:
+        _require_compatible(workspace, earlier, settings, images)
+        manifest = earlier.model_copy(update={"settings": settings})
+    workspace.write_manifest(manifest)
+    return manifest
+
+
+def _require_compatible(
+    workspace: Workspace, earlier: Manifest, settings: ReconstructionSettings, images: ImagesRecord
+) -> None:
+    differences = [
+        f"{name} was {_shown(old)} and is {_shown(new)}"
+        for name in ("quality", "training_long_side_px", "test_every", "seed", "colmap", "transforms")
+        if (old := getattr(earlier.settings, name)) != (new := getattr(settings, name))
+    ]
+    known = {record.sha256: record.name for record in earlier.images.photographs}
+    given = {record.sha256: record.name for record in images.photographs}
+    added = sorted(name for sha256, name in given.items() if known.get(sha256) != name)
+    removed = sorted(name for sha256, name in known.items() if given.get(sha256) != name)
+    if added:
+        differences.append(f"{len(added)} photographs are new ({added[0]}{', …' if len(added) > 1 else ''})")
+    if removed:
+        differences.append(f"{len(removed)} are gone ({removed[0]}{', …' if len(removed) > 1 else ''})")
+    if differences:
+        raise OutputExistsError(
+            f"{workspace.root} holds another reconstruction: {'; '.join(differences)}.",
+            hint="Give another --out, or start again there with --overwrite.",
+        )
+
+
+def _shown(value: object) -> str:
+    return "the default" if value is None else str(value)

@@ -1,0 +1,194 @@
+"""Training on the undistorted views of an output folder: resumable, checkpointed, evaluated at the end."""
+
+import resource
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from PIL import Image
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.evaluate.metrics import psnr, ssim
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.manifest import (
+    Manifest,
+    Metrics,
+    ReconstructionSettings,
+    TrainingRecord,
+    ViewMetrics,
+)
+from fvs_engine.pipeline.storage import require_free_bytes, storage_errors
+from fvs_engine.pipeline.views import (
+    ModelView,
+    load_views,
+    model_views,
+    read_undistorted,
+    split_views,
+    usual_camera,
+)
+from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.splat.ply import write_ply
+from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.settings import PRESETS, TrainingSettings
+from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView
+
+_CHECKPOINT_EVERY_S = 60.0
+_CHUNK_ITERATIONS = 50
+"""How often the clock is looked at."""
+_BYTES_PER_GAUSSIAN = 1_000
+"""A checkpoint at SH degree 3 (parameters and Adam's moments) and the PLY, both twice while replaced."""
+
+
+def training_settings(settings: ReconstructionSettings) -> TrainingSettings:
+    """The preset, with the number of iterations that was asked for."""
+    preset = PRESETS[settings.quality]
+    return preset if settings.iterations is None else preset.with_iterations(settings.iterations)
+
+
+def disk_need_bytes(settings: ReconstructionSettings) -> int:
+    """What the checkpoint and the point cloud need at most, about."""
+    return training_settings(settings).max_gaussians * _BYTES_PER_GAUSSIAN
+
+
+def train(
+    workspace: Workspace, manifest: Manifest, *, monitor: Monitor, warn: Callable[[str], None]
+) -> Metrics:
+    """Train up to the iterations that ``manifest.settings`` ask for, evaluate, and write everything down.
+
+    Goes on from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
+    minute, at the end and when ``monitor`` asks to stop; then ``Cancelled`` is raised.
+    """
+    settings = training_settings(manifest.settings)
+    finished = workspace.read_metrics()
+    if finished is not None and finished.iterations >= settings.iterations:
+        warn(f"Nothing to do: the model has had {finished.iterations:,} iterations already.")
+        return finished
+
+    long_side_px = manifest.settings.training_long_side_px
+    reconstruction = read_undistorted(workspace)
+    views = model_views(reconstruction, workspace.undistorted / "images", long_side_px)
+    training, held_out = split_views(views, manifest.settings.test_every)
+    if not held_out and manifest.settings.test_every:
+        warn(f"No view is held out: {len(views)} are too few to spare one.")
+    rasterizer = create_rasterizer(manifest.settings.backend)
+    loaded = load_views(training, long_side_px, monitor)
+    if workspace.checkpoint.exists():
+        trainer = Trainer.resume(workspace.checkpoint, loaded, rasterizer)
+    else:
+        require_free_bytes(workspace.root, disk_need_bytes(manifest.settings))
+        gaussians = initialise_from_points(
+            reconstruction.points, reconstruction.point_colors, settings.sh_degree
+        )
+        trainer = Trainer(loaded, gaussians, settings, rasterizer, seed=manifest.settings.seed)
+
+    session = _Session(workspace, manifest, trainer, training, held_out, settings.iterations)
+    session.run(monitor)
+    metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
+    workspace.write_metrics(metrics)
+    return metrics
+
+
+class _Session:
+    """One run of the trainer: what it has cost, and when its state was last on disk."""
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        manifest: Manifest,
+        trainer: Trainer,
+        training: tuple[ModelView, ...],
+        held_out: tuple[ModelView, ...],
+        target_iterations: int,
+    ) -> None:
+        self._workspace = workspace
+        self._manifest = manifest
+        self._trainer = trainer
+        self._training = training
+        self._held_out = held_out
+        self._target = target_iterations
+        self.seconds = manifest.training.seconds if manifest.training else 0.0
+
+    def run(self, monitor: Monitor) -> None:
+        """Train to the target, saving on the way."""
+        saved = time.monotonic()
+        while self._trainer.iteration < self._target:
+            began = time.monotonic()
+            try:
+                self._trainer.train(min(self._trainer.iteration + _CHUNK_ITERATIONS, self._target), monitor)
+            except Cancelled:
+                self.seconds += time.monotonic() - began
+                self._save()
+                raise
+            self.seconds += time.monotonic() - began
+            if self._trainer.iteration >= self._target or time.monotonic() - saved > _CHECKPOINT_EVERY_S:
+                self._save()
+                saved = time.monotonic()
+
+    def _save(self) -> None:
+        camera = usual_camera(self._training)
+        with storage_errors(self._workspace.checkpoint):
+            self._workspace.checkpoint.parent.mkdir(exist_ok=True)
+            self._trainer.save(self._workspace.checkpoint)
+            write_ply(self._workspace.point_cloud, self._trainer.gaussians)
+        record = TrainingRecord(
+            train_views=tuple(view.name for view in self._training),
+            test_views=tuple(view.name for view in self._held_out),
+            width_px=camera.width,
+            height_px=camera.height,
+            iterations=self._trainer.iteration,
+            target_iterations=self._target,
+            gaussians=len(self._trainer.gaussians),
+            seconds=self.seconds,
+        )
+        self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
+
+
+def _evaluate(
+    workspace: Workspace,
+    trainer: Trainer,
+    rasterizer: Rasterizer,
+    held_out: tuple[ModelView, ...],
+    long_side_px: int,
+    training_seconds: float,
+    monitor: Monitor,
+) -> Metrics:
+    """Render the held-out views, compare, and keep each beside its photograph. Stage ``evaluate``."""
+    results = []
+    folder = workspace.renders / "held-out"
+    for done, view in enumerate(load_views(held_out, long_side_px, monitor), start=1):
+        rendered = _render(trainer, rasterizer, view)
+        photograph = view.image.astype(np.float32) / 255.0
+        results.append(
+            ViewMetrics(name=view.name, psnr_db=psnr(rendered, photograph), ssim=ssim(rendered, photograph))
+        )
+        path = folder / f"{view.name}.png"
+        with storage_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            pixels = np.concatenate([view.image, np.round(rendered * 255.0).astype(np.uint8)], axis=1)
+            Image.fromarray(pixels).save(path)
+        monitor.report("evaluate", done, len(held_out))
+        monitor.check()
+    return Metrics(
+        views=tuple(results),
+        psnr_db=float(np.mean([view.psnr_db for view in results])) if results else None,
+        ssim=float(np.mean([view.ssim for view in results])) if results else None,
+        iterations=trainer.iteration,
+        gaussians=len(trainer.gaussians),
+        training_seconds=training_seconds,
+        peak_memory_bytes=_peak_memory_bytes(),
+    )
+
+
+def _render(trainer: Trainer, rasterizer: Rasterizer, view: TrainingView) -> np.ndarray:
+    with torch.no_grad():
+        rendering = rasterizer.render(trainer.gaussians, view.camera, view.camera_from_model)
+    return rendering.color.clamp(0.0, 1.0).cpu().numpy()
+
+
+def _peak_memory_bytes() -> int:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

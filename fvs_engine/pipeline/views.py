@@ -1,0 +1,86 @@
+"""The views of an output folder: pinhole cameras at training resolution, and which are held out."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.errors import StorageError, TrainingError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.images.pixels import load_rgb, reduced_size
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
+from fvs_engine.splat.views import TrainingView
+
+
+@dataclass(frozen=True)
+class ModelView:
+    """A photograph that has its place in the model; the camera is at training resolution."""
+
+    name: str
+    camera: PinholeCamera
+    camera_from_model: RigidTransform
+    image_path: Path
+
+
+def read_undistorted(workspace: Workspace) -> Reconstruction:
+    """The pinhole model of the folder; raises ``StorageError`` when it is damaged."""
+    sparse = workspace.undistorted / "sparse"
+    try:
+        return read_colmap(sparse)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise StorageError(
+            f"The model in {sparse} cannot be read.", hint="Start again with --overwrite."
+        ) from error
+
+
+def model_views(reconstruction: Reconstruction, image_dir: Path, long_side_px: int) -> tuple[ModelView, ...]:
+    """The views sorted by name, their cameras reduced to ``long_side_px``."""
+    views = []
+    for view in sorted(reconstruction.views, key=lambda view: view.name):
+        camera = view.camera
+        if not isinstance(camera, PinholeCamera):
+            raise StorageError(
+                f"The camera of {view.name} in {image_dir.parent} still has distortion.",
+                hint="Start again with --overwrite.",
+            )
+        reduced = camera.resized(*reduced_size(camera.width, camera.height, long_side_px))
+        views.append(ModelView(view.name, reduced, view.camera_from_model, image_dir / view.name))
+    return tuple(views)
+
+
+def split_views(
+    views: Sequence[ModelView], test_every: int
+) -> tuple[tuple[ModelView, ...], tuple[ModelView, ...]]:
+    """Training and held-out views: of the views sorted by name, index % ``test_every`` == 0 is held out.
+
+    Nothing is held out when ``test_every`` is 0 or there are fewer views than that: too few to spare one.
+    """
+    if test_every == 0 or len(views) < test_every:
+        return tuple(views), ()
+    test = tuple(views[::test_every])
+    names = {view.name for view in test}
+    return tuple(view for view in views if view.name not in names), test
+
+
+def load_views(views: Sequence[ModelView], long_side_px: int, monitor: Monitor) -> list[TrainingView]:
+    """Read the photographs of ``views`` at training resolution. Stage ``load``."""
+    loaded = []
+    for done, view in enumerate(views, start=1):
+        image = load_rgb(view.image_path, long_side_px)
+        if image.shape[:2] != (view.camera.height, view.camera.width):
+            raise TrainingError(
+                f"{view.image_path} has {image.shape[1]}×{image.shape[0]} px, "
+                f"its camera {view.camera.width}×{view.camera.height} px.",
+                hint="The cameras belong to other images: give the images that they were computed from.",
+            )
+        loaded.append(TrainingView(view.name, view.camera, view.camera_from_model, image))
+        monitor.report("load", done, len(views))
+        monitor.check()
+    return loaded
+
+
+def usual_camera(views: Sequence[ModelView]) -> PinholeCamera:
+    """The camera that most views have; of equally frequent ones the first by name."""
+    return Counter(view.camera for view in views).most_common(1)[0][0]

@@ -1,0 +1,167 @@
+"""The output folder: where each thing lives, who may write it, and what it remembers.
+
+manifest.json                  settings, photographs, cameras, training so far
+images/                        the photographs, upright, 8-bit
+sfm/                           features, matches and the COLMAP model of the photographs
+undistorted/                   images/ and sparse/: pinhole cameras, opened by COLMAP and splat viewers
+splat/checkpoint.safetensors   training can go on from here
+splat/point_cloud.ply          the Gaussians, in the layout that splat viewers read
+metrics.json                   quality on held-out views, and what the training cost
+renders/                       held-out views as the model renders them
+ranking/                       ranking.json and contact_sheet.png of the last `fvs rank`
+"""
+
+import contextlib
+import fcntl
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.pipeline.manifest import Manifest, Metrics
+from fvs_engine.pipeline.storage import OutputExistsError, storage_errors, write_atomically
+
+_OWN_ENTRIES = frozenset(
+    {"manifest.json", "metrics.json", "images", "sfm", "undistorted", "splat", "renders", "ranking", ".lock"}
+)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The paths inside an output folder, and its manifest."""
+
+    root: Path
+
+    @property
+    def manifest_path(self) -> Path:
+        """The folder's memory."""
+        return self.root / "manifest.json"
+
+    @property
+    def images(self) -> Path:
+        """Normalised photographs."""
+        return self.root / "images"
+
+    @property
+    def sfm(self) -> Path:
+        """What structure from motion keeps."""
+        return self.root / "sfm"
+
+    @property
+    def undistorted(self) -> Path:
+        """Pinhole cameras and their images."""
+        return self.root / "undistorted"
+
+    @property
+    def checkpoint(self) -> Path:
+        """The training state."""
+        return self.root / "splat" / "checkpoint.safetensors"
+
+    @property
+    def point_cloud(self) -> Path:
+        """The Gaussians of the last checkpoint."""
+        return self.root / "splat" / "point_cloud.ply"
+
+    @property
+    def metrics_path(self) -> Path:
+        """Quality on held-out views."""
+        return self.root / "metrics.json"
+
+    @property
+    def renders(self) -> Path:
+        """Rendered views."""
+        return self.root / "renders"
+
+    @property
+    def ranking(self) -> Path:
+        """The last ranking."""
+        return self.root / "ranking"
+
+    @staticmethod
+    def existing(root: Path) -> "Workspace":
+        """The workspace at ``root``; raises ``InvalidInputError`` when there is none."""
+        workspace = Workspace(root)
+        if not workspace.manifest_path.is_file():
+            raise InvalidInputError(
+                f"{root} is not the output of a reconstruction: it has no manifest.json.",
+                hint="Run `fvs reconstruct IMAGES --out DIR` first and give its DIR.",
+            )
+        return workspace
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Create the folder if need be and keep other writers out.
+
+        Raises ``OutputExistsError`` when the folder holds something else or another process writes to
+        it, ``StorageError`` when it cannot be created.
+        """
+        with storage_errors(self.root):
+            self.root.mkdir(parents=True, exist_ok=True)
+            foreign = {entry.name for entry in self.root.iterdir()} - _OWN_ENTRIES
+            if foreign and not self.manifest_path.exists():
+                raise OutputExistsError(
+                    f"{self.root} is not empty and was not made by fvs (it holds {min(foreign)}).",
+                    hint="Choose another output folder; nothing was changed.",
+                )
+            lock = (self.root / ".lock").open("w")
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise OutputExistsError(
+                    f"Another process is writing to {self.root}.",
+                    hint="Wait until it is done, or choose another output folder.",
+                ) from error
+            yield
+
+    def read_manifest(self) -> Manifest | None:
+        """What the folder remembers, None when it is new; raises ``StorageError`` when it is unreadable."""
+        try:
+            content = self.manifest_path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise StorageError(f"{self.manifest_path} cannot be read: {error.strerror}.") from error
+        try:
+            return Manifest.model_validate_json(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "the file"
+            raise StorageError(
+                f"{self.manifest_path} cannot be used: {where}: {first['msg']}.",
+                hint="It is damaged or of another version of fvs: choose another output folder, "
+                "or start again with --overwrite.",
+            ) from error
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Remember; atomic."""
+        write_atomically(self.manifest_path, manifest.model_dump_json(indent=2).encode() + b"\n")
+
+    def read_metrics(self) -> Metrics | None:
+        """The metrics of the finished training, None before."""
+        try:
+            return Metrics.model_validate_json(self.metrics_path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except (OSError, ValidationError) as error:
+            raise StorageError(
+                f"{self.metrics_path} cannot be read.", hint="Train again to write it."
+            ) from error
+
+    def write_metrics(self, metrics: Metrics) -> None:
+        """Write ``metrics.json``; atomic."""
+        write_atomically(self.metrics_path, metrics.model_dump_json(indent=2).encode() + b"\n")
+
+    def clear(self) -> None:
+        """Delete what fvs wrote here, and nothing else; the lock stays with whoever holds it."""
+        with storage_errors(self.root):
+            # The manifest goes last: without it the folder would be a stranger's.
+            for name in sorted(_OWN_ENTRIES - {".lock"}, key=lambda name: name == "manifest.json"):
+                entry = self.root / name
+                if entry.is_dir() and not entry.is_symlink():
+                    shutil.rmtree(entry)
+                else:
+                    entry.unlink(missing_ok=True)
