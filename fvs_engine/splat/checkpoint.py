@@ -1,0 +1,48 @@
+"""Checkpoints: everything that training needs to go on, in one safetensors file (no pickle)."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from fvs_engine.errors import StorageError
+from fvs_engine.splat.atomic_file import replacing
+
+FORMAT = "fvs-training-1"
+
+
+def write_checkpoint(path: Path, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> None:
+    """Write tensors and JSON-serialisable state; the file appears whole or not at all.
+
+    Raises ``StorageError`` when it cannot be written; an earlier checkpoint is then still there.
+    """
+    stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    with replacing(path) as temporary:
+        try:
+            save_file(stored, temporary, {"format": FORMAT, "state": json.dumps(state)})
+        except SafetensorError as error:
+            raise OSError(str(error)) from error
+
+
+def read_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Read what ``write_checkpoint`` wrote.
+
+    Raises ``StorageError`` when the file is missing, damaged, or no checkpoint.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("format") != FORMAT:
+                raise StorageError(
+                    f"{path} is not a training checkpoint of this version.",
+                    hint="Train again from the start.",
+                )
+            return {name: file.get_tensor(name) for name in file.keys()}, json.loads(metadata["state"])  # noqa: SIM118
+    except (OSError, SafetensorError, KeyError, ValueError) as error:
+        raise StorageError(
+            f"{path} cannot be read as a checkpoint: {error}", hint="Delete it and train again."
+        ) from error

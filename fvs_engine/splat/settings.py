@@ -1,0 +1,122 @@
+"""Every number that training depends on, and what it needs of memory."""
+
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from fvs_engine.splat.gaussians import sh_coefficient_count
+
+
+class LearningRates(BaseModel):
+    """Adam's step sizes per parameter; those of ``means`` are multiplied by the scene's extent.
+
+    Source: Kerbl et al., 2023, and their published defaults.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    means_first: float = Field(default=1.6e-4, gt=0)
+    means_last: float = Field(default=1.6e-6, gt=0)
+    log_scales: float = Field(default=5e-3, gt=0)
+    quaternions_wxyz: float = Field(default=1e-3, gt=0)
+    opacity_logits: float = Field(default=5e-2, gt=0)
+    sh_dc: float = Field(default=2.5e-3, gt=0)
+    sh_rest: float = Field(default=2.5e-3 / 20, gt=0)
+
+
+class Densification(BaseModel):
+    """When and how Gaussians are added and removed; every interval is in iterations.
+
+    ``gradient_threshold`` is compared with the mean norm of the loss's gradient with respect to the
+    projected centre, in units of half the image (normalised device coordinates). ``dense_extent`` and
+    ``prune_extent`` are shares of the scene's extent: smaller Gaussians are cloned and larger ones split;
+    those above the latter are removed once opacities were reset.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    first_iteration: int = Field(default=500, ge=0)
+    last_iteration: int = Field(default=15_000, ge=0)
+    interval: int = Field(default=100, gt=0)
+    opacity_reset_interval: int = Field(default=3_000, gt=0)
+    gradient_threshold: float = Field(default=2e-4, gt=0)
+    dense_extent: float = Field(default=0.01, gt=0)
+    prune_extent: float = Field(default=0.1, gt=0)
+    prune_opacity: float = Field(default=0.005, gt=0, lt=1)
+
+
+class TrainingSettings(BaseModel):
+    """How to train; frozen, and stored with every checkpoint.
+
+    The defaults are those of the 3DGS paper for 30,000 iterations. ``max_gaussians`` is a hard cap:
+    densification that would exceed it takes the Gaussians with the largest gradients.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    iterations: int = Field(default=30_000, gt=0)
+    sh_degree: int = Field(default=3, ge=0, le=3)
+    sh_degree_interval: int = Field(default=1_000, gt=0)
+    ssim_weight: float = Field(default=0.2, ge=0, le=1)
+    max_gaussians: int = Field(default=1_000_000, gt=0)
+    learning_rates: LearningRates = LearningRates()
+    densification: Densification = Densification()
+
+    @model_validator(mode="after")
+    def _means_do_not_accelerate(self) -> Self:
+        if self.learning_rates.means_last > self.learning_rates.means_first:
+            raise ValueError("learning_rates.means_last must not exceed means_first")
+        return self
+
+    def with_iterations(self, iterations: int) -> "TrainingSettings":
+        """The same settings for a run of another length: the schedule shrinks with it, but never grows.
+
+        Densification keeps its share of the run (half of it, by the paper's numbers), and the
+        spherical harmonics reach their degree within the first half.
+        """
+        share = min(1.0, iterations / 30_000)
+        paper = Densification()
+        densification = self.densification.model_copy(
+            update={
+                "first_iteration": min(paper.first_iteration, iterations // 10),
+                "last_iteration": min(paper.last_iteration, max(iterations // 2, round(15_000 * share))),
+            }
+        )
+        return self.model_copy(
+            update={
+                "iterations": iterations,
+                "sh_degree_interval": min(1_000, max(1, iterations // (2 * max(1, self.sh_degree)))),
+                "densification": densification,
+            }
+        )
+
+
+PRESETS: dict[str, TrainingSettings] = {
+    "coarse": TrainingSettings(sh_degree=0, max_gaussians=300_000).with_iterations(1_000),
+    "fine": TrainingSettings(sh_degree=3),
+}
+"""``coarse`` ranks candidates while the vehicle flies; ``fine`` is the model that is kept (the paper's)."""
+
+_FLOAT_BYTES = 4
+_COPIES = 4
+"""A parameter, its gradient, and Adam's two moments."""
+_SCREEN_FLOATS = 32
+"""Per Gaussian: what projecting it leaves for the backward pass, its screen gradients and statistics."""
+_HITS_PER_GAUSSIAN = 6
+_HIT_BYTES = 64
+_PIXEL_FLOATS = 16
+"""Per pixel of one image: colour, alpha, depth, their gradients, and the rasteriser's state."""
+
+
+def memory_need_bytes(gaussians: int, sh_degree: int, views: int, width_px: int, height_px: int) -> int:
+    """What training on the CPU needs beyond the program itself, at most and about.
+
+    ``views`` images of ``width_px`` × ``height_px`` (kept as bytes), and ``gaussians`` with their
+    gradients, moments and rasteriser state. While Gaussians are added, one parameter exists twice.
+    """
+    parameters = 3 + 3 + 4 + 1 + 3 * sh_coefficient_count(sh_degree)
+    largest = 3 * max(1, sh_coefficient_count(sh_degree) - 1)
+    per_gaussian = _FLOAT_BYTES * (_COPIES * parameters + largest + _SCREEN_FLOATS)
+    per_gaussian += _HITS_PER_GAUSSIAN * _HIT_BYTES
+    pixels = width_px * height_px
+    return gaussians * per_gaussian + views * 3 * pixels + _FLOAT_BYTES * _PIXEL_FLOATS * pixels

@@ -1,0 +1,258 @@
+"""The training loop: render a view, compare it with its photograph, move the Gaussians, again."""
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from torch import Tensor
+
+from fvs_engine.errors import InvalidInputError, StorageError, TrainingError
+from fvs_engine.monitor import Monitor
+from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
+from fvs_engine.splat.densification import (
+    GradientStatistics,
+    densify,
+    is_due,
+    reset_is_due,
+    reset_opacities,
+)
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.losses import photometric_loss
+from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
+from fvs_engine.splat.raster.interface import Rasterizer
+from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.views import TrainingView, scene_extent
+
+STAGE = "train"
+_RATE_SMOOTHING = 0.05
+_LOSS_SMOOTHING = 0.05
+
+
+@dataclass
+class _ViewOrder:
+    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end."""
+
+    seed: int
+    epoch: int
+    remaining: list[int]
+
+    def next(self, count: int) -> int:
+        if not self.remaining:
+            self.remaining = np.random.default_rng([self.seed, self.epoch]).permutation(count).tolist()
+            self.epoch += 1
+        return self.remaining.pop()
+
+
+class Trainer:
+    """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
+
+    ``gaussians`` are taken over (moved to the rasteriser's device, changed in place, replaced when their
+    number changes): read them from the attribute. All randomness is derived from the seed and the
+    iteration, so that a resumed run equals an uninterrupted one bit by bit.
+
+    Raises ``TrainingError`` when there is no view or no Gaussian.
+    """
+
+    def __init__(
+        self,
+        views: Sequence[TrainingView],
+        gaussians: Gaussians,
+        settings: TrainingSettings,
+        rasterizer: Rasterizer,
+        seed: int = 0,
+    ) -> None:
+        if not views:
+            raise TrainingError("There is no view to train on.", hint="Give at least one registered image.")
+        if len(gaussians) == 0:
+            raise TrainingError("There is no Gaussian to train.", hint="Initialise from sparse points.")
+        if settings.sh_degree != gaussians.sh_degree:
+            raise InvalidInputError(
+                f"The settings ask for spherical harmonics of degree {settings.sh_degree}, "
+                f"the Gaussians have {gaussians.sh_degree}.",
+                hint="Initialise the Gaussians with the settings' degree.",
+            )
+        self.settings = settings
+        self.rasterizer = rasterizer
+        self.seed = seed
+        self.iteration = 0
+        self.gaussians = _trainable(gaussians.to(rasterizer.device))
+        self.views = tuple(views)
+        self.extent = scene_extent(views, gaussians.means.detach().cpu().numpy())
+        self.optimiser = GaussianAdam(self.gaussians)
+        self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
+        self._images = [torch.tensor(view.image, device=rasterizer.device) for view in views]
+        self._order = _ViewOrder(seed, 0, [])
+
+    @property
+    def sh_degree(self) -> int:
+        """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
+        return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
+
+    def train(self, until_iteration: int, monitor: Monitor) -> None:
+        """Go on until ``until_iteration`` iterations are done in all; report each to ``monitor``.
+
+        Raises ``Cancelled`` between two iterations: the trainer can go on or be saved. Raises
+        ``TrainingError`` when the loss is no longer finite, before that reaches the optimiser.
+        """
+        smooth_loss = smooth_s = None
+        with _torch_threads_for(self.rasterizer.device):
+            while self.iteration < until_iteration:
+                monitor.check()
+                start = time.perf_counter()
+                loss = self._step()
+                elapsed = time.perf_counter() - start
+                smooth_loss = _blend(smooth_loss, loss, _LOSS_SMOOTHING)
+                smooth_s = _blend(smooth_s, elapsed, _RATE_SMOOTHING)
+                monitor.report(
+                    STAGE,
+                    self.iteration,
+                    until_iteration,
+                    loss=smooth_loss,
+                    gaussians=len(self.gaussians),
+                    iterations_per_s=1 / smooth_s,
+                )
+
+    def _step(self) -> float:
+        """One iteration; returns the loss before it."""
+        settings, gaussians = self.settings, self.gaussians
+        index = self._order.next(len(self.views))
+        view = self.views[index]
+        sh_degree = self.sh_degree
+        rendering = self.rasterizer.render(
+            gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree
+        )
+        loss = photometric_loss(rendering.color, self._images[index], settings.ssim_weight)
+        value = loss.item()
+        if not math.isfinite(value):
+            raise TrainingError(
+                f"Training diverged at iteration {self.iteration}: the loss on {view.name} is {value}.",
+                hint="Resume from the last checkpoint with lower learning rates, or check the cameras.",
+            )
+        if loss.requires_grad:
+            loss.backward()  # type: ignore[no-untyped-call]
+        rules = settings.densification
+        if self.iteration < rules.last_iteration:
+            self.statistics.add(rendering)
+        rates = learning_rates_at(settings.learning_rates, self.iteration, settings.iterations, self.extent)
+        self.optimiser.step(gaussians, rates, rendering.radii_px.detach() > 0, sh_degree)
+        self.iteration += 1
+        if is_due(rules, self.iteration):
+            self._densify()
+        if reset_is_due(rules, self.iteration):
+            with torch.no_grad():
+                reset_opacities(self.gaussians, self.optimiser)
+        return value
+
+    def _densify(self) -> None:
+        rules = self.settings.densification
+        generator = torch.Generator().manual_seed(
+            int(np.random.default_rng([self.seed, self.iteration]).integers(2**62))
+        )
+        grown = densify(
+            self.gaussians,
+            self.optimiser,
+            self.statistics,
+            rules,
+            extent=self.extent,
+            max_gaussians=self.settings.max_gaussians,
+            prune_large=self.iteration > rules.opacity_reset_interval,
+            generator=generator,
+        )
+        self.gaussians = _trainable(grown)
+        self.statistics = GradientStatistics(len(grown), grown.device)
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint; an earlier one at ``path`` is replaced only when this one is whole.
+
+        Raises ``StorageError`` when it cannot be written, ``TrainingError`` when the parameters are not
+        finite: a good checkpoint is never replaced by a diverged model.
+        """
+        for name, tensor in self.gaussians.tensors().items():
+            if not bool(torch.isfinite(tensor.detach()).all()):
+                raise TrainingError(
+                    f"The model has diverged: {name} holds numbers that are not finite.",
+                    hint="Resume from the last checkpoint with lower learning rates.",
+                )
+        write_checkpoint(
+            path,
+            {
+                **{f"gaussians.{name}": tensor for name, tensor in self.gaussians.tensors().items()},
+                **{f"first.{name}": tensor for name, tensor in self.optimiser.first.items()},
+                **{f"second.{name}": tensor for name, tensor in self.optimiser.second.items()},
+                "gradients.total": self.statistics.total,
+                "gradients.views": self.statistics.views,
+            },
+            {
+                "settings": self.settings.model_dump(mode="json"),
+                "iteration": self.iteration,
+                "steps": self.optimiser.steps,
+                "extent": self.extent,
+                "seed": self.seed,
+                "epoch": self._order.epoch,
+                "remaining": self._order.remaining,
+                "views": [view.name for view in self.views],
+            },
+        )
+
+    @classmethod
+    def resume(cls, path: Path, views: Sequence[TrainingView], rasterizer: Rasterizer) -> "Trainer":
+        """Continue from a checkpoint, with the same views in the same order.
+
+        Raises ``StorageError`` when the checkpoint cannot be used, ``InvalidInputError`` when the views
+        are not those that it was trained on.
+        """
+        tensors, state = read_checkpoint(path)
+        names = [view.name for view in views]
+        if names != state["views"]:
+            raise InvalidInputError(
+                f"{path} was trained on {len(state['views'])} views, which are not the {len(names)} given.",
+                hint="Give the same views in the same order, or train again.",
+            )
+        try:
+            settings = TrainingSettings.model_validate(state["settings"])
+            trainer = cls(
+                views, Gaussians(**_named(tensors, "gaussians.")), settings, rasterizer, state["seed"]
+            )
+            trainer.iteration = state["iteration"]
+            trainer.extent = state["extent"]
+            trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"])
+            trainer.optimiser.steps = state["steps"]
+            trainer.optimiser.first = _named(tensors, "first.", rasterizer.device)
+            trainer.optimiser.second = _named(tensors, "second.", rasterizer.device)
+            trainer.statistics.total = tensors["gradients.total"].to(rasterizer.device)
+            trainer.statistics.views = tensors["gradients.views"].to(rasterizer.device)
+        except (KeyError, TypeError, ValidationError) as error:
+            raise StorageError(f"{path} is incomplete: {error}", hint="Train again.") from error
+        return trainer
+
+
+def _named(tensors: dict[str, Tensor], prefix: str, device: torch.device | str = "cpu") -> dict[str, Tensor]:
+    return {n.removeprefix(prefix): t.to(device) for n, t in tensors.items() if n.startswith(prefix)}
+
+
+def _trainable(gaussians: Gaussians) -> Gaussians:
+    """The same values as contiguous leaves that gather gradients."""
+    leaves = {name: tensor.detach().contiguous() for name, tensor in gaussians.tensors().items()}
+    return Gaussians(**leaves).requires_grad_()
+
+
+def _blend(old: float | None, new: float, share: float) -> float:
+    return new if old is None else old + share * (new - old)
+
+
+@contextmanager
+def _torch_threads_for(device: torch.device) -> Iterator[None]:
+    """On the CPU the cores belong to the kernels: torch's own pool would only get in their way."""
+    before = torch.get_num_threads()
+    if device.type == "cpu":
+        torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,53 @@
+"""What the trainer learns from: photographs with the cameras that took them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+
+EXTENT_MARGIN = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingView:
+    """A photograph without distortion: ``image`` [H, W, 3] uint8, of exactly the camera's size.
+
+    Raises ``InvalidInputError`` when image and camera do not fit.
+    """
+
+    name: str
+    camera: PinholeCamera
+    camera_from_model: RigidTransform
+    image: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        expected = (self.camera.height, self.camera.width, 3)
+        if self.image.shape != expected or self.image.dtype != np.uint8:
+            raise InvalidInputError(
+                f"{self.name}: the image is {self.image.dtype} {self.image.shape}, "
+                f"its camera needs uint8 {expected}.",
+                hint="Resize the image and its camera together.",
+            )
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """The camera's centre [3] in the model frame."""
+        return self.camera_from_model.inverse().translation
+
+
+def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:
+    """The length by which learning rates and size limits scale: how far the cameras spread.
+
+    1.1 × the greatest distance of a camera from their mean (3DGS's "camera extent"). Cameras that all
+    stand in one place have no spread; then it is the median distance of the ``points`` [N, 3] to them.
+    """
+    centers = np.stack([view.center for view in views])
+    center = centers.mean(axis=0)
+    extent = EXTENT_MARGIN * float(np.linalg.norm(centers - center, axis=1).max())
+    if extent > 1e-6 * max(1.0, float(np.abs(center).max())):
+        return extent
+    return float(np.median(np.linalg.norm(points - center, axis=1)))
