@@ -54,8 +54,13 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile a single-threaded kernel on its first call; inlined by LLVM into its callers."""
+    """Compile a single-threaded kernel on its first call."""
     return cast(_Function, numba.njit(**_OPTIONS)(function))
+
+
+def inlined_kernel(function: _Function) -> _Function:
+    """Compile a kernel that LLVM must inline, whatever its size: for a few lines called in a hot loop."""
+    return cast(_Function, numba.njit(forceinline=True, **_OPTIONS)(function))
 
 
 def parallel_kernel(function: _Function) -> _Function:

@@ -12,17 +12,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, kernel, parallel_kernel
+from fvs_engine.kernels import F, inlined_kernel, kernel, parallel_kernel
 from fvs_engine.splat.raster.kernels.records import (
     CENTER_X,
     CENTER_Y,
     DEPTH,
     EXTENT_X,
     EXTENT_Y,
-    FACTOR_A,
-    FACTOR_B,
-    FACTOR_K,
     RECORD_SIZE,
+    SLOPE_X,
+    SLOPE_Y,
+    WIDTH,
 )
 
 Floats = NDArray[np.float32]
@@ -65,23 +65,22 @@ def front_to_back(records: Floats, radii: Floats) -> NDArray[np.int64]:
     return order
 
 
-@kernel
+@inlined_kernel
 def ellipse_span(
-    low: float, high: float, extent: float, across: float, slope: float, half_width: float
+    low: float, high: float, extent: float, summit: float, half_width: float, slope: float
 ) -> tuple[float, float]:
     """How far an ellipse around the origin reaches across a band ``low`` … ``high`` of its coordinate s.
 
-    The ellipse reaches ± ``extent`` along s and ± ``across`` along the other coordinate t; at s it spans
-    t = slope · s ± half_width · √(1 − (s / extent)²). Returns the least and the
-    greatest t; empty when least > greatest.
+    The ellipse exists for s in ± ``extent``; there it spans t = slope · s ± half_width · √(1 − (s / extent)²),
+    and t is greatest at ``summit``. Returns the least and the greatest t; empty when least > greatest.
     """
     if low > extent or high < -extent:
         return F(1), F(-1)
-    summit = slope * extent * extent / across  # the s at which t is greatest
-    s = min(max(summit, low), high) / extent
-    greatest = slope * s * extent + half_width * math.sqrt(max(F(1) - s * s, F(0)))
-    s = min(max(-summit, low), high) / extent
-    least = slope * s * extent - half_width * math.sqrt(max(F(1) - s * s, F(0)))
+    inverse = F(1) / extent
+    s = min(max(summit, low), high)
+    greatest = slope * s + half_width * math.sqrt(max(F(1) - (s * inverse) ** 2, F(0)))
+    s = min(max(-summit, low), high)
+    least = slope * s - half_width * math.sqrt(max(F(1) - (s * inverse) ** 2, F(0)))
     return least, greatest
 
 
@@ -99,14 +98,14 @@ def _tile_columns(splat: Floats, row: int, tiles_x: int) -> tuple[int, int]:
     """First and last + 1 tile that the splat's ellipse touches in a row of tiles."""
     top = F(row * TILE_PX) - splat[CENTER_Y] - SLACK_PX
     bottom = top + TILE + F(2) * SLACK_PX
-    half_width = splat[FACTOR_B] * splat[EXTENT_Y] / splat[FACTOR_A]
-    left, right = ellipse_span(top, bottom, splat[EXTENT_Y], splat[EXTENT_X], splat[FACTOR_K], half_width)
+    rightmost = splat[SLOPE_Y] * splat[EXTENT_X]
+    left, right = ellipse_span(top, bottom, splat[EXTENT_Y], rightmost, splat[WIDTH], splat[SLOPE_X])
     return _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, tiles_x)
 
 
 @parallel_kernel
 def gather(records: Floats, order: NDArray[np.int64]) -> Floats:
-    """The records [V, 12] in depth order: neighbours in a tile's list are then neighbours in memory."""
+    """The records [V, 16] in depth order: neighbours in a tile's list are then neighbours in memory."""
     splats = np.empty((order.size, RECORD_SIZE), np.float32)
     for i in numba.prange(order.size):
         for j in range(RECORD_SIZE):

@@ -5,7 +5,8 @@ How they get fast:
 * the inner loop runs over 8 neighbouring pixels without a branch, so that it becomes vector instructions;
 * all state of a tile lives in one small float32 buffer in L1, addressed by constant offsets, so that the
   compiler can prove that nothing overlaps;
-* rows that a splat's ellipse misses are skipped, separately in the left and the right half of the tile;
+* rows that a splat's ellipse misses are skipped, separately in the left and the right half of the tile, and so
+  are those where every pixel is finished;
 * the exponential is a polynomial on the only interval that matters (alpha ≥ 1/255 means an exponent ≤ 5.55);
 * a finished pixel keeps its transmittance with a negative sign: no mask, no second array;
 * the backward pass also walks front to back, keeping the part of the sum that lies behind: it stops where
@@ -19,7 +20,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, kernel, parallel_kernel
+from fvs_engine.kernels import F, inlined_kernel, kernel, parallel_kernel
 from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from fvs_engine.splat.raster.kernels.binning import SLACK_PX, TILE_PX, ellipse_span
 from fvs_engine.splat.raster.kernels.records import (
@@ -34,8 +35,11 @@ from fvs_engine.splat.raster.kernels.records import (
     FACTOR_K,
     GRADIENT_SIZE,
     GREEN,
+    HEIGHT,
     OPACITY,
     RED,
+    SLOPE_X,
+    SLOPE_Y,
 )
 
 Floats = NDArray[np.float32]
@@ -47,11 +51,12 @@ HALVES = TILE_PX // LANES
 AREA = TILE_PX * TILE_PX
 CHECK_EVERY = 16  # splats between two looks at whether the whole tile is finished
 LEAST_ALPHA, MOST_ALPHA, LEAST_T = F(ALPHA_MIN), F(ALPHA_MAX), F(TRANSMITTANCE_MIN)
-MOST_EXPONENT = F(6)
 
-# exp(y) on [−0.75, 0], interpolated at Chebyshev nodes; its eighth power is exp(8 y), relative error 1e-6.
-_EXP = np.polynomial.chebyshev.Chebyshev.interpolate(np.exp, 6, [-0.75, 0.0])
-E0, E1, E2, E3, E4, E5, E6 = (F(float(c)) for c in _EXP.convert(kind=np.polynomial.Polynomial).coef)
+# exp(−y) on [0, 0.75], interpolated at Chebyshev nodes; its eighth power is exp(−8 y), relative error 1e-6.
+MOST_EIGHTH = F(0.75)
+_EXP = np.polynomial.chebyshev.Chebyshev.interpolate(lambda y: np.exp(-y), 5, [0.0, 0.75])
+E0, E1, E2, E3, E4, E5 = (F(float(c)) for c in _EXP.convert(kind=np.polynomial.Polynomial).coef)
+SQRT_EIGHTH = F(math.sqrt(0.125))
 
 # Offsets of the planes in a tile's buffer. Gradient planes exist in the backward pass only.
 T_PLANE, RED_PLANE, GREEN_PLANE, BLUE_PLANE, DEPTH_PLANE = 0, AREA, 2 * AREA, 3 * AREA, 4 * AREA
@@ -62,26 +67,22 @@ BACKWARD_SIZE = SUMS + SUM_COUNT * TILE_PX
 
 
 @kernel
-def exp_of_minus(x: float) -> float:
-    """exp(−x) for x in [0, 6]."""
-    y = x * F(-0.125)
-    power = (((((E6 * y + E5) * y + E4) * y + E3) * y + E2) * y + E1) * y + E0
+def exp_of_minus_eight(y: float) -> float:
+    """exp(−8 y) for y in [0, 0.75]; exp(−6) for a larger y."""
+    y = min(y, MOST_EIGHTH)
+    power = ((((E5 * y + E4) * y + E3) * y + E2) * y + E1) * y + E0
     power *= power
     power *= power
     return power * power
 
 
-@kernel
+@inlined_kernel
 def _rows(splat: Floats, left: float, top: float) -> tuple[int, int]:
     """First and last + 1 pixel row of a half tile (its corner in px) that the splat's ellipse touches."""
-    extent_x, extent_y = splat[EXTENT_X], splat[EXTENT_Y]
     low = left - splat[CENTER_X] + F(0.5) - SLACK_PX
     high = low + F(LANES - 1) + F(2) * SLACK_PX
-    ratio = extent_y / extent_x
-    half_height = splat[FACTOR_B] * extent_y / splat[FACTOR_A] * ratio
-    least, greatest = ellipse_span(
-        low, high, extent_x, extent_y, splat[FACTOR_K] * ratio * ratio, half_height
-    )
+    lowest = splat[SLOPE_X] * splat[EXTENT_Y]
+    least, greatest = ellipse_span(low, high, splat[EXTENT_X], lowest, splat[HEIGHT], splat[SLOPE_Y])
     if least > greatest:
         return 0, 0
     origin = splat[CENTER_Y] - top - F(0.5)
@@ -91,12 +92,16 @@ def _rows(splat: Floats, left: float, top: float) -> tuple[int, int]:
 
 
 @kernel
-def _finished(buffer: Floats) -> bool:
-    """Whether no pixel of the tile lets light through any more."""
-    live = 0
-    for i in range(AREA):
-        live += buffer[np.uint64(i)] > F(0)
-    return live == 0
+def _retire(buffer: Floats, live: Ints) -> bool:
+    """Note which half rows still let light through; returns whether none does."""
+    total = 0
+    for strip in range(live.size):
+        count = 0
+        for lane in range(LANES):
+            count += buffer[np.uint64(strip * LANES + lane)] > F(0)
+        live[strip] = count
+        total += count
+    return total == 0
 
 
 @kernel
@@ -108,12 +113,12 @@ def _blend_row(
     qq: float,
     splat: tuple[float, float, float, float, float],
 ) -> None:
-    """Blend one splat into 8 pixels; ``p + a · lane`` and ``qq`` make its exponent."""
+    """Blend one splat into 8 pixels; its exponent is 8 ((p + a · lane)² + qq)."""
     opacity, red, green, blue, depth = splat
     for lane in range(LANES):
         i = at + np.uint64(lane)
         s = p + a * F(lane)
-        alpha = min(opacity * exp_of_minus(min(s * s + qq, MOST_EXPONENT)), MOST_ALPHA)
+        alpha = min(opacity * exp_of_minus_eight(s * s + qq), MOST_ALPHA)
         alpha = alpha if alpha >= LEAST_ALPHA else F(0)
         before = buffer[i]
         after = before - before * alpha
@@ -143,21 +148,24 @@ def blend(
         buffer = np.empty(FORWARD_SIZE, np.float32)
         buffer[:AREA] = F(1)
         buffer[AREA:] = F(0)
+        live = np.ones(AREA // LANES, np.int32)
         left, top = (tile % tiles_x) * TILE_PX, (tile // tiles_x) * TILE_PX
         for slot in range(tile_starts[tile], tile_starts[tile + 1]):
             splat = splats[hit_splats[slot]]
-            a, k, b = splat[FACTOR_A], splat[FACTOR_K], splat[FACTOR_B]
+            a, k, b = SQRT_EIGHTH * splat[FACTOR_A], splat[FACTOR_K], SQRT_EIGHTH * splat[FACTOR_B]
             values = (splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH])
             for half in range(HALVES):
                 x = F(left + half * LANES)
                 first, end = _rows(splat, x, F(top))
                 dx = x + F(0.5) - splat[CENTER_X]
                 for row in range(first, end):
+                    if live[row * HALVES + half] == 0:
+                        continue
                     dy = F(top + row) + F(0.5) - splat[CENTER_Y]
                     q = b * dy
                     at = np.uint64(row * TILE_PX + half * LANES)
                     _blend_row(buffer, at, a * (dx - k * dy), a, q * q, values)
-            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _finished(buffer):
+            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _retire(buffer, live):
                 break
         for y in range(min(TILE_PX, height - top)):
             for x in range(min(TILE_PX, width - left)):
@@ -184,10 +192,10 @@ def _differentiate_row(
     """Add 8 pixels' part to the sums of one splat, and move the state of these pixels behind it."""
     opacity, red, green, blue, depth = splat
     for lane in range(LANES):
-        i = at + np.uint64(lane)
-        j = sums + np.uint64(lane)
+        i = (at & np.uint64(248)) + np.uint64(lane)
+        j = (sums & np.uint64(8)) + np.uint64(lane + SUMS)
         s = p + a * F(lane)
-        raw = opacity * exp_of_minus(min(s * s + qq, MOST_EXPONENT))
+        raw = opacity * exp_of_minus_eight(s * s + qq)
         alpha = min(raw, MOST_ALPHA)
         alpha = alpha if alpha >= LEAST_ALPHA else F(0)
         before = buffer[i]
@@ -276,6 +284,7 @@ def blend_backward(
         buffer = np.empty(BACKWARD_SIZE, np.float32)
         buffer[:AREA] = F(-1)  # pixels outside of the image are finished
         buffer[AREA:] = F(0)
+        live = np.ones(AREA // LANES, np.int32)
         left, top = (tile % tiles_x) * TILE_PX, (tile // tiles_x) * TILE_PX
         for y in range(min(TILE_PX, height - top)):
             for x in range(min(TILE_PX, width - left)):
@@ -295,7 +304,7 @@ def blend_backward(
                 buffer[i + BEHIND_PLANE] = behind + through_alpha * alpha[row, column]
         for slot in range(tile_starts[tile], tile_starts[tile + 1]):
             splat = splats[hit_splats[slot]]
-            a, k, b = splat[FACTOR_A], splat[FACTOR_K], splat[FACTOR_B]
+            a, k, b = SQRT_EIGHTH * splat[FACTOR_A], splat[FACTOR_K], SQRT_EIGHTH * splat[FACTOR_B]
             values = (splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH])
             buffer[SUMS:] = F(0)
             for half in range(HALVES):
@@ -303,13 +312,15 @@ def blend_backward(
                 first, end = _rows(splat, x_left, F(top))
                 dx = x_left + F(0.5) - splat[CENTER_X]
                 for row in range(first, end):
+                    if live[row * HALVES + half] == 0:
+                        continue
                     dy = F(top + row) + F(0.5) - splat[CENTER_Y]
                     q = b * dy
                     at = np.uint64(row * TILE_PX + half * LANES)
                     _differentiate_row(
                         buffer,
                         at,
-                        np.uint64(SUMS + half * LANES),
+                        np.uint64(half * LANES),
                         a * (dx - k * dy),
                         a,
                         q * q,
@@ -323,7 +334,7 @@ def blend_backward(
                 F(top) + F(8) - splat[CENTER_Y],
                 hit_gradients[hit_numbers[slot]],
             )
-            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _finished(buffer):
+            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _retire(buffer, live):
                 break
 
 

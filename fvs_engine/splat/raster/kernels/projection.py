@@ -25,8 +25,12 @@ from fvs_engine.splat.raster.kernels.records import (
     FACTOR_B,
     FACTOR_K,
     GREEN,
+    HEIGHT,
     OPACITY,
     RED,
+    SLOPE_X,
+    SLOPE_Y,
+    WIDTH,
 )
 
 Floats = NDArray[np.float32]
@@ -92,7 +96,7 @@ def project(
     records: Floats,
     radii: Floats,
 ) -> None:
-    """Fill ``records`` [N, 12] and ``radii`` [N] px; a radius of 0 marks a culled Gaussian."""
+    """Fill ``records`` [N, 16] and ``radii`` [N] px; a radius of 0 marks a culled Gaussian."""
     count = means.shape[0]
     width, height = size
     coefficients = (degree + 1) * (degree + 1)
@@ -143,6 +147,9 @@ def project(
             record[OPACITY] = opacity
             record[DEPTH] = z
             record[EXTENT_X], record[EXTENT_Y] = extent_x, extent_y
+            record[WIDTH] = reach * math.sqrt(determinant / yy)
+            record[HEIGHT] = reach * math.sqrt(determinant / xx)
+            record[SLOPE_X], record[SLOPE_Y] = xy / yy, xy / xx
 
             dx, dy, dz = px - view[12], py - view[13], pz - view[14]
             scale = F(1) / max(math.sqrt(dx * dx + dy * dy + dz * dz), F(1e-12))
