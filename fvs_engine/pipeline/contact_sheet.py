@@ -170,22 +170,23 @@ def _draw_caption(
 
     start = left + draw.textlength(rank, _font(28, bold=True)) + 14
     room = left + width - draw.textlength(score, _font(19, bold=True)) - 14 - start
-    draw.text((start, middle - 10), _shortened(draw, candidate.id, room), _TEXT, _font(15), anchor="lm")
+    name = _shortened(draw, candidate.id, room, _font(15))
+    draw.text((start, middle - 10), name, _TEXT, _font(15), anchor="lm")
     ranked = candidate.status is CandidateStatus.RANKED
-    status = "" if ranked else f"  ·  {candidate.status.value}"
-    note = f"{candidate.coverage:.0%} covered{status}"
-    draw.text((start, middle + 11), note, _MUTED if ranked else _WARNING, _font(13), anchor="lm")
+    note = f"{candidate.coverage:.0%} " + ("covered" if ranked else f" {candidate.status.value}")
+    color = _MUTED if ranked else _WARNING
+    draw.text((start, middle + 11), _shortened(draw, note, room, _font(13)), color, _font(13), anchor="lm")
 
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}".replace("-", "−")
 
 
-def _shortened(draw: ImageDraw.ImageDraw, text: str, room_px: float) -> str:
+def _shortened(draw: ImageDraw.ImageDraw, text: str, room_px: float, font: ImageFont.FreeTypeFont) -> str:
     """``text`` with its middle left out until it fits: both ends of a file's name tell it apart."""
     kept = len(text)
     shown = text
-    while kept > 2 and draw.textlength(shown, _font(15)) > room_px:
+    while kept > 2 and draw.textlength(shown, font) > room_px:
         kept -= 1
         shown = f"{text[: (kept + 1) // 2]}…{text[len(text) - kept // 2 :]}"
     return shown
