@@ -9,8 +9,10 @@ from pydantic import AwareDatetime, Field
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
+from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.manifest import Record
 from fvs_engine.pipeline.model import TrainedModel, open_model
+from fvs_engine.pipeline.render import render_color
 from fvs_engine.pipeline.storage import storage_errors, write_atomically
 from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
 from fvs_engine.splat.raster import create_rasterizer
@@ -80,6 +82,11 @@ def rank_candidates(
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "ranking.json", ranking.model_dump_json(indent=2).encode() + b"\n")
+    shown = [
+        SheetEntry(place, render_color(gaussians, by_id[place.id], rasterizer))
+        for place in ranked[: top or SHEET_CANDIDATES]
+    ]
+    contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
 
 

@@ -71,7 +71,7 @@ def reconstruct_folder(
             _require_room(catalog, workspace, settings)
             with storage_errors(workspace.images):
                 normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
-            manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn, threads=threads)
+            manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn)
         return train(workspace, manifest, monitor=monitor, warn=warn)
 
 

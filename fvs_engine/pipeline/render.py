@@ -3,19 +3,36 @@
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import smooth_path
+from fvs_engine.geometry import PinholeCamera, RigidTransform, smooth_path
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.storage import storage_errors
 from fvs_engine.score import Candidate
-from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+
+
+class Posed(Protocol):
+    """Anything with a camera and a place: a candidate, a training view."""
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """What it sees with."""
+        ...
+
+    @property
+    def camera_from_model(self) -> RigidTransform:
+        """Where it is."""
+        ...
 
 
 class ViewGroup(StrEnum):
@@ -60,17 +77,22 @@ def render_views(
     gaussians = model.gaussians.to(rasterizer.device)
     paths = []
     for done, view in enumerate(wanted, start=1):
-        with torch.no_grad():
-            rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model)
-        pixels = (rendering.color.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).cpu().numpy()
+        pixels = np.round(render_color(gaussians, view, rasterizer) * 255.0).astype(np.uint8)
         path = folder / f"{_file_name(view.id)}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(np.ascontiguousarray(pixels)).save(path)
+            Image.fromarray(pixels).save(path)
         paths.append(path)
         monitor.report("render", done, len(wanted))
         monitor.check()
     return tuple(paths)
+
+
+def render_color(gaussians: Gaussians, view: Posed, rasterizer: Rasterizer) -> NDArray[np.float32]:
+    """What a view sees of the model on black: [H, W, 3] in [0, 1]."""
+    with torch.no_grad():
+        rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model)
+    return np.asarray(rendering.color.clamp(0.0, 1.0).cpu().numpy(), dtype=np.float32)
 
 
 def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[Candidate]:

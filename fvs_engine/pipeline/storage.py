@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,12 +34,12 @@ def storage_errors(path: Path) -> Iterator[None]:
         yield
     except StorageError as error:
         cause = error.__cause__
-        if isinstance(cause, OSError) and cause.errno in _FULL and not isinstance(error, DiskFullError):
+        if _is_full(cause) and not isinstance(error, DiskFullError):
             raise DiskFullError(f"There is no room left to write {path}.", hint=_RESUME_HINT) from cause
         raise
     except OSError as error:
         name = error.filename2 or error.filename or path
-        if error.errno in _FULL:
+        if _is_full(error):
             raise DiskFullError(f"There is no room left to write {name}.", hint=_RESUME_HINT) from error
         if error.errno in _IN_THE_WAY:
             raise StorageError(
@@ -48,6 +49,14 @@ def storage_errors(path: Path) -> Iterator[None]:
             f"{name} cannot be written: {error.strerror or error}.",
             hint="Choose an output folder that you may write to.",
         ) from error
+
+
+def _is_full(error: BaseException | None) -> bool:
+    """Whether an error means that there is no room; safetensors puts the number into its sentence."""
+    if not isinstance(error, OSError):
+        return False
+    named = re.search(r"os error (\d+)", str(error))
+    return error.errno in _FULL or (named is not None and int(named[1]) in _FULL)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

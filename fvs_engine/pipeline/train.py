@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from PIL import Image
 
 from fvs_engine.errors import Cancelled
@@ -19,6 +18,7 @@ from fvs_engine.pipeline.manifest import (
     TrainingRecord,
     ViewMetrics,
 )
+from fvs_engine.pipeline.render import render_color
 from fvs_engine.pipeline.storage import require_free_bytes, storage_errors
 from fvs_engine.pipeline.views import (
     ModelView,
@@ -34,11 +34,8 @@ from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.settings import PRESETS, TrainingSettings
 from fvs_engine.splat.trainer import Trainer
-from fvs_engine.splat.views import TrainingView
 
 _CHECKPOINT_EVERY_S = 60.0
-_CHUNK_ITERATIONS = 50
-"""How often the clock is looked at."""
 _BYTES_PER_GAUSSIAN = 1_000
 """A checkpoint at SH degree 3 (parameters and Adam's moments) and the PLY, both twice while replaced."""
 
@@ -78,6 +75,8 @@ def train(
     loaded = load_views(training, long_side_px, monitor)
     if workspace.checkpoint.exists():
         trainer = Trainer.resume(workspace.checkpoint, loaded, rasterizer)
+        # The same settings resume to the same result; a longer run goes on by the longer run's schedule.
+        trainer.settings = settings
     else:
         require_free_bytes(workspace.root, disk_need_bytes(manifest.settings))
         gaussians = initialise_from_points(
@@ -85,15 +84,39 @@ def train(
         )
         trainer = Trainer(loaded, gaussians, settings, rasterizer, seed=manifest.settings.seed)
 
-    session = _Session(workspace, manifest, trainer, training, held_out, settings.iterations)
-    session.run(monitor)
+    session = _Session(workspace, manifest, trainer, training, held_out)
+    try:
+        trainer.train(settings.iterations, _SavingMonitor(monitor, session.save))
+    except Cancelled:
+        session.save()
+        raise
+    session.save()
     metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
 
 
+class _SavingMonitor(Monitor):
+    """Passes on to another monitor and saves every minute, at the trainer's own safe point."""
+
+    def __init__(self, outer: Monitor, save: Callable[[], None]) -> None:
+        super().__init__()
+        self._outer = outer
+        self._save = save
+        self._saved = time.monotonic()
+
+    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+        self._outer.report(stage, done, total, **detail)
+
+    def check(self) -> None:
+        self._outer.check()
+        if time.monotonic() - self._saved > _CHECKPOINT_EVERY_S:
+            self._save()
+            self._saved = time.monotonic()
+
+
 class _Session:
-    """One run of the trainer: what it has cost, and when its state was last on disk."""
+    """One run of the trainer, and how its state gets on disk."""
 
     def __init__(
         self,
@@ -102,33 +125,20 @@ class _Session:
         trainer: Trainer,
         training: tuple[ModelView, ...],
         held_out: tuple[ModelView, ...],
-        target_iterations: int,
     ) -> None:
         self._workspace = workspace
         self._manifest = manifest
         self._trainer = trainer
         self._training = training
         self._held_out = held_out
-        self._target = target_iterations
-        self.seconds = manifest.training.seconds if manifest.training else 0.0
+        self._seconds_before = manifest.training.seconds if manifest.training else 0.0
+        self._began = time.monotonic()
+        self.seconds = self._seconds_before
+        """Seconds of training up to the last save, those of earlier runs included."""
 
-    def run(self, monitor: Monitor) -> None:
-        """Train to the target, saving on the way."""
-        saved = time.monotonic()
-        while self._trainer.iteration < self._target:
-            began = time.monotonic()
-            try:
-                self._trainer.train(min(self._trainer.iteration + _CHUNK_ITERATIONS, self._target), monitor)
-            except Cancelled:
-                self.seconds += time.monotonic() - began
-                self._save()
-                raise
-            self.seconds += time.monotonic() - began
-            if self._trainer.iteration >= self._target or time.monotonic() - saved > _CHECKPOINT_EVERY_S:
-                self._save()
-                saved = time.monotonic()
-
-    def _save(self) -> None:
+    def save(self) -> None:
+        """Write the checkpoint, then the point cloud, then the manifest that speaks of them."""
+        self.seconds = self._seconds_before + time.monotonic() - self._began
         camera = usual_camera(self._training)
         with storage_errors(self._workspace.checkpoint):
             self._workspace.checkpoint.parent.mkdir(exist_ok=True)
@@ -140,7 +150,7 @@ class _Session:
             width_px=camera.width,
             height_px=camera.height,
             iterations=self._trainer.iteration,
-            target_iterations=self._target,
+            target_iterations=self._trainer.settings.iterations,
             gaussians=len(self._trainer.gaussians),
             seconds=self.seconds,
         )
@@ -160,7 +170,7 @@ def _evaluate(
     results = []
     folder = workspace.renders / "held-out"
     for done, view in enumerate(load_views(held_out, long_side_px, monitor), start=1):
-        rendered = _render(trainer, rasterizer, view)
+        rendered = render_color(trainer.gaussians, view, rasterizer)
         photograph = view.image.astype(np.float32) / 255.0
         results.append(
             ViewMetrics(name=view.name, psnr_db=psnr(rendered, photograph), ssim=ssim(rendered, photograph))
@@ -181,12 +191,6 @@ def _evaluate(
         training_seconds=training_seconds,
         peak_memory_bytes=_peak_memory_bytes(),
     )
-
-
-def _render(trainer: Trainer, rasterizer: Rasterizer, view: TrainingView) -> np.ndarray:
-    with torch.no_grad():
-        rendering = rasterizer.render(trainer.gaussians, view.camera, view.camera_from_model)
-    return rendering.color.clamp(0.0, 1.0).cpu().numpy()
 
 
 def _peak_memory_bytes() -> int:

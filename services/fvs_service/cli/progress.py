@@ -79,6 +79,8 @@ def label_of(stage: str) -> str:
 def _details(progress: Progress) -> str:
     parts = []
     for name, value in progress.detail.items():
+        if name.endswith("_per_s"):
+            continue  # the rate is shown in a place of its own
         shown = (
             f"{value:.4g}" if isinstance(value, float) else f"{value:,}" if isinstance(value, int) else value
         )

@@ -96,7 +96,8 @@ def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
         facts.append(
             (
                 "held-out views",
-                f"PSNR {metrics.psnr_db:.2f} dB, SSIM {metrics.ssim:.3f} over {len(metrics.views)}",
+                f"PSNR {metrics.psnr_db:.2f} dB, SSIM {metrics.ssim:.3f} over {len(metrics.views)} "
+                f"after {metrics.iterations:,} iterations",
             )
         )
     return facts

@@ -1,0 +1,166 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
+from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
+from fvs_engine.pipeline.views import ModelView, split_views, usual_camera
+from fvs_engine.score import Candidate
+
+POSE = {"id": "a", "position": [1, 2, 3], "orientation_wxyz": [0.5, 0.5, -0.5, 0.5]}
+
+
+@pytest.fixture
+def camera() -> PinholeCamera:
+    return PinholeCamera(64, 48, 60.0, 61.0, 32.0, 24.0)
+
+
+@pytest.fixture
+def views(camera: PinholeCamera) -> tuple[ModelView, ...]:
+    """Eight views on a circle of radius 3 about the origin, not quite in one plane."""
+    placed = []
+    for index in range(8):
+        angle = index * np.pi / 4
+        centre = [3 * np.cos(angle), 3 * np.sin(angle), 0.2 * (index % 3)]
+        placed.append(
+            ModelView(
+                f"{index:02d}.png", camera, look_at(centre, [0, 0, 0], [0, 0, 1]).inverse(), Path("unused")
+            )
+        )
+    return tuple(placed)
+
+
+def _read(tmp_path: Path, document: Any, views: tuple[ModelView, ...]) -> tuple[Candidate, ...]:
+    path = tmp_path / "candidates.json"
+    path.write_text(document if isinstance(document, str) else json.dumps(document))
+    return read_candidates(path, views, {"00.tif": "00.png"})
+
+
+def test_a_pose_is_model_from_camera(
+    tmp_path: Path, views: tuple[ModelView, ...], camera: PinholeCamera
+) -> None:
+    (candidate,) = _read(tmp_path, [POSE], views)
+    assert candidate.id == "a"
+    assert candidate.camera == camera
+    model_from_camera = candidate.camera_from_model.inverse()
+    np.testing.assert_allclose(model_from_camera.translation, [1, 2, 3], atol=1e-12)
+    # wxyz (½, ½, −½, ½): the axes of the camera in the model, by hand
+    expected = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    np.testing.assert_allclose(model_from_camera.rotation, expected, atol=1e-12)
+
+
+def test_a_camera_of_its_own(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    own = {"width": 32, "height": 16, "fx": 20, "fy": 21, "cx": 16, "cy": 8.5}
+    (candidate,) = _read(tmp_path, [{**POSE, "camera": own}], views)
+    assert candidate.camera == PinholeCamera(32, 16, 20.0, 21.0, 16.0, 8.5)
+
+
+def test_known_views_by_either_name(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    document = [{"id": "x", "view": "03.png"}, {"id": "y", "view": "00.tif"}]
+    first, second = _read(tmp_path, document, views)
+    np.testing.assert_array_equal(first.camera_from_model.rotation, views[3].camera_from_model.rotation)
+    np.testing.assert_array_equal(
+        second.camera_from_model.translation, views[0].camera_from_model.translation
+    )
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ("", "not JSON"),
+        ("{}", "neither a list of candidates nor"),
+        ('"x"', "neither a list of candidates nor"),
+        ("[]", "holds no candidate"),
+        ([1], "candidate 0: "),
+        ([POSE, {}], "candidate 1, id: Field required"),
+        ([{**POSE, "yaw_deg": 3}], "candidate 0, yaw_deg: Extra inputs"),
+        ([{**POSE, "position": [1, 2]}], "candidate 0, position"),
+        ([{**POSE, "position": ["1", 2, 3]}], "candidate 0, position.0"),
+        ([{**POSE, "id": ""}], "candidate 0, id"),
+        ([{**POSE, "orientation_wxyz": [1, 1, 0, 0]}], "orientation_wxyz: its length is 1.414, not 1"),
+        ([{**POSE, "orientation_wxyz": [0, 0, 0, 0]}], "its length is 0, not 1"),
+        ('[{"id": "a", "position": [NaN, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}]', "position.0.*finite"),
+        ('[{"id": "a", "position": [1e999, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}]', "position.0.*finite"),
+        ([POSE, POSE], "two candidates with the id 'a'"),
+        ([{"id": "x", "view": "99.png"}], "no view '99.png'"),
+        ([{"id": "x", "view": "03.png", "position": [0, 0, 0]}], "position: Extra inputs"),
+        ([{**POSE, "camera": {"width": 0, "height": 1, "fx": 1, "fy": 1, "cx": 0, "cy": 0}}], "camera.width"),
+    ],
+)
+def test_mistakes_are_named(
+    tmp_path: Path, views: tuple[ModelView, ...], document: Any, message: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=message) as caught:
+        _read(tmp_path, document, views)
+    assert "candidates.json" in caught.value.message
+
+
+def test_a_missing_file_is_named(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    with pytest.raises(InvalidInputError, match=r"nope\.json cannot be read"):
+        read_candidates(tmp_path / "nope.json", views, {})
+
+
+def test_a_quaternion_that_is_nearly_unit_gives_a_rotation(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    (candidate,) = _read(tmp_path, [{**POSE, "orientation_wxyz": [0.9999, 0, 0, 0]}], views)
+    np.testing.assert_allclose(candidate.camera_from_model.rotation, np.eye(3), atol=1e-12)
+
+
+def test_frames_of_a_transforms_json_that_the_model_lacks_become_candidates(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    # The file's frame is the model's turned a quarter about z, half as large, and shifted.
+    turn = RigidTransform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.zeros(3))
+    frames = []
+    for view in views:
+        model_from_camera = view.camera_from_model.inverse()
+        file_from_camera = np.eye(4)
+        file_from_camera[:3, :3] = turn.rotation @ model_from_camera.rotation @ np.diag([1, -1, -1])
+        file_from_camera[:3, 3] = turn.apply(model_from_camera.translation) / 2 + [5, 6, 7]
+        frames.append({"file_path": f"images/{view.name}", "transform_matrix": file_from_camera.tolist()})
+    document = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames}
+    known = views[:3] + views[5:]
+    candidates = _read(tmp_path, document, known)
+    assert [Path(candidate.id).name for candidate in candidates] == ["03.png", "04.png"]
+    for candidate, view in zip(candidates, views[3:5], strict=True):
+        expected = view.camera_from_model.inverse()
+        got = candidate.camera_from_model.inverse()
+        np.testing.assert_allclose(got.translation, expected.translation, atol=1e-9)
+        np.testing.assert_allclose(got.rotation, expected.rotation, atol=1e-9)
+
+
+def test_a_transforms_json_of_another_scene_is_refused(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    frames = [{"file_path": f"other{i}.png", "transform_matrix": np.eye(4).tolist()} for i in range(4)]
+    document = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames}
+    with pytest.raises(InvalidInputError, match="shares 0 views"):
+        _read(tmp_path, document, views)
+
+
+def test_without_a_file_candidates_stand_between_neighbours(views: tuple[ModelView, ...]) -> None:
+    candidates = candidates_between(views)
+    assert {candidate.id for candidate in candidates} == {f"{i:02d}–{i + 1:02d}" for i in range(7)} | {
+        "00–07"
+    }
+    first = next(candidate for candidate in candidates if candidate.id == "00–01")
+    centres = [view.camera_from_model.inverse().translation for view in views[:2]]
+    np.testing.assert_allclose(first.camera_from_model.inverse().translation, np.mean(centres, axis=0))
+
+
+def test_candidates_at_views_share_one_camera(views: tuple[ModelView, ...], camera: PinholeCamera) -> None:
+    other = PinholeCamera(48, 64, 60.0, 61.0, 24.0, 32.0)
+    mixed = (*views[:2], ModelView("z.png", other, views[2].camera_from_model, Path("unused")))
+    assert usual_camera(mixed) == camera
+    assert {candidate.camera for candidate in candidates_at(mixed, usual_camera(mixed))} == {camera}
+
+
+def test_every_eighth_view_is_held_out(views: tuple[ModelView, ...]) -> None:
+    training, held_out = split_views(views, 4)
+    assert [view.name for view in held_out] == ["00.png", "04.png"]
+    assert len(training) == 6
+    assert split_views(views, 0) == (views, ())
+    assert split_views(views, 9) == (views, ())

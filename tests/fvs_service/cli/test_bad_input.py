@@ -1,0 +1,150 @@
+"""Every kind of bad input: one clear message that names the file and the remedy, and its own exit status."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fvs_service.cli.exit_codes import EXIT_CODES
+from PIL import Image
+
+Fvs = Callable[..., Any]
+
+
+def _noise(path: Path, seed: int, size: tuple[int, int] = (320, 240)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    small = np.random.default_rng(seed).integers(0, 256, (size[1] // 4, size[0] // 4, 3), dtype=np.uint8)
+    Image.fromarray(small).resize(size, Image.Resampling.BICUBIC).save(path, quality=95)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "photographs").mkdir()
+    return tmp_path / "photographs"
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "out"
+
+
+def _expect(run: Any, code: str, *fragments: str) -> None:
+    assert run.status == EXIT_CODES[code], run.stderr
+    for fragment in fragments:
+        assert fragment in run.stderr
+    assert run.stderr.count("Error: ") == 1
+
+
+def test_a_folder_that_is_not_there(fvs: Fvs, folder: Path, out: Path) -> None:
+    _expect(fvs("reconstruct", folder / "nope", "--out", out), "invalid-input", "nope", "does not exist")
+    assert not out.exists()
+
+
+def test_an_empty_folder(fvs: Fvs, folder: Path, out: Path) -> None:
+    _expect(
+        fvs("reconstruct", folder, "--out", out),
+        "no-images",
+        str(folder),
+        "no usable photograph",
+        "at least two",
+    )
+    assert not out.exists()
+
+
+def test_one_image(fvs: Fvs, folder: Path, out: Path) -> None:
+    _noise(folder / "alone.jpg", 0)
+    _expect(fvs("reconstruct", folder, "--out", out), "no-images", "alone.jpg", "overlap")
+
+
+def test_only_files_that_cannot_be_used(fvs: Fvs, folder: Path, out: Path) -> None:
+    (folder / "letter.jpg").write_text("Dear reader")
+    run = fvs("reconstruct", folder, "--out", out)
+    _expect(run, "no-images", "Left out letter.jpg", "not an image but text", "Convert it to JPEG or PNG")
+
+
+def test_two_that_do_not_overlap(fvs: Fvs, folder: Path, out: Path) -> None:
+    _noise(folder / "here.jpg", 1)
+    _noise(folder / "there.jpg", 2)
+    run = fvs("reconstruct", folder, "--out", out)
+    _expect(run, "reconstruction-failed", "overlap")
+
+
+def test_a_wall_without_texture(fvs: Fvs, folder: Path, out: Path) -> None:
+    for index in range(4):
+        # A wall is not a constant: light falls off across it, and the camera adds no detail.
+        ramp = np.linspace(180 + index, 200 + index, 320, dtype=np.float64)
+        pixels = np.broadcast_to(ramp[None, :, None], (240, 320, 3)).round().astype(np.uint8)
+        Image.fromarray(np.ascontiguousarray(pixels)).save(folder / f"wall{index}.jpg", quality=95)
+    run = fvs("reconstruct", folder, "--out", out)
+    _expect(run, "reconstruction-failed", "texture")
+
+
+@pytest.mark.parametrize("below", ["", "deeper/still"])
+def test_output_where_a_file_is(fvs: Fvs, kermit_dir: Path, tmp_path: Path, below: str) -> None:
+    (tmp_path / "taken").write_text("a file")
+    run = fvs("reconstruct", kermit_dir, "--out", tmp_path / "taken" / below)
+    _expect(run, "storage", "taken", "a file is in the way", "another output folder")
+    assert (tmp_path / "taken").read_text() == "a file"
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self").exists(), reason="needs a file system that nobody can write to: /proc"
+)
+def test_output_that_cannot_be_written(fvs: Fvs, kermit_dir: Path) -> None:
+    _expect(fvs("reconstruct", kermit_dir, "--out", "/proc/fvs"), "storage", "/proc/fvs")
+
+
+def test_an_existing_folder_of_somebody_else(fvs: Fvs, kermit_dir: Path, out: Path) -> None:
+    out.mkdir()
+    (out / "holiday.txt").write_text("precious")
+    for options in ((), ("--overwrite",)):
+        run = fvs("reconstruct", kermit_dir, "--out", out, *options)
+        _expect(run, "output-exists", "holiday.txt", "another output folder")
+    assert [path.name for path in out.iterdir()] == ["holiday.txt"]
+
+
+def test_a_disk_that_fills_up(fvs: Fvs, folder: Path, out: Path) -> None:
+    for seed in range(3):
+        _noise(folder / f"{seed}.tif", seed)
+    limit = "import os, resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)); "
+    prefix = (sys.executable, "-c", limit + "os.execv(sys.argv[1], sys.argv[1:])")
+    run = fvs("reconstruct", folder, "--out", out, prefix=prefix)
+    _expect(run, "disk-full", "no room left", "same command again")
+
+
+def test_cameras_from_two_places(fvs: Fvs, kermit_dir: Path, out: Path, tmp_path: Path) -> None:
+    run = fvs(
+        "reconstruct", kermit_dir, "--out", out, "--colmap", tmp_path, "--transforms", tmp_path / "t.json"
+    )
+    _expect(run, "invalid-input", "either --colmap or --transforms")
+
+
+@pytest.mark.parametrize("command", ["rank", "render", "info"])
+def test_commands_that_need_a_result(fvs: Fvs, tmp_path: Path, command: str) -> None:
+    _expect(fvs(command, tmp_path), "invalid-input", str(tmp_path), "fvs reconstruct IMAGES --out DIR")
+
+
+def test_errors_for_machines(fvs: Fvs, folder: Path, out: Path) -> None:
+    run = fvs("reconstruct", folder, "--out", out, "--json")
+    assert run.status == EXIT_CODES["no-images"]
+    assert run.document["error"]["code"] == "no-images"
+    assert run.document["error"]["hint"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("reconstruct",), ("reconstruct", ".", "--out", "x", "--quality", "superb"), ("rank",), ("fly",)],
+)
+def test_wrong_usage(fvs: Fvs, arguments: tuple[str, ...]) -> None:
+    assert fvs(*arguments).status == 2
+
+
+def test_help_is_quick_because_it_imports_no_engine() -> None:
+    code = (
+        "import sys; from fvs_service.cli.app import app\n"
+        "heavy = {'torch', 'numba', 'pycolmap', 'scipy', 'numpy'} & set(sys.modules); assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
