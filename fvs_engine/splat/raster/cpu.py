@@ -17,6 +17,9 @@ from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, REC
 
 Floats = NDArray[np.float32]
 
+# Tiles differ in cost by far; threads take a few at a time instead of an equal share of the image.
+TILES_AT_ONCE = 4
+
 
 class CpuRasterizer:
     """Numba kernels, forward and backward; float32."""
@@ -76,6 +79,7 @@ class _Forward:
     splats: Floats
     tile_starts: NDArray[np.int64]
     hit_splats: NDArray[np.int32]
+    hit_rows: NDArray[np.uint8]
     hit_numbers: NDArray[np.int32]
     splat_starts: NDArray[np.int64]
     background: Floats
@@ -98,15 +102,16 @@ def _rasterize(view: _View, background: Floats, parameters: list[Floats]) -> _Fo
     )  # fmt: skip
     order = binning.front_to_back(records, radii)
     splats = binning.gather(records, order)
-    tile_starts, hit_splats, hit_numbers, splat_starts = binning.bin_splats(
+    tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts = binning.bin_splats(
         splats, *view.tiles, numba.get_num_threads()
     )
     width, height = view.size
     color = np.empty((height, width, 3), np.float32)
     alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
-    blending.blend(splats, tile_starts, hit_splats, background, color, alpha, depth)
+    with numba.parallel_chunksize(TILES_AT_ONCE):
+        blending.blend(splats, tile_starts, hit_splats, hit_rows, background, color, alpha, depth)
     return _Forward(
-        records, radii, order, splats, tile_starts, hit_splats, hit_numbers, splat_starts,
+        records, radii, order, splats, tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts,
         background, color, alpha, depth,
     )  # fmt: skip
 
@@ -118,10 +123,12 @@ def _differentiate(
     means, log_scales, quaternions, _, _, sh_rest = parameters
     g_color, g_alpha, g_depth = image_gradients
     hit_gradients = np.zeros((len(forward.hit_splats), GRADIENT_SIZE), np.float32)
-    blending.blend_backward(
-        forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_numbers, forward.background,
-        forward.color, forward.alpha, forward.depth, g_color, g_alpha, g_depth, hit_gradients,
-    )  # fmt: skip
+    with numba.parallel_chunksize(TILES_AT_ONCE):
+        blending.blend_backward(
+            forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_rows, forward.hit_numbers,
+            forward.background, forward.color, forward.alpha, forward.depth,
+            g_color, g_alpha, g_depth, hit_gradients,
+        )  # fmt: skip
     gradients = np.zeros((len(means), GRADIENT_SIZE), np.float32)
     blending.sum_hits(hit_gradients, forward.splat_starts, forward.order, gradients)
     outputs = [np.empty_like(parameter) for parameter in parameters]

@@ -19,6 +19,7 @@ from fvs_engine.splat.raster.kernels.records import (
     DEPTH,
     EXTENT_X,
     EXTENT_Y,
+    HEIGHT,
     RECORD_SIZE,
     SLOPE_X,
     SLOPE_Y,
@@ -29,6 +30,8 @@ Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
 TILE_PX = 16
+LANES = 8  # pixels of a row that are blended at once
+HALVES = TILE_PX // LANES
 TILE = F(TILE_PX)
 SLACK_PX = F(0.02)  # rounding may not lose a pixel whose alpha is just at its threshold
 
@@ -71,7 +74,7 @@ def ellipse_span(
 ) -> tuple[float, float]:
     """How far an ellipse around the origin reaches across a band ``low`` … ``high`` of its coordinate s.
 
-    The ellipse exists for s in ± ``extent``; there it spans t = slope · s ± half_width · √(1 − (s / extent)²),
+    The ellipse lives on s in ± ``extent``; there it spans t = slope · s ± half_width · √(1 − (s / extent)²)
     and t is greatest at ``summit``. Returns the least and the greatest t; empty when least > greatest.
     """
     if low > extent or high < -extent:
@@ -103,6 +106,21 @@ def _tile_columns(splat: Floats, row: int, tiles_x: int) -> tuple[int, int]:
     return _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, tiles_x)
 
 
+@inlined_kernel
+def _pixel_rows(splat: Floats, left: float, top: float) -> tuple[int, int]:
+    """First and last + 1 pixel row of a half tile (its corner in px) that the splat's ellipse touches."""
+    low = left - splat[CENTER_X] + F(0.5) - SLACK_PX
+    high = low + F(LANES - 1) + F(2) * SLACK_PX
+    lowest = splat[SLOPE_X] * splat[EXTENT_Y]
+    least, greatest = ellipse_span(low, high, splat[EXTENT_X], lowest, splat[HEIGHT], splat[SLOPE_Y])
+    if least > greatest:
+        return 0, 0
+    origin = splat[CENTER_Y] - top - F(0.5)
+    first = math.ceil(min(max(origin + least - SLACK_PX, F(0)), F(TILE_PX)))
+    last = math.floor(max(min(origin + greatest + SLACK_PX, F(TILE_PX - 1)), F(-1)))
+    return int(first), int(last) + 1
+
+
 @parallel_kernel
 def gather(records: Floats, order: NDArray[np.int64]) -> Floats:
     """The records [V, 16] in depth order: neighbours in a tile's list are then neighbours in memory."""
@@ -116,11 +134,12 @@ def gather(records: Floats, order: NDArray[np.int64]) -> Floats:
 @parallel_kernel
 def bin_splats(
     splats: Floats, tiles_x: int, tiles_y: int, parts: int
-) -> tuple[NDArray[np.int64], Ints, Ints, NDArray[np.int64]]:
+) -> tuple[NDArray[np.int64], Ints, NDArray[np.uint8], Ints, NDArray[np.int64]]:
     """Deal V depth-sorted splats to tiles; ``parts``: how many threads share the work.
 
-    Returns ``tile_starts`` [T + 1] into the lists, then in tile order ``hit_splats`` [H] and ``hit_numbers``
-    [H], and ``splat_starts`` [V + 1], the first hit number of every splat.
+    Returns ``tile_starts`` [T + 1] into the lists, then in tile order ``hit_splats`` [H], ``hit_rows``
+    [H, 4] (first and last + 1 pixel row that the ellipse touches in the tile's left and right half) and
+    ``hit_numbers`` [H], and ``splat_starts`` [V + 1], the first hit number of every splat.
     """
     count, tiles = splats.shape[0], tiles_x * tiles_y
     hits_of_splat = np.zeros(count + 1, np.int64)
@@ -151,6 +170,7 @@ def bin_splats(
 
     hit_splats = np.empty(total, np.int32)
     hit_numbers = np.empty(total, np.int32)
+    hit_rows = np.empty((total, 2 * HALVES), np.uint8)
     for part in numba.prange(parts):
         for i in range(part * count // parts, (part + 1) * count // parts):
             number = hits_of_splat[i]
@@ -164,5 +184,9 @@ def bin_splats(
                     counts[part, row * tiles_x + column] = slot + 1
                     hit_splats[slot] = i
                     hit_numbers[slot] = number
+                    for half in range(HALVES):
+                        left, top = F(column * TILE_PX + half * LANES), F(row * TILE_PX)
+                        first_px, end_px = _pixel_rows(splats[i], left, top)
+                        hit_rows[slot, 2 * half], hit_rows[slot, 2 * half + 1] = first_px, end_px
                     number += 1
-    return tile_starts, hit_splats, hit_numbers, hits_of_splat
+    return tile_starts, hit_splats, hit_rows, hit_numbers, hits_of_splat

@@ -5,8 +5,8 @@ How they get fast:
 * the inner loop runs over 8 neighbouring pixels without a branch, so that it becomes vector instructions;
 * all state of a tile lives in one small float32 buffer in L1, addressed by constant offsets, so that the
   compiler can prove that nothing overlaps;
-* rows that a splat's ellipse misses are skipped, separately in the left and the right half of the tile, and so
-  are those where every pixel is finished;
+* rows that a splat's ellipse misses are skipped, separately in the left and the right half of the tile,
+  and so are rows where every pixel is finished;
 * the exponential is a polynomial on the only interval that matters (alpha ≥ 1/255 means an exponent ≤ 5.55);
 * a finished pixel keeps its transmittance with a negative sign: no mask, no second array;
 * the backward pass also walks front to back, keeping the part of the sum that lies behind: it stops where
@@ -20,34 +20,28 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, inlined_kernel, kernel, parallel_kernel
+from fvs_engine.kernels import F, kernel, parallel_kernel
 from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
-from fvs_engine.splat.raster.kernels.binning import SLACK_PX, TILE_PX, ellipse_span
+from fvs_engine.splat.raster.kernels.binning import HALVES, LANES, TILE_PX
 from fvs_engine.splat.raster.kernels.records import (
     BLUE,
     CENTER_X,
     CENTER_Y,
     DEPTH,
-    EXTENT_X,
-    EXTENT_Y,
     FACTOR_A,
     FACTOR_B,
     FACTOR_K,
     GRADIENT_SIZE,
     GREEN,
-    HEIGHT,
     OPACITY,
     RED,
-    SLOPE_X,
-    SLOPE_Y,
 )
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
 
-LANES = 8
-HALVES = TILE_PX // LANES
 AREA = TILE_PX * TILE_PX
 CHECK_EVERY = 16  # splats between two looks at whether the whole tile is finished
 LEAST_ALPHA, MOST_ALPHA, LEAST_T = F(ALPHA_MIN), F(ALPHA_MAX), F(TRANSMITTANCE_MIN)
@@ -70,25 +64,11 @@ BACKWARD_SIZE = SUMS + SUM_COUNT * TILE_PX
 def exp_of_minus_eight(y: float) -> float:
     """exp(−8 y) for y in [0, 0.75]; exp(−6) for a larger y."""
     y = min(y, MOST_EIGHTH)
-    power = ((((E5 * y + E4) * y + E3) * y + E2) * y + E1) * y + E0
+    yy = y * y  # Estrin's scheme: a shorter chain than Horner's, and the chain is what the loop waits for
+    power = (E0 + E1 * y) + yy * ((E2 + E3 * y) + yy * (E4 + E5 * y))
     power *= power
     power *= power
     return power * power
-
-
-@inlined_kernel
-def _rows(splat: Floats, left: float, top: float) -> tuple[int, int]:
-    """First and last + 1 pixel row of a half tile (its corner in px) that the splat's ellipse touches."""
-    low = left - splat[CENTER_X] + F(0.5) - SLACK_PX
-    high = low + F(LANES - 1) + F(2) * SLACK_PX
-    lowest = splat[SLOPE_X] * splat[EXTENT_Y]
-    least, greatest = ellipse_span(low, high, splat[EXTENT_X], lowest, splat[HEIGHT], splat[SLOPE_Y])
-    if least > greatest:
-        return 0, 0
-    origin = splat[CENTER_Y] - top - F(0.5)
-    first = math.ceil(min(max(origin + least - SLACK_PX, F(0)), F(TILE_PX)))
-    last = math.floor(max(min(origin + greatest + SLACK_PX, F(TILE_PX - 1)), F(-1)))
-    return int(first), int(last) + 1
 
 
 @kernel
@@ -136,6 +116,7 @@ def blend(
     splats: Floats,
     tile_starts: Longs,
     hit_splats: Ints,
+    hit_rows: Bytes,
     background: Floats,
     color: Floats,
     alpha: Floats,
@@ -156,7 +137,7 @@ def blend(
             values = (splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH])
             for half in range(HALVES):
                 x = F(left + half * LANES)
-                first, end = _rows(splat, x, F(top))
+                first, end = hit_rows[slot, 2 * half], hit_rows[slot, 2 * half + 1]
                 dx = x + F(0.5) - splat[CENTER_X]
                 for row in range(first, end):
                     if live[row * HALVES + half] == 0:
@@ -264,6 +245,7 @@ def blend_backward(
     splats: Floats,
     tile_starts: Longs,
     hit_splats: Ints,
+    hit_rows: Bytes,
     hit_numbers: Ints,
     background: Floats,
     color: Floats,
@@ -309,7 +291,7 @@ def blend_backward(
             buffer[SUMS:] = F(0)
             for half in range(HALVES):
                 x_left = F(left + half * LANES)
-                first, end = _rows(splat, x_left, F(top))
+                first, end = hit_rows[slot, 2 * half], hit_rows[slot, 2 * half + 1]
                 dx = x_left + F(0.5) - splat[CENTER_X]
                 for row in range(first, end):
                     if live[row * HALVES + half] == 0:
