@@ -1,0 +1,167 @@
+"""How fast candidates are scored: candidates/s, against rendering one by one and an FFT in numpy.
+
+    python benchmarks/score.py [--quick] [--backend cpu] [--gaussians 100000] [--json results/score.json]
+
+For every image size: the time of a render and of its score (FFT + median), side by side, and the latter's
+share of a scored view (goal: ≤ 30 %). Then candidates/s from 10 to 1,000 candidates (goal: the same for all
+counts), and the naive way in the same run.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from measurement import measure, measure_side_by_side, report
+
+from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.score import Candidate, MedianFrequency, median_log_magnitude
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+
+SIZES = ((480, 270), (960, 540), (1920, 1080))
+
+
+def scene(count: int, seed: int = 0) -> Gaussians:
+    """A room as splats: on five walls and on a dozen balls in it, of sizes as training leaves them."""
+    generator = np.random.default_rng(seed)
+    walls = generator.uniform(-4, 4, (count // 2, 3))
+    side = generator.integers(0, 5, len(walls))
+    walls[np.arange(len(walls)), side // 2] = np.where(side % 2 == 0, 4.0, -4.0)
+    directions = generator.normal(size=(count - len(walls), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ball = generator.integers(0, 12, len(directions))
+    balls = (
+        generator.uniform(-1.7, 1.7, (12, 3))[ball] + directions * generator.uniform(0.2, 0.7, 12)[ball, None]
+    )
+    spacing = math.sqrt(5 * 64 / count)
+    return Gaussians(
+        means=_tensor(np.concatenate([walls, balls])),
+        log_scales=_tensor(np.log(0.7 * spacing) + generator.normal(scale=0.6, size=(count, 3))),
+        quaternions_wxyz=_tensor(generator.normal(size=(count, 4))),
+        opacity_logits=_tensor(generator.normal(1.0, 2.0, size=count)),
+        sh_dc=_tensor(generator.normal(scale=0.8, size=(count, 3))),
+        sh_rest=torch.zeros(count, 0, 3),
+    )
+
+
+def candidates(count: int, width: int, height: int) -> list[Candidate]:
+    """Cameras on a circle in the room that look across it."""
+    camera = PinholeCamera(width, height, 0.8 * width, 0.8 * width, width / 2, height / 2)
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return [
+        Candidate(
+            f"view {i}",
+            camera,
+            look_at([3.5 * np.cos(a), 3.5 * np.sin(a), 0.5], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]).inverse(),
+        )
+        for i, a in enumerate(angles)
+    ]
+
+
+def score_naively(gaussians: Gaussians, views: list[Candidate], rasterizer: Rasterizer) -> list[float]:
+    """The definition as one would first write it."""
+    scores = []
+    for view in views:
+        with torch.no_grad():
+            color = rasterizer.render(gaussians, view.camera, view.camera_from_model).color
+        image = color.clamp(0, 1).cpu().numpy()
+        scores.append(float(np.median(np.log(np.abs(np.fft.fft2(image, axes=(0, 1)))))))
+    return scores
+
+
+def shares(gaussians: Gaussians, rasterizer: Rasterizer, repeat: int) -> list[dict[str, Any]]:
+    """What a scored view is made of, per image size."""
+    rows = []
+    for width, height in SIZES:
+        (view,) = candidates(1, width, height)
+
+        def render(view: Candidate = view) -> torch.Tensor:
+            with torch.no_grad():
+                return rasterizer.render(gaussians, view.camera, view.camera_from_model).color
+
+        image = render()[None]
+        times = measure_side_by_side(
+            {
+                "render": render,
+                "score": lambda image=image: median_log_magnitude(image),  # type: ignore[misc]
+                "numpy": lambda image=image: np.median(  # type: ignore[misc]
+                    np.log(np.abs(np.fft.fft2(image[0].clamp(0, 1).cpu().numpy(), axes=(0, 1))))
+                ),
+            },
+            repeat,
+        )
+        share = times["score"].median_s / (times["score"].median_s + times["render"].median_s)
+        rows.append(
+            {
+                "image": f"{width}×{height}",
+                "render": times["render"],
+                "FFT + median": times["score"],
+                "in numpy": times["numpy"],
+                "× numpy": times["numpy"].median_s / times["score"].median_s,
+                "share of a scored view": share,
+            }
+        )
+    return rows
+
+
+def rates(
+    gaussians: Gaussians, rasterizer: Rasterizer, counts: list[int], repeat: int
+) -> list[dict[str, Any]]:
+    """Candidates/s for every image size and count; the naive way on at most 10 candidates."""
+    scorer = MedianFrequency()
+    rows = []
+    for width, height in SIZES:
+        few = candidates(10, width, height)
+        naive = measure(lambda views=few: score_naively(gaussians, views, rasterizer), repeat)  # type: ignore[misc]
+        for count in counts:
+            views = candidates(count, width, height)
+            ours = measure(  # a thousand candidates need no warm-up
+                lambda views=views: scorer.score(gaussians, views, rasterizer),  # type: ignore[misc]
+                repeat,
+                warmup=int(count <= 10),
+            )
+            rows.append(
+                {
+                    "image": f"{width}×{height}",
+                    "candidates": count,
+                    "time": ours,
+                    "candidates/s": count / ours.median_s,
+                    "naive candidates/s": len(few) / naive.median_s,
+                    "× naive": (count / ours.median_s) / (len(few) / naive.median_s),
+                }
+            )
+    return rows
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(values.astype(np.float32))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--backend", default="auto")
+    parser.add_argument("--gaussians", type=int, default=100_000)
+    parser.add_argument("--quick", action="store_true", help="leave out the thousand candidates")
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rasterizer = create_rasterizer(options.backend)
+    gaussians = scene(options.gaussians).to(rasterizer.device)
+    name = f"score, {rasterizer.name}, {options.gaussians:,} Gaussians"
+    counts = [10, 100] if options.quick else [10, 100, 1000]
+    parts = {
+        "share": shares(gaussians, rasterizer, 2 * options.repeat + 1),
+        "rate": rates(gaussians, rasterizer, counts, options.repeat),
+    }
+    for part, rows in parts.items():
+        path = options.json and options.json.with_stem(f"{options.json.stem}-{part}")
+        report(f"{name}: {part}", rows, path)
+
+
+if __name__ == "__main__":
+    main()
