@@ -1,9 +1,10 @@
 """Training on the undistorted views of an output folder: resumable, checkpointed, evaluated at the end."""
 
+import os
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from PIL import Image
@@ -32,8 +33,9 @@ from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.settings import PRESETS, TrainingSettings
+from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
 from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView
 
 _CHECKPOINT_EVERY_S = 60.0
 _BYTES_PER_GAUSSIAN = 1_000
@@ -84,6 +86,7 @@ def train(
         )
         trainer = Trainer(loaded, gaussians, settings, rasterizer, seed=manifest.settings.seed)
 
+    _warn_of_memory(settings, loaded, warn)
     session = _Session(workspace, manifest, trainer, training, held_out)
     try:
         trainer.train(settings.iterations, _SavingMonitor(monitor, session.save))
@@ -155,6 +158,22 @@ class _Session:
             seconds=self.seconds,
         )
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
+
+
+def _warn_of_memory(
+    settings: TrainingSettings, views: Sequence[TrainingView], warn: Callable[[str], None]
+) -> None:
+    """Say what training may need if that is more than the machine has."""
+    largest = max((view.camera for view in views), key=lambda camera: camera.width * camera.height)
+    need_bytes = memory_need_bytes(
+        settings.max_gaussians, settings.sh_degree, len(views), largest.width, largest.height
+    )
+    machine_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if need_bytes > machine_bytes:
+        warn(
+            f"Training may need {need_bytes / 1e9:.1f} GB of memory, and this machine has "
+            f"{machine_bytes / 1e9:.1f} GB: a smaller --long-side or --quality coarse needs less."
+        )
 
 
 def _evaluate(

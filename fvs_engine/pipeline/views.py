@@ -26,13 +26,7 @@ class ModelView:
 
 def read_undistorted(workspace: Workspace) -> Reconstruction:
     """The pinhole model of the folder; raises ``StorageError`` when it is damaged."""
-    sparse = workspace.undistorted / "sparse"
-    try:
-        return read_colmap(sparse)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise StorageError(
-            f"The model in {sparse} cannot be read.", hint="Start again with --overwrite."
-        ) from error
+    return read_colmap(workspace.undistorted / "sparse")
 
 
 def model_views(reconstruction: Reconstruction, image_dir: Path, long_side_px: int) -> tuple[ModelView, ...]:

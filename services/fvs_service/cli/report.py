@@ -92,6 +92,8 @@ def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
                 f"{training.gaussians:,} Gaussians, {rate:.1f} iterations/s",
             )
         )
+    if metrics is not None:
+        facts.append(("peak memory", f"{metrics.peak_memory_bytes / 1e9:.2f} GB"))
     if metrics is not None and metrics.psnr_db is not None:
         facts.append(
             (

@@ -1,0 +1,279 @@
+"""The program on real photographs, from start to end; small enough to run every time."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+from fvs_service.cli.exit_codes import EXIT_CODES
+from PIL import Image
+
+from fvs_engine.splat.ply import read_ply
+
+Fvs = Callable[..., Any]
+OPTIONS = ("--iterations", 120, "--long-side", 240, "--test-every", 5)
+
+
+@pytest.fixture(scope="module")
+def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Kermit as a careless user would hand it over: some files of every kind, some of them bad."""
+    folder = tmp_path_factory.mktemp("photographs")
+    good = sorted(kermit_dir.iterdir())
+    for path in good[:6]:
+        shutil.copyfile(path, folder / path.name)
+    (folder / "more of them").mkdir()
+    with Image.open(good[6]) as image:
+        exif = Image.Exif()
+        exif[0x0112] = 6
+        image.transpose(Image.Transpose.ROTATE_90).save(
+            folder / "more of them" / "held upright.jpg", quality=95, exif=exif
+        )
+    with Image.open(good[7]) as image:
+        image.convert("CMYK").save(folder / "more of them" / "für den Druck.jpg", quality=95)
+    with Image.open(good[8]) as image:
+        opaque = image.convert("RGBA")
+        opaque.save(folder / "alpha.png")
+    with Image.open(good[9]) as image:
+        grey = np.asarray(image.convert("L"), dtype=np.uint16) * 257
+        Image.fromarray(grey).save(folder / "sixteen bits.tif")
+    with Image.open(good[10]) as image:
+        image.resize((480, 360), Image.Resampling.LANCZOS).save(folder / "smaller.jpg", quality=95)
+    shutil.copyfile(good[0], folder / "the first again.jpg")
+    (folder / "cut off.jpg").write_bytes(good[1].read_bytes()[:20_000])
+    (folder / "letter.jpg").write_text("Dear reader")
+    (folder / "notes.txt").write_text("not a photograph, and not called one")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def first_run(fvs: Fvs, photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """The output folder of one reconstruction, and how its run ended. Not to be changed."""
+    out = tmp_path_factory.mktemp("results") / "out"
+    return out, fvs("reconstruct", photographs, "--out", out, "--json", *OPTIONS)
+
+
+@pytest.fixture
+def out(first_run: tuple[Path, Any], tmp_path: Path) -> Path:
+    """A copy of the result that the test may change."""
+    shutil.copytree(first_run[0], tmp_path / "out")
+    return tmp_path / "out"
+
+
+def test_good_photographs_are_used_and_bad_ones_are_named(first_run: tuple[Path, Any]) -> None:
+    _, run = first_run
+    assert run.status == 0, run.stderr
+    images = run.document["manifest"]["images"]
+    assert len(images["photographs"]) == 11
+    reasons = {image["name"]: image["reason"] for image in images["rejected"]}
+    assert set(reasons) == {"the first again.jpg", "cut off.jpg", "letter.jpg"}
+    messages = [json.loads(line).get("message", "") for line in run.stderr.splitlines()]
+    for name, reason in reasons.items():
+        assert any(name in message and reason in message for message in messages)
+
+
+def test_the_photographs_are_registered_and_learned(first_run: tuple[Path, Any]) -> None:
+    out, run = first_run
+    info = run.document
+    cameras = info["manifest"]["cameras"]
+    assert len(cameras["registered"]) >= 9
+    assert info["stage"] == "finished"
+    assert info["metrics"]["iterations"] == 120
+    # A black image of these photographs has about 8 dB, their mean colour about 11 dB.
+    assert info["metrics"]["psnr_db"] > 13
+    assert len(read_ply(out / "splat" / "point_cloud.ply")) == info["metrics"]["gaussians"]
+
+
+def test_others_can_open_the_undistorted_model(first_run: tuple[Path, Any]) -> None:
+    out, run = first_run
+    model = pycolmap.Reconstruction(str(out / "undistorted" / "sparse"))
+    registered = run.document["manifest"]["cameras"]["registered"]
+    assert sorted(image.name for image in model.images.values()) == registered
+    for image in model.images.values():
+        with Image.open(out / "undistorted" / "images" / image.name) as pixels:
+            camera = model.cameras[image.camera_id]
+            assert pixels.size == (camera.width, camera.height)
+            assert camera.model.name == "PINHOLE"
+
+
+def test_the_same_command_again_does_nothing(fvs: Fvs, photographs: Path, out: Path) -> None:
+    before = (out / "splat" / "point_cloud.ply").stat().st_mtime_ns
+    run = fvs("reconstruct", photographs, "--out", out, *OPTIONS)
+    assert run.status == 0
+    assert "Nothing to do" in run.stderr
+    assert (out / "splat" / "point_cloud.ply").stat().st_mtime_ns == before
+
+
+def test_more_iterations_go_on(fvs: Fvs, photographs: Path, out: Path) -> None:
+    run = fvs("reconstruct", photographs, "--out", out, "--json", "--iterations", 140, *OPTIONS[2:])
+    assert run.status == 0
+    assert run.document["metrics"]["iterations"] == 140
+    reports = [json.loads(line) for line in run.stderr.splitlines()]
+    trained = [report["done"] for report in reports if report.get("stage") == "train"]
+    assert min(trained) > 120
+    assert not any(report.get("stage") == "features" for report in reports)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--iterations", 120, "--long-side", 240, "--test-every", 4), "test_every was 5 and is 4"),
+        ((*OPTIONS, "--seed", 3), "seed was 0 and is 3"),
+        ((*OPTIONS, "--quality", "fine"), "quality was coarse and is fine"),
+    ],
+)
+def test_other_settings_are_not_mixed_in(
+    fvs: Fvs, photographs: Path, first_run: tuple[Path, Any], options: tuple[Any, ...], message: str
+) -> None:
+    run = fvs("reconstruct", photographs, "--out", first_run[0], *options)
+    assert run.status == EXIT_CODES["output-exists"]
+    assert message in run.stderr
+    assert "--overwrite" in run.stderr
+
+
+def test_other_photographs_are_not_mixed_in(fvs: Fvs, kermit_dir: Path, first_run: tuple[Path, Any]) -> None:
+    run = fvs("reconstruct", kermit_dir, "--out", first_run[0], *OPTIONS)
+    assert run.status == EXIT_CODES["output-exists"]
+    assert "photographs are new" in run.stderr
+    assert "are gone" in run.stderr
+
+
+def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
+    fvs: Fvs, photographs: Path, first_run: tuple[Path, Any], out: Path
+) -> None:
+    shutil.rmtree(out / "splat")
+    (out / "metrics.json").unlink()
+    manifest = json.loads((out / "manifest.json").read_text())
+    manifest["training"] = None
+    (out / "manifest.json").write_text(json.dumps(manifest))
+    command = [
+        Path(sys.executable).with_name("fvs"),
+        "reconstruct",
+        photographs,
+        "--out",
+        out,
+        "--json",
+        *OPTIONS,
+    ]
+    with subprocess.Popen(
+        list(map(str, command)), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if json.loads(line).get("stage") == "train":
+                process.send_signal(signal.SIGINT)
+                break
+        _, rest = process.communicate(timeout=120)
+    assert process.returncode == EXIT_CODES["cancelled"]
+    assert "Run the same command again to resume." in rest
+    stopped = json.loads((out / "manifest.json").read_text())["training"]["iterations"]
+    assert 0 < stopped < 120
+
+    assert fvs(*command[1:]).status == 0
+    resumed, uninterrupted = (folder / "splat" / "point_cloud.ply" for folder in (out, first_run[0]))
+    assert resumed.read_bytes() == uninterrupted.read_bytes()
+
+
+def test_overwrite_starts_again(fvs: Fvs, kermit_dir: Path, out: Path) -> None:
+    """Up to the first stage that takes long; that it clears the folder is what matters here."""
+    (out / "mine.txt").write_text("stays")
+    command = [
+        Path(sys.executable).with_name("fvs"),
+        "reconstruct",
+        kermit_dir,
+        "--out",
+        out,
+        "--json",
+        "--overwrite",
+    ]
+    with subprocess.Popen(
+        list(map(str, command)), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if json.loads(line).get("stage") not in (None, "images"):
+                process.send_signal(signal.SIGTERM)
+                break
+        process.communicate(timeout=120)
+    assert process.returncode == EXIT_CODES["cancelled"]
+    assert (out / "mine.txt").read_text() == "stays"
+    assert not (out / "splat").exists()
+    assert not (out / "metrics.json").exists()
+    run = fvs("info", out, "--json")
+    assert run.document["stage"] == "structure from motion is not finished"
+
+
+def test_ranking_without_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs("rank", first_run[0], "--top", 3, "--out", tmp_path / "ranking", "--json")
+    assert run.status == 0, run.stderr
+    shown = run.document["candidates"]
+    assert len(shown) == 3
+    everything = json.loads((tmp_path / "ranking" / "ranking.json").read_text())["candidates"]
+    assert everything[:3] == shown
+    scores = [place["score"] for place in everything if place["status"] == "ranked"]
+    assert scores == sorted(scores)
+    assert [place["rank"] for place in everything if place["status"] == "ranked"] == list(
+        range(1, len(scores) + 1)
+    )
+    with Image.open(tmp_path / "ranking" / "contact_sheet.png") as sheet:
+        assert sheet.width > 300
+
+
+def test_ranking_of_a_file_where_one_view_sees_nothing(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, run = first_run
+    training = run.document["manifest"]["training"]
+    known = training["test_views"][0]
+    centre = np.mean([camera.projection_center() for camera in _images(out)], axis=0)
+    away = {"id": "away", "position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text(json.dumps([away, {"id": "known", "view": known}]))
+    ranked = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking", "--json")
+    assert ranked.status == 0, ranked.stderr
+    first, last = ranked.document["candidates"]
+    assert (first["id"], first["rank"], first["status"]) == ("known", 1, "ranked")
+    assert (last["id"], last["rank"], last["score"], last["status"]) == ("away", None, None, "out-of-model")
+
+    table = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking")
+    assert "known" in table.stdout
+    assert "out-of-model" in table.stdout
+
+
+def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text('[{"id": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
+    run = fvs("rank", first_run[0], "--candidates", candidates)
+    assert run.status == EXIT_CODES["invalid-input"]
+    assert "candidates.json, candidate 0, orientation_wxyz: its length is 2, not 1." in run.stderr
+
+
+def test_rendering(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs(
+        "render", first_run[0], "--views", "path", "--frames", 3, "--out", tmp_path / "frames", "--json"
+    )
+    assert run.status == 0, run.stderr
+    files = [Path(name) for name in run.document["files"]]
+    assert [path.name for path in files] == ["00000.png", "00001.png", "00002.png"]
+    training = first_run[1].document["manifest"]["training"]
+    for path in files:
+        with Image.open(path) as image:
+            assert image.size == (training["width_px"], training["height_px"])
+            assert np.asarray(image).std() > 5
+
+
+def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
+    run = fvs("info", first_run[0])
+    assert run.status == 0
+    for fragment in ("11 used, 3 left out", "registered", "120 of 120", "PSNR"):
+        assert fragment in run.stdout
+
+
+def _images(out: Path) -> list[Any]:
+    return list(pycolmap.Reconstruction(str(out / "undistorted" / "sparse")).images.values())
