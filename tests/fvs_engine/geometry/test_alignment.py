@@ -91,6 +91,18 @@ def test_without_a_threshold_gross_errors_are_still_found(seed):
     assert report.rms < 0.03 * truth.scale
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_inliers_are_those_that_agree_with_the_result(seed):
+    generator = np.random.default_rng(seed)
+    source = generator.normal(size=(40, 3))
+    target = source + 0.1 * generator.normal(size=(40, 3))
+    report = robust_umeyama(source, target, inlier_threshold=0.2)
+    residuals = np.linalg.norm(report.transform.apply(source) - target, axis=1)
+    np.testing.assert_array_equal(report.inliers, residuals <= 0.2)
+    assert report.rms == pytest.approx(np.sqrt((residuals[report.inliers] ** 2).mean()))
+    assert report.median == pytest.approx(np.median(residuals[report.inliers]))
+
+
 def test_robust_umeyama_is_deterministic_for_a_seed():
     generator = np.random.default_rng(5)
     source = generator.normal(size=(60, 3))
