@@ -1,6 +1,7 @@
 """The score against its definition in numpy, and against what it is known to see in photographs."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -162,6 +163,14 @@ def test_a_batch_is_like_one_image_at_a_time(photographs):
     assert together.shape == (len(images),)
     for image, value in zip(images, together, strict=True):
         assert float(median_log_magnitude(image[None])) == float(value)
+
+
+def test_several_threads_may_score_at_once(photographs):
+    images = [torch.from_numpy(image)[None] for image in photographs]
+    one_by_one = [float(median_log_magnitude(image)) for image in images]
+    with ThreadPoolExecutor(4) as threads:
+        at_once = list(threads.map(lambda image: float(median_log_magnitude(image)), images * 8))
+    assert at_once == one_by_one * 8
 
 
 def test_colours_beyond_the_display_are_clamped_and_the_input_is_left_alone(photographs):
