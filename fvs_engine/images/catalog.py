@@ -78,19 +78,23 @@ class ImageCatalog:
 
 
 def catalog_images(
-    folder: Path, *, monitor: Monitor | None = None, threads: int | None = None
+    folder: Path,
+    *,
+    leave_out: Path | None = None,
+    monitor: Monitor | None = None,
+    threads: int | None = None,
 ) -> ImageCatalog:
     """Decode every image below ``folder`` and sort the usable from the rest.
 
-    Subfolders are searched; hidden files and folders are not. Of files with the same content the first by
-    name is kept. Progress is reported as stage ``images``. Raises ``InvalidInputError`` when ``folder`` is
-    not a readable folder, ``Cancelled`` when asked to stop.
+    Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. Of files with
+    the same content the first by name is kept. Progress is reported as stage ``images``. Raises
+    ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled`` when asked to stop.
     """
     monitor = monitor or Monitor()
     candidates: list[str] = []
     rejected: list[RejectedImage] = []
     ignored: list[str] = []
-    for name in _file_names(folder):
+    for name in _file_names(folder, leave_out):
         suffix = Path(name).suffix.lower()
         if suffix in SUFFIXES:
             candidates.append(name)
@@ -122,24 +126,28 @@ def catalog_images(
     return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
 
 
-def _file_names(folder: Path) -> list[str]:
+def _file_names(folder: Path, leave_out: Path | None) -> list[str]:
     if not folder.exists():
         raise InvalidInputError(f"The folder {folder} does not exist.", hint="Give a folder of photographs.")
     if not folder.is_dir():
         raise InvalidInputError(
             f"{folder} is not a folder.", hint="Give the folder that holds the photographs."
         )
-    return sorted(_walk(folder))
+    return sorted(_walk(folder, leave_out.resolve() if leave_out else None))
 
 
-def _walk(folder: Path) -> Iterator[str]:
+def _walk(folder: Path, leave_out: Path | None) -> Iterator[str]:
     def stop(error: OSError) -> None:
         raise InvalidInputError(
             f"The folder {error.filename} cannot be read: {error.strerror}.", hint="Check its permissions."
         ) from error
 
     for parent, subfolders, files in os.walk(folder, onerror=stop):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        subfolders[:] = [
+            name
+            for name in subfolders
+            if not name.startswith(".") and Path(parent, name).resolve() != leave_out
+        ]
         for name in files:
             if not name.startswith("."):
                 yield Path(parent, name).relative_to(folder).as_posix()

@@ -6,9 +6,7 @@ from pathlib import Path
 from fvs_engine.errors import InvalidInputError, NoImagesError
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.normalise import normalise_images, normalised_name
-from fvs_engine.kernels import set_thread_budget
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.cameras import find_cameras
 from fvs_engine.pipeline.manifest import (
     ImageRecord,
     ImagesRecord,
@@ -18,7 +16,6 @@ from fvs_engine.pipeline.manifest import (
     RejectionRecord,
 )
 from fvs_engine.pipeline.storage import OutputExistsError, require_free_bytes, storage_errors
-from fvs_engine.pipeline.train import disk_need_bytes, train
 from fvs_engine.pipeline.workspace import Workspace
 
 MIN_PHOTOGRAPHS = 2
@@ -55,9 +52,12 @@ def reconstruct_folder(
     monitor = monitor or Monitor()
     if settings.colmap and settings.transforms:
         raise InvalidInputError("Cameras come from one place.", hint="Give either --colmap or --transforms.")
-    if threads is not None:
-        set_thread_budget(threads)
-    catalog = catalog_images(photographs, monitor=monitor, threads=threads)
+    if photographs.resolve().is_relative_to(out.resolve()):
+        raise InvalidInputError(
+            f"The photographs in {photographs} lie inside the output folder {out}.",
+            hint="Choose an output folder outside.",
+        )
+    catalog = catalog_images(photographs, leave_out=out, monitor=monitor, threads=threads)
     for rejected in catalog.rejected:
         warn(f"Left out {rejected.name}: {rejected.reason} {rejected.hint}")
     _require_photographs(catalog)
@@ -67,12 +67,32 @@ def reconstruct_folder(
         if overwrite:
             workspace.clear()
         manifest = _open_manifest(workspace, settings, _images_record(catalog))
-        if manifest.cameras is None:
-            _require_room(catalog, workspace, settings)
-            with storage_errors(workspace.images):
-                normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
-            manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn)
-        return train(workspace, manifest, monitor=monitor, warn=warn)
+        return _compute(workspace, manifest, catalog, monitor, warn, threads)
+
+
+def _compute(
+    workspace: Workspace,
+    manifest: Manifest,
+    catalog: ImageCatalog,
+    monitor: Monitor,
+    warn: Warn,
+    threads: int | None,
+) -> Metrics:
+    """The stages that take long. So does importing them, which bad input need not wait for."""
+    from fvs_engine.kernels import set_thread_budget
+    from fvs_engine.pipeline.cameras import find_cameras
+    from fvs_engine.pipeline.train import disk_need_bytes, train
+
+    if threads is not None:
+        set_thread_budget(threads)
+    if manifest.cameras is None:
+        pixels = sum(photograph.width_px * photograph.height_px for photograph in catalog.photographs)
+        copies = _BYTES_PER_PIXEL * pixels + _BYTES_PER_PHOTOGRAPH * len(catalog.photographs)
+        require_free_bytes(workspace.root, copies + disk_need_bytes(manifest.settings))
+        with storage_errors(workspace.images):
+            normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
+        manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn, threads=threads)
+    return train(workspace, manifest, monitor=monitor, warn=warn)
 
 
 def _require_photographs(catalog: ImageCatalog) -> None:
@@ -89,12 +109,6 @@ def _require_photographs(catalog: ImageCatalog) -> None:
     raise NoImagesError(
         message, hint="Give at least two photographs of the same scene that overlap; ten or more work well."
     )
-
-
-def _require_room(catalog: ImageCatalog, workspace: Workspace, settings: ReconstructionSettings) -> None:
-    pixels = sum(photograph.width_px * photograph.height_px for photograph in catalog.photographs)
-    copies = _BYTES_PER_PIXEL * pixels + _BYTES_PER_PHOTOGRAPH * len(catalog.photographs)
-    require_free_bytes(workspace.root, copies + disk_need_bytes(settings))
 
 
 def _images_record(catalog: ImageCatalog) -> ImagesRecord:

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_service.cli.app import app
+from typer.testing import CliRunner
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,41 @@ class Run:
 
 @pytest.fixture(scope="session")
 def fvs() -> Callable[..., Run]:
-    """Call the installed program as a user does."""
-    program = Path(sys.executable).with_name("fvs")
+    """Call the program in this process: the libraries are imported once for all tests."""
 
-    def call(*arguments: object, prefix: tuple[str, ...] = ()) -> Run:
-        command = [*prefix, str(program), *map(str, arguments)]
-        run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
-        assert "Traceback" not in run.stderr, run.stderr
-        return Run(run.returncode, run.stdout, run.stderr)
+    def call(*arguments: object) -> Run:
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return Run(result.exit_code, result.stdout, result.stderr)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def fvs_command() -> Callable[..., list[str]]:
+    """The command line of the installed program, for tests that need a process of its own."""
+    program = str(Path(sys.executable).with_name("fvs"))
+    return lambda *arguments: [program, *map(str, arguments)]
+
+
+@pytest.fixture(scope="session")
+def fvs_until(fvs_command: Callable[..., list[str]]) -> Callable[..., tuple[int, str]]:
+    """Run the program with --json until it reports a stage that ``wanted`` accepts, then send a signal.
+
+    Returns the exit status and the rest of what the program said on stderr.
+    """
+
+    def call(*arguments: object, wanted: Callable[[str], bool], number: int) -> tuple[int, str]:
+        command = fvs_command(*arguments, "--json")
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True) as process:
+            assert process.stderr is not None
+            for line in process.stderr:
+                if wanted(json.loads(line).get("stage", "")):
+                    process.send_signal(number)
+                    break
+            _, rest = process.communicate(timeout=120)
+        return process.returncode, rest
 
     return call

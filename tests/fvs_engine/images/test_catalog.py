@@ -115,3 +115,10 @@ def test_progress_and_cancellation(tmp_path: Path) -> None:
     monitor = Monitor(lambda report: monitor.cancel() if report.done == 2 else None)
     with pytest.raises(Cancelled):
         catalog_images(tmp_path, monitor=monitor)
+
+
+def test_a_folder_inside_can_be_left_out(tmp_path: Path) -> None:
+    _photograph(tmp_path / "a.jpg", 0)
+    _photograph(tmp_path / "out" / "images" / "b.jpg", 1)
+    catalog = catalog_images(tmp_path, leave_out=tmp_path / "out")
+    assert [photograph.name for photograph in catalog.photographs] == ["a.jpg"]

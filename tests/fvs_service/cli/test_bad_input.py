@@ -106,13 +106,24 @@ def test_an_existing_folder_of_somebody_else(fvs: Fvs, kermit_dir: Path, out: Pa
     assert [path.name for path in out.iterdir()] == ["holiday.txt"]
 
 
-def test_a_disk_that_fills_up(fvs: Fvs, folder: Path, out: Path) -> None:
+def test_photographs_inside_the_output_folder(fvs: Fvs, out: Path) -> None:
+    _noise(out / "images" / "precious.jpg", 0)
+    run = fvs("reconstruct", out / "images", "--out", out, "--overwrite")
+    _expect(run, "invalid-input", "inside the output folder", "outside")
+    assert (out / "images" / "precious.jpg").exists()
+
+
+def test_a_disk_that_fills_up(fvs_command: Callable[..., list[str]], folder: Path, out: Path) -> None:
     for seed in range(3):
         _noise(folder / f"{seed}.tif", seed)
     limit = "import os, resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)); "
-    prefix = (sys.executable, "-c", limit + "os.execv(sys.argv[1], sys.argv[1:])")
-    run = fvs("reconstruct", folder, "--out", out, prefix=prefix)
-    _expect(run, "disk-full", "no room left", "same command again")
+    prefix = [sys.executable, "-c", limit + "os.execv(sys.argv[1], sys.argv[1:])"]
+    command = prefix + fvs_command("reconstruct", folder, "--out", out)
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == EXIT_CODES["disk-full"], run.stderr
+    assert "no room left" in run.stderr
+    assert "same command again" in run.stderr
+    assert "Traceback" not in run.stderr
 
 
 def test_cameras_from_two_places(fvs: Fvs, kermit_dir: Path, out: Path, tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 import json
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from PIL import Image
 from fvs_engine.splat.ply import read_ply
 
 Fvs = Callable[..., Any]
+FvsUntil = Callable[..., tuple[int, str]]
 OPTIONS = ("--iterations", 120, "--long-side", 240, "--test-every", 5)
 
 
@@ -145,63 +144,31 @@ def test_other_photographs_are_not_mixed_in(fvs: Fvs, kermit_dir: Path, first_ru
 
 
 def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
-    fvs: Fvs, photographs: Path, first_run: tuple[Path, Any], out: Path
+    fvs: Fvs, fvs_until: FvsUntil, photographs: Path, first_run: tuple[Path, Any], out: Path
 ) -> None:
     shutil.rmtree(out / "splat")
     (out / "metrics.json").unlink()
     manifest = json.loads((out / "manifest.json").read_text())
     manifest["training"] = None
     (out / "manifest.json").write_text(json.dumps(manifest))
-    command = [
-        Path(sys.executable).with_name("fvs"),
-        "reconstruct",
-        photographs,
-        "--out",
-        out,
-        "--json",
-        *OPTIONS,
-    ]
-    with subprocess.Popen(
-        list(map(str, command)), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            if json.loads(line).get("stage") == "train":
-                process.send_signal(signal.SIGINT)
-                break
-        _, rest = process.communicate(timeout=120)
-    assert process.returncode == EXIT_CODES["cancelled"]
+    arguments = ("reconstruct", photographs, "--out", out, *OPTIONS)
+    status, rest = fvs_until(*arguments, wanted=lambda stage: stage == "train", number=signal.SIGINT)
+    assert status == EXIT_CODES["cancelled"]
     assert "Run the same command again to resume." in rest
     stopped = json.loads((out / "manifest.json").read_text())["training"]["iterations"]
     assert 0 < stopped < 120
 
-    assert fvs(*command[1:]).status == 0
+    assert fvs(*arguments).status == 0
     resumed, uninterrupted = (folder / "splat" / "point_cloud.ply" for folder in (out, first_run[0]))
     assert resumed.read_bytes() == uninterrupted.read_bytes()
 
 
-def test_overwrite_starts_again(fvs: Fvs, kermit_dir: Path, out: Path) -> None:
+def test_overwrite_starts_again(fvs: Fvs, fvs_until: FvsUntil, kermit_dir: Path, out: Path) -> None:
     """Up to the first stage that takes long; that it clears the folder is what matters here."""
     (out / "mine.txt").write_text("stays")
-    command = [
-        Path(sys.executable).with_name("fvs"),
-        "reconstruct",
-        kermit_dir,
-        "--out",
-        out,
-        "--json",
-        "--overwrite",
-    ]
-    with subprocess.Popen(
-        list(map(str, command)), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            if json.loads(line).get("stage") not in (None, "images"):
-                process.send_signal(signal.SIGTERM)
-                break
-        process.communicate(timeout=120)
-    assert process.returncode == EXIT_CODES["cancelled"]
+    arguments = ("reconstruct", kermit_dir, "--out", out, "--overwrite")
+    status, _ = fvs_until(*arguments, wanted=lambda stage: stage not in ("", "images"), number=signal.SIGTERM)
+    assert status == EXIT_CODES["cancelled"]
     assert (out / "mine.txt").read_text() == "stays"
     assert not (out / "splat").exists()
     assert not (out / "metrics.json").exists()
