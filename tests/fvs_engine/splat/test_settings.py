@@ -1,0 +1,39 @@
+import pytest
+from pydantic import ValidationError
+
+from fvs_engine.splat.densification import is_due, reset_is_due
+from fvs_engine.splat.settings import PRESETS, LearningRates, TrainingSettings, memory_need_bytes
+
+
+def test_presets_are_the_paper_s() -> None:
+    assert (PRESETS["coarse"].sh_degree, PRESETS["coarse"].iterations) == (0, 1_000)
+    assert (PRESETS["fine"].sh_degree, PRESETS["fine"].iterations) == (3, 30_000)
+    assert PRESETS["fine"] == PRESETS["fine"].with_iterations(30_000)
+
+
+@pytest.mark.parametrize("iterations", [300, 1_000, 7_000, 15_000, 100_000])
+def test_shorter_runs_still_densify_and_then_settle(iterations: int) -> None:
+    settings = PRESETS["fine"].with_iterations(iterations)
+    rules = settings.densification
+    due = [i for i in range(iterations + 1) if is_due(rules, i)]
+    assert len(due) >= 1
+    assert due[-1] <= max(0.8 * iterations, 15_000 * iterations / 30_000)
+    assert all(i < due[-1] for i in range(iterations + 1) if reset_is_due(rules, i))
+    assert 3 * settings.sh_degree_interval <= iterations / 2
+
+
+def test_settings_refuse_what_cannot_be() -> None:
+    with pytest.raises(ValidationError):
+        TrainingSettings(sh_degree=4)
+    with pytest.raises(ValidationError):
+        TrainingSettings.model_validate({"iteration": 3})
+    with pytest.raises(ValidationError, match="means_last"):
+        TrainingSettings(learning_rates=LearningRates(means_first=1e-6, means_last=1e-5))
+
+
+def test_memory_need_grows_with_everything() -> None:
+    base = memory_need_bytes(100_000, 3, 50, 960, 540)
+    assert memory_need_bytes(200_000, 3, 50, 960, 540) > base
+    assert memory_need_bytes(100_000, 0, 50, 960, 540) < base
+    assert memory_need_bytes(100_000, 3, 51, 960, 540) == base + 3 * 960 * 540
+    assert base > 4 * 59 * 4 * 100_000

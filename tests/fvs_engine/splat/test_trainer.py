@@ -1,0 +1,185 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fvs_engine.errors import Cancelled, InvalidInputError, StorageError, TrainingError
+from fvs_engine.evaluate.metrics import psnr
+from fvs_engine.monitor import Monitor, Progress
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster.interface import Rasterizer
+from fvs_engine.splat.raster.selection import create_rasterizer
+from fvs_engine.splat.settings import Densification, LearningRates, TrainingSettings
+from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView, scene_extent
+
+Views = tuple[TrainingView, ...]
+Start = Callable[[int], Gaussians]
+
+SETTINGS = TrainingSettings(
+    iterations=120,
+    sh_degree=1,
+    sh_degree_interval=20,
+    densification=Densification(
+        first_iteration=10, last_iteration=90, interval=10, opacity_reset_interval=40
+    ),
+)
+
+
+@pytest.fixture
+def cpu() -> Rasterizer:
+    return create_rasterizer("cpu")
+
+
+def assert_equal(a: Trainer, b: Trainer) -> None:
+    assert a.iteration == b.iteration
+    for name, tensor in a.gaussians.tensors().items():
+        assert torch.equal(tensor, b.gaussians.tensors()[name]), name
+        assert torch.equal(a.optimiser.second[name], b.optimiser.second[name]), name
+
+
+def quality_db(trainer: Trainer) -> float:
+    with torch.no_grad():
+        renders = [
+            trainer.rasterizer.render(trainer.gaussians, v.camera, v.camera_from_model).color.numpy()
+            for v in trainer.views
+        ]
+    return float(np.mean([psnr(r, v.image / 255) for r, v in zip(renders, trainer.views, strict=True)]))
+
+
+def test_training_recovers_the_scene(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    trainer = Trainer(scene_views, start(0), TrainingSettings(sh_degree=0).with_iterations(1_000), cpu)
+    before = quality_db(trainer)
+    trainer.train(1_000, Monitor())
+    assert len(trainer.gaussians) > 75
+    assert quality_db(trainer) > before + 8
+
+
+def test_kernels_train_as_the_reference_does(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    trainers = [Trainer(scene_views, start(1), SETTINGS, r) for r in (cpu, create_rasterizer("reference"))]
+    for trainer in trainers:
+        trainer.train(9, Monitor())
+    assert quality_db(trainers[0]) == pytest.approx(quality_db(trainers[1]), abs=0.01)
+
+
+def test_equal_seeds_give_equal_bits_and_others_do_not(
+    scene_views: Views, start: Start, cpu: Rasterizer
+) -> None:
+    trainers = [Trainer(scene_views, start(1), SETTINGS, cpu, seed=s) for s in (3, 3, 4)]
+    for trainer in trainers:
+        trainer.train(60, Monitor())
+    assert_equal(trainers[0], trainers[1])
+    assert len(trainers[0].gaussians) != 75
+    assert not torch.equal(trainers[0].gaussians.sh_dc[:10], trainers[2].gaussians.sh_dc[:10])
+
+
+@pytest.mark.parametrize("stop", [7, 40, 43, 85])
+def test_a_resumed_run_equals_an_uninterrupted_one(
+    scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path, stop: int
+) -> None:
+    whole = Trainer(scene_views, start(1), SETTINGS, cpu)
+    whole.train(100, Monitor())
+    first = Trainer(scene_views, start(1), SETTINGS, cpu)
+    first.train(stop, Monitor())
+    first.save(tmp_path / "checkpoint.safetensors")
+    second = Trainer.resume(tmp_path / "checkpoint.safetensors", scene_views, cpu)
+    assert second.settings == SETTINGS
+    second.train(100, Monitor())
+    assert_equal(whole, second)
+
+
+def test_every_view_once_per_epoch(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    seen: list[TrainingView] = []
+
+    class Watching:
+        name, device = cpu.name, cpu.device
+
+        def render(self, gaussians, camera, camera_from_model, **options):  # type: ignore[no-untyped-def]
+            seen.append(next(v for v in scene_views if v.camera_from_model is camera_from_model))
+            return cpu.render(gaussians, camera, camera_from_model, **options)
+
+    Trainer(scene_views, start(0), SETTINGS.model_copy(update={"sh_degree": 0}), Watching()).train(
+        24, Monitor()
+    )
+    epochs = [[v.name for v in seen[i : i + 8]] for i in (0, 8, 16)]
+    assert all(len(set(epoch)) == 8 for epoch in epochs)
+    assert epochs[0] != epochs[1]
+
+
+def test_progress_and_cancellation(scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path) -> None:
+    reports: list[Progress] = []
+    monitor = Monitor(lambda p: (reports.append(p), monitor.cancel() if p.done == 5 else None)[0])
+    trainer = Trainer(scene_views, start(1), SETTINGS, cpu)
+    with pytest.raises(Cancelled):
+        trainer.train(50, monitor)
+    assert trainer.iteration == 5
+    assert [p.done for p in reports] == [1, 2, 3, 4, 5]
+    assert reports[-1].total == 50
+    assert {"loss", "gaussians", "iterations_per_s"} <= set(reports[-1].detail)
+    trainer.save(tmp_path / "c.safetensors")
+    resumed = Trainer.resume(tmp_path / "c.safetensors", scene_views, cpu)
+    resumed.train(20, Monitor())
+    trainer.train(20, Monitor())
+    assert_equal(trainer, resumed)
+
+
+def test_divergence_keeps_the_last_good_checkpoint(
+    scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path
+) -> None:
+    path = tmp_path / "c.safetensors"
+    trainer = Trainer(scene_views, start(1), SETTINGS, cpu)
+    trainer.train(3, Monitor())
+    trainer.save(path)
+    good = path.read_bytes()
+    with torch.no_grad():
+        trainer.gaussians.sh_dc.fill_(float("inf"))
+    with pytest.raises(TrainingError, match="diverged at iteration 3"):
+        trainer.train(10, Monitor())
+    with pytest.raises(TrainingError, match="sh_dc"):
+        trainer.save(path)
+    assert path.read_bytes() == good
+    assert Trainer.resume(path, scene_views, cpu).iteration == 3
+
+
+def test_checkpoints_that_cannot_be_used(
+    scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path
+) -> None:
+    path = tmp_path / "c.safetensors"
+    trainer = Trainer(scene_views, start(1), SETTINGS, cpu)
+    trainer.save(path)
+    with pytest.raises(InvalidInputError, match="8 views"):
+        Trainer.resume(path, scene_views[:4], cpu)
+    with pytest.raises(StorageError, match="cannot be written"):
+        trainer.save(tmp_path / "absent" / "c.safetensors")
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(StorageError, match=r"c\.safetensors"):
+        Trainer.resume(path, scene_views, cpu)
+    with pytest.raises(StorageError):
+        Trainer.resume(tmp_path / "none", scene_views, cpu)
+
+
+def test_what_cannot_be_trained_is_refused(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    with pytest.raises(TrainingError, match="no view"):
+        Trainer((), start(1), SETTINGS, cpu)
+    with pytest.raises(InvalidInputError, match="degree"):
+        Trainer(scene_views, start(0), SETTINGS, cpu)
+    view = scene_views[0]
+    with pytest.raises(InvalidInputError, match=r"0\.png"):
+        TrainingView(view.name, view.camera, view.camera_from_model, view.image[:-1])
+
+
+def test_the_cap_holds(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    settings = SETTINGS.model_copy(
+        update={"max_gaussians": 90, "learning_rates": LearningRates(), "sh_degree": 0}
+    )
+    trainer = Trainer(scene_views, start(0), settings, cpu)
+    trainer.train(60, Monitor())
+    assert len(trainer.gaussians) <= 90
+
+
+def test_extent_is_the_cameras_spread_or_the_distance_to_the_points(scene_views: Views) -> None:
+    assert scene_extent(scene_views, np.zeros((1, 3), np.float32)) == pytest.approx(1.1 * 4.0)
+    points = np.zeros((5, 3), np.float32)
+    assert scene_extent(scene_views[:1], points) == pytest.approx(4.0)
