@@ -1,0 +1,190 @@
+"""What COLMAP's database (an SQLite file) tells: progress, image names, verified pairs, GPS positions."""
+
+import contextlib
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.errors import ReconstructionError
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
+
+_VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
+"""COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""
+
+_MAX_IMAGES = 2147483647
+"""COLMAP numbers a pair as id1 × this + id2, id1 < id2."""
+
+
+@dataclass(frozen=True, eq=False)
+class VerifiedPair:
+    """Two images and the matches between them that fit one epipolar geometry.
+
+    ``matches`` [M, 2] index the keypoints of either image. ``second_from_first`` is the relative pose that
+    was estimated from these two images alone (its translation has no scale), None if none could be.
+    """
+
+    first: int
+    second: int
+    matches: NDArray[np.uint32]
+    second_from_first: RigidTransform | None
+
+
+def require_sound_database(path: Path) -> None:
+    """Check that nobody else works on the database and that it is whole; raises ``ReconstructionError``."""
+    if not path.exists():
+        return
+    try:
+        with contextlib.closing(sqlite3.connect(path, timeout=2.0)) as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            connection.rollback()
+            (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    except sqlite3.OperationalError as error:
+        if "locked" not in str(error) and "busy" not in str(error):
+            raise ReconstructionError(
+                f"The feature database {path} cannot be opened: {error}.",
+                hint="Check the folder's permissions and the free space on its disk.",
+            ) from error
+        raise ReconstructionError(
+            f"Another process works on {path}.", hint="Wait until it ends, or give another output folder."
+        ) from error
+    except sqlite3.DatabaseError as error:
+        raise _damaged(path) from error
+    if answer != "ok":
+        raise _damaged(path)
+
+
+def _damaged(path: Path) -> ReconstructionError:
+    return ReconstructionError(
+        f"The feature database {path} is damaged.",
+        hint=f"Delete {path.name} and run again; features are sought anew.",
+    )
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+    with contextlib.closing(
+        sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)
+    ) as db:
+        yield db
+
+
+def count_rows(path: Path, table: str) -> int:
+    """Rows of ``table`` now, 0 while the file is not ready; for progress, while another process writes."""
+    try:
+        with _reading(path) as db:
+            return int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
+    except sqlite3.Error:
+        return 0
+
+
+def image_ids(path: Path) -> dict[str, int]:
+    """Name → id of the registered images."""
+    with _reading(path) as db:
+        return {name: image_id for image_id, name in db.execute("SELECT image_id, name FROM images")}
+
+
+def image_cameras(path: Path) -> dict[str, int]:
+    """Name → camera id of the registered images."""
+    if not path.exists():
+        return {}
+    with _reading(path) as db:
+        return dict(db.execute("SELECT name, camera_id FROM images"))
+
+
+def feature_counts(path: Path) -> dict[str, int]:
+    """Name → number of features of the images whose features are in the database."""
+    with _reading(path) as db:
+        query = "SELECT name, rows FROM images JOIN keypoints USING (image_id)"
+        return dict(db.execute(query))
+
+
+def matched_pairs(path: Path) -> set[tuple[int, int]]:
+    """The pairs of image ids (smaller first) that are matched and verified, with or without success."""
+    with _reading(path) as db:
+        ids = [row[0] for row in db.execute("SELECT pair_id FROM two_view_geometries")]
+    return {(pair_id // _MAX_IMAGES, pair_id % _MAX_IMAGES) for pair_id in ids}
+
+
+def verified_pair_count(path: Path, min_matches: int) -> int:
+    """How many pairs have at least ``min_matches`` verified matches."""
+    configurations = ",".join(map(str, sorted(_VERIFIED)))
+    query = f"SELECT count(*) FROM two_view_geometries WHERE rows >= ? AND config IN ({configurations})"
+    with _reading(path) as db:
+        return int(db.execute(query, (min_matches,)).fetchone()[0])
+
+
+def read_verified_pairs(path: Path, min_matches: int) -> list[VerifiedPair]:
+    """The verified pairs, ordered by image ids."""
+    database = pycolmap.Database.open(path)
+    try:
+        pair_ids, geometries = database.read_two_view_geometries()
+    finally:
+        database.close()
+    pairs = []
+    for pair_id, geometry in sorted(zip(pair_ids, geometries, strict=True), key=lambda entry: entry[0]):
+        matches = np.asarray(geometry.inlier_matches)
+        if int(geometry.config) not in _VERIFIED or len(matches) < min_matches:
+            continue
+        first, second = pycolmap.pair_id_to_image_pair(pair_id)
+        relative = geometry.cam2_from_cam1
+        transform = None if relative is None else rigid_from_pycolmap(relative)
+        if transform is not None and not np.linalg.norm(transform.translation) > 0:
+            transform = None
+        pairs.append(VerifiedPair(first, second, matches, transform))
+    return pairs
+
+
+def read_keypoints(path: Path, ids: set[int]) -> dict[int, NDArray[np.float64]]:
+    """Image id → keypoint positions [K, 2] in px."""
+    database = pycolmap.Database.open(path)
+    try:
+        return {i: np.asarray(database.read_keypoints(i))[:, :2].astype(np.float64) for i in sorted(ids)}
+    finally:
+        database.close()
+
+
+def read_descriptors(path: Path, image_id: int) -> NDArray[np.float32]:
+    """The SIFT descriptors [K, 128] of an image."""
+    database = pycolmap.Database.open(path)
+    try:
+        return np.asarray(database.read_descriptors(image_id).data, dtype=np.float32).reshape(-1, 128)
+    finally:
+        database.close()
+
+
+def gps_positions(path: Path) -> dict[int, NDArray[np.float64]]:
+    """Image id → EXIF position [3], east, north, up in m from the first; images without are left out."""
+    database = pycolmap.Database.open(path)
+    try:
+        priors = [prior for prior in database.read_all_pose_priors() if prior.has_position()]
+    finally:
+        database.close()
+    geodetic = {
+        int(prior.corr_data_id.id): np.asarray(prior.position).reshape(3)
+        for prior in priors
+        if prior.coordinate_system == pycolmap.PosePriorCoordinateSystem.WGS84
+    }
+    # A fix at (0, 0) is what a receiver without a fix writes.
+    geodetic = {
+        i: fix for i, fix in geodetic.items() if np.isfinite(fix).all() and np.abs(fix[:2]).max() > 1e-6
+    }
+    if not geodetic:
+        return {}
+    positions = np.stack(list(geodetic.values()))
+    east_north_up = pycolmap.GPSTransform().ellipsoid_to_enu(positions, *positions[0])
+    return dict(zip(geodetic, np.asarray(east_north_up), strict=True))
+
+
+def publish(temporary: Path, final: Path) -> None:
+    """Put a finished database in its place, less the journal files that belong to its temporary name."""
+    with contextlib.closing(sqlite3.connect(temporary)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    for suffix in ("-wal", "-shm"):
+        Path(f"{temporary}{suffix}").unlink(missing_ok=True)
+    temporary.replace(final)

@@ -1,0 +1,221 @@
+"""Ask the two-view geometries, which know nothing of the model, whether its poses can be true.
+
+A mapper minimises the error of the matches that it kept; it reports a good fit even when it threw the
+contradicting ones away. So every verified match of every pair is looked at again here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.alignment import robust_umeyama
+from fvs_engine.sfm.database import VerifiedPair
+from fvs_engine.sfm.report import Evidence
+
+Array = NDArray[np.float64]
+
+MIN_PAIR_MATCHES = 15
+"""COLMAP's own limit for a verified pair."""
+
+_MAX_EPIPOLAR_ERROR_PX = 4.0
+"""The threshold that COLMAP's verification used: a right pose explains what it let through."""
+
+_MAX_ROTATION_DEG = 5.0
+_MAX_DIRECTION_DEG = 15.0
+_MIN_BASELINE_SHARE = 0.02
+"""Below this share of the scene's spread the direction from one camera to another is noise."""
+
+_EXPLAINED = 0.5
+"""A pair is explained when half of its matches are."""
+
+_MAX_TRIPLETS = 20_000
+_MIN_GPS_FIXES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PairCheck:
+    """One pair against a model; angles in degrees, NaN when there is nothing to compare."""
+
+    first: int
+    second: int
+    matches: int
+    supported: int
+    rotation_error_deg: float
+    direction_error_deg: float
+
+
+def check_pairs(
+    model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair], keypoints: Mapping[int, Array]
+) -> list[PairCheck]:
+    """Compare every pair whose images both have poses with the model.
+
+    ``keypoints`` maps image ids to positions [K, 2] in px of the full-size images.
+    """
+    posed = {i: image for i, image in model.images.items() if image.has_pose}
+    spread = centre_spread(np.array([image.projection_center() for image in posed.values()]))
+    rays = {
+        i: np.asarray(image.camera.cam_from_img(keypoints[i])) for i, image in posed.items() if i in keypoints
+    }
+    checks = []
+    for pair in pairs:
+        if pair.first not in rays or pair.second not in rays:
+            continue
+        first, second = posed[pair.first], posed[pair.second]
+        relative = second.cam_from_world() * first.cam_from_world().inverse()
+        rotation, translation = relative.rotation.matrix(), np.asarray(relative.translation)
+        focal_px = 0.5 * (first.camera.mean_focal_length() + second.camera.mean_focal_length())
+        supported = _supported(
+            rays[pair.first][pair.matches[:, 0]],
+            rays[pair.second][pair.matches[:, 1]],
+            rotation,
+            translation,
+            _MAX_EPIPOLAR_ERROR_PX / focal_px,
+        )
+        rotation_error, direction_error = _relative_errors(
+            pair.second_from_first, rotation, translation, _MIN_BASELINE_SHARE * spread
+        )
+        checks.append(
+            PairCheck(
+                pair.first,
+                pair.second,
+                len(pair.matches),
+                int(supported.sum()),
+                rotation_error,
+                direction_error,
+            )
+        )
+    return checks
+
+
+def gather_evidence(
+    model: pycolmap.Reconstruction,
+    pairs: Sequence[VerifiedPair],
+    keypoints: Mapping[int, Array],
+    gps_m: Mapping[int, Array],
+) -> Evidence | None:
+    """Everything the pairs and the GPS say about ``model``; None when no verified pair lies within it."""
+    checks = check_pairs(model, pairs, keypoints)
+    if not checks:
+        return None
+    matches = np.array([check.matches for check in checks], dtype=np.float64)
+    supported = np.array([check.supported for check in checks], dtype=np.float64)
+    rotation = np.array([check.rotation_error_deg for check in checks])
+    direction = np.array([check.direction_error_deg for check in checks])
+    return Evidence(
+        pairs=len(checks),
+        matches=int(matches.sum()),
+        match_support=float(supported.sum() / matches.sum()),
+        rotation_support=_weighted_share(rotation, _MAX_ROTATION_DEG, matches),
+        translation_support=_weighted_share(direction, _MAX_DIRECTION_DEG, matches),
+        cycle_consistency=cycle_consistency(pairs),
+        unsupported_images=_unsupported(model, checks),
+        prior_residual_share=_prior_residual(model, gps_m),
+    )
+
+
+def cycle_consistency(pairs: Sequence[VerifiedPair]) -> float | None:
+    """Share of the triplets whose three relative rotations close to 5°; None without triplets."""
+    rotations: dict[int, dict[int, Array]] = {}
+    for pair in pairs:
+        if pair.second_from_first is not None:
+            rotations.setdefault(pair.first, {})[pair.second] = pair.second_from_first.rotation
+    closed = total = 0
+    for ahead in rotations.values():
+        for b, b_from_a in ahead.items():
+            for c, c_from_b in rotations.get(b, {}).items():
+                if c in ahead:
+                    total += 1
+                    closed += angle_deg(ahead[c].T @ c_from_b @ b_from_a) < _MAX_ROTATION_DEG
+                    if total == _MAX_TRIPLETS:
+                        return closed / total
+    return closed / total if total > 0 else None
+
+
+def centre_spread(centres: Array) -> float:
+    """Root mean square distance of centres [N, 3] from their mean."""
+    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def angle_deg(rotation: Array) -> float:
+    """The angle of a rotation [3, 3] in degrees."""
+    sine = np.linalg.norm(rotation - rotation.T) / np.sqrt(8.0)
+    return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1.0) / 2.0)))
+
+
+def _supported(
+    first: Array, second: Array, rotation: Array, translation: Array, max_error: float
+) -> NDArray[np.bool_]:
+    """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and before both cameras."""
+    x, y = np.c_[first, np.ones(len(first))], np.c_[second, np.ones(len(second))]
+    tx, ty, tz = translation
+    essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ rotation
+    lines_second, lines_first = x @ essential.T, y @ essential
+    gradient = (lines_second[:, :2] ** 2).sum(axis=1) + (lines_first[:, :2] ** 2).sum(axis=1)
+    algebraic = (y * lines_second).sum(axis=1) ** 2
+    near = algebraic <= max_error**2 * np.maximum(gradient, 1e-30)
+    # Depths a, b of the point nearest to both rays: a·u + t = b·y, in the least squares sense.
+    u = x @ rotation.T
+    uu, yy, uy = (u * u).sum(axis=1), (y * y).sum(axis=1), (u * y).sum(axis=1)
+    ut, yt = u @ translation, y @ translation
+    # Nearly parallel rays meet far away, on either side within the noise: they accuse nobody.
+    sine_squared = 1.0 - uy**2 / (uu * yy)
+    parallel = sine_squared < max_error**2
+    ahead = (uy * yt - yy * ut > 0) & (uu * yt - uy * ut > 0)
+    return np.asarray(near & (ahead | parallel) & np.isfinite(algebraic))
+
+
+def _relative_errors(
+    estimated: RigidTransform | None, rotation: Array, translation: Array, min_baseline: float
+) -> tuple[float, float]:
+    if estimated is None:
+        return np.nan, np.nan
+    rotation_error = angle_deg(estimated.rotation @ rotation.T)
+    baseline = float(np.linalg.norm(translation))
+    if baseline < min_baseline:
+        return rotation_error, np.nan
+    cosine = estimated.translation @ translation / (np.linalg.norm(estimated.translation) * baseline)
+    return rotation_error, float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _weighted_share(errors_deg: Array, limit_deg: float, weights: Array) -> float | None:
+    known = np.isfinite(errors_deg)
+    if not known.any():
+        return None
+    return float((weights[known] * (errors_deg[known] < limit_deg)).sum() / weights[known].sum())
+
+
+def _unsupported(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> tuple[str, ...]:
+    """Names of the images outside the largest group that explained pairs tie together."""
+    ids = sorted(i for i, image in model.images.items() if image.has_pose)
+    index = {image_id: k for k, image_id in enumerate(ids)}
+    ties = [
+        (index[check.first], index[check.second])
+        for check in checks
+        if check.supported >= MIN_PAIR_MATCHES and check.supported >= _EXPLAINED * check.matches
+    ]
+    rows, columns = np.array(ties, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(ties)), (rows, columns)), shape=(len(ids), len(ids)))
+    _, group = connected_components(graph, directed=False)
+    largest = np.argmax(np.bincount(group))
+    return tuple(sorted(model.images[i].name for i in ids if group[index[i]] != largest))
+
+
+def _prior_residual(model: pycolmap.Reconstruction, gps_m: Mapping[int, Array]) -> float | None:
+    shared = [i for i, image in model.images.items() if image.has_pose and i in gps_m]
+    if len(shared) < _MIN_GPS_FIXES:
+        return None
+    target = np.stack([gps_m[i] for i in shared])
+    source = np.stack([model.images[i].projection_center() for i in shared])
+    try:
+        alignment = robust_umeyama(source, target)
+    except InvalidInputError:  # all fixes in one place: they say nothing
+        return None
+    residuals = np.linalg.norm(alignment.transform.apply(source) - target, axis=1)
+    return float(np.median(residuals) / centre_spread(target))

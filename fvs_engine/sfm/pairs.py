@@ -1,0 +1,68 @@
+"""Which pairs of images are worth matching."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Pair = tuple[int, int]
+
+_IN_ORDER = 8
+"""Following images that each one is matched with; further ones at distances 2^k after that."""
+
+_IN_SPACE = 12
+"""Nearest images by GPS."""
+
+_IN_LOOKS = 12
+"""Most similar images."""
+
+
+def exhaustive_pairs(count: int) -> list[Pair]:
+    """All pairs of ``count`` images, as indices, the smaller first."""
+    return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+
+def selected_pairs(
+    count: int, looks: NDArray[np.float32], positions_m: Mapping[int, NDArray[np.float64]]
+) -> list[Pair]:
+    """Pairs that are near in capture order, in space or in looks: linear in the number of images.
+
+    ``looks`` [count, D] are unit global descriptors (``retrieval``), ``positions_m`` maps the indices with
+    a GPS fix to [3]. Every reason adds pairs, so that one that misleads (shuffled names, a GPS without fix)
+    costs time only.
+    """
+    pairs = set(_in_order(count)) | set(_in_looks(looks))
+    if positions_m:
+        pairs |= set(_in_space(positions_m))
+    return sorted(pairs)
+
+
+def _in_order(count: int) -> list[Pair]:
+    steps = list(range(1, _IN_ORDER + 1))
+    step = 2 * _IN_ORDER
+    while step < count and len(steps) < 2 * _IN_ORDER:
+        steps.append(step)
+        step *= 2
+    return [(i, i + step) for i in range(count) for step in steps if i + step < count]
+
+
+def _in_looks(looks: NDArray[np.float32]) -> list[Pair]:
+    similarity = looks @ looks.T
+    np.fill_diagonal(similarity, -np.inf)
+    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :_IN_LOOKS]
+    return _sorted_pairs((i, int(j)) for i, row in enumerate(nearest) for j in row if j != i)
+
+
+def _in_space(positions_m: Mapping[int, NDArray[np.float64]]) -> list[Pair]:
+    indices = list(positions_m)
+    tree = cKDTree(np.stack([positions_m[i] for i in indices]))
+    neighbours = min(_IN_SPACE + 1, len(indices))
+    _, nearest = tree.query(tree.data, k=[*range(1, neighbours + 1)])
+    return _sorted_pairs(
+        (indices[i], indices[int(j)]) for i, row in enumerate(nearest) for j in row if int(j) != i
+    )
+
+
+def _sorted_pairs(pairs: Iterable[Pair]) -> list[Pair]:
+    return [(min(pair), max(pair)) for pair in pairs]

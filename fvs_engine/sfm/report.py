@@ -1,0 +1,89 @@
+"""What structure from motion tells about itself: plain data that goes into JSON."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+Verdict = Literal["accepted", "doubtful", "refused"]
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Evidence(_Frozen):
+    """What the two-view geometries, which know nothing of the model, say about a model's poses."""
+
+    pairs: int
+    """Verified pairs whose two images are both in the model."""
+
+    matches: int
+    """Verified matches of those pairs."""
+
+    match_support: float
+    """Share of them that lie on the epipolar lines of the final poses and in front of both cameras."""
+
+    rotation_support: float | None
+    """Share of the independent relative rotations (weighted by matches) within 5° of the model's."""
+
+    translation_support: float | None
+    """Share of the independent translation directions (weighted) within 15° of the model's."""
+
+    cycle_consistency: float | None
+    """Share of image triplets whose independent relative rotations close to 5°: the input's quality."""
+
+    unsupported_images: tuple[str, ...]
+    """Images that no chain of explained pairs ties to the rest of the model."""
+
+    prior_residual_share: float | None
+    """Median distance to the GPS positions after alignment, in shares of their spread; None without GPS."""
+
+
+class CandidateReport(_Frozen):
+    """One mapper's best model and what became of it."""
+
+    mapper: str
+    registered: int
+    points: int
+    mean_reprojection_error_px: float
+    evidence: Evidence | None
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+
+class ComponentReport(_Frozen):
+    """A separate model that could not be joined to the one that was kept."""
+
+    mapper: str
+    images: tuple[str, ...]
+
+
+class Agreement(_Frozen):
+    """How far two mappers' camera centres are apart after Umeyama, in shares of the scene's spread."""
+
+    mappers: tuple[str, str]
+    shared_images: int
+    median_share: float
+    max_share: float
+
+
+class SfmReport(_Frozen):
+    """How the cameras were found, and why they are believed."""
+
+    mapper: str
+    """The mapper whose model was kept, or where an imported model came from."""
+
+    verdict: Verdict
+    images: int
+    registered: int
+    unregistered: tuple[str, ...]
+    points: int
+    mean_reprojection_error_px: float
+    pairs_matched: int
+    pairs_verified: int
+    candidates: tuple[CandidateReport, ...]
+    agreements: tuple[Agreement, ...]
+    other_components: tuple[ComponentReport, ...]
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+    """Wall-clock time of the stages that ran in this call, s."""

@@ -1,0 +1,184 @@
+"""The folder in which stages leave their work, and what they share: settings, monitor, clock, log."""
+
+import contextlib
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from fvs_engine.errors import InvalidInputError, NoImagesError
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.database import require_sound_database
+from fvs_engine.sfm.native import run_native
+from fvs_engine.sfm.settings import SfmSettings
+
+
+@dataclass(frozen=True)
+class SfmFolder:
+    """Names of everything that structure from motion keeps."""
+
+    root: Path
+
+    @property
+    def database(self) -> Path:
+        """Features, matches and two-view geometries, as matching left them."""
+        return self.root / "database.db"
+
+    @property
+    def calibrated(self) -> Path:
+        """The same, with focal lengths and relative poses from the view graph."""
+        return self.root / "calibrated.db"
+
+    @property
+    def sparse(self) -> Path:
+        """The COLMAP model that was kept."""
+        return self.root / "sparse"
+
+    @property
+    def report(self) -> Path:
+        """Written last: when it is there, everything is."""
+        return self.root / "report.json"
+
+    @property
+    def refused(self) -> Path:
+        """The evidence against models that were refused."""
+        return self.root / "refused.json"
+
+    @property
+    def log(self) -> Path:
+        """What pycolmap printed."""
+        return self.root / "native.log"
+
+    @property
+    def state(self) -> Path:
+        """Which images and settings the folder's contents belong to."""
+        return self.root / "state.json"
+
+    def mapping(self, mapper: str) -> Path:
+        """A mapper's models, in folders 0, 1 and so on."""
+        return self.root / "mapping" / mapper
+
+    def partial(self, final: Path) -> Path:
+        """Where ``final`` is written until it is whole."""
+        return final.with_name(f".{final.name}.partial")
+
+
+class Stages:
+    """One run over a folder: times its stages, runs native jobs in it, and forgets what no longer fits."""
+
+    def __init__(self, folder: SfmFolder, settings: SfmSettings, monitor: Monitor) -> None:
+        self.folder = folder
+        self.settings = settings
+        self.monitor = monitor
+        self.seconds: dict[str, float] = {}
+        self.warnings: list[str] = []
+        self.pairs_matched = 0
+
+    def open(self, image_dir: Path, image_names: Sequence[str], min_images: int) -> list[str]:
+        """Check the input and the folder; returns the image names.
+
+        Artefacts of other images or settings are deleted as far as they depend on them: added images keep the
+        features and matches of the old ones, another gate keeps the mappers' models.
+        """
+        names = list(dict.fromkeys(image_names))
+        if len(names) < min_images:
+            raise NoImagesError(
+                f"Structure from motion needs at least two images, not {len(names)}"
+                + (f" ({names[0]})." if names else "."),
+                hint="Give photographs of the same scene from several places; ten or more work well.",
+            )
+        missing = [name for name in names if not (image_dir / name).is_file()]
+        if missing:
+            raise InvalidInputError(
+                f"{image_dir / missing[0]} does not exist.", hint="Check the image names."
+            )
+        self.folder.root.mkdir(parents=True, exist_ok=True)
+        require_sound_database(self.folder.database)
+        self._forget_stale(image_dir, names)
+        return names
+
+    def _forget_stale(self, image_dir: Path, names: Sequence[str]) -> None:
+        settings = self.settings.model_dump(mode="json", exclude={"threads"})
+        features = {
+            key: settings[key] for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics")
+        }
+        sizes = {name: (image_dir / name).stat().st_size for name in names}
+        state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
+        mapping = {key: value for key, value in settings.items() if key not in ("gate", "both_mappers_up_to")}
+        state["models"] = _digest([mapping, names])
+        before: dict[str, Any] = {}
+        with contextlib.suppress(OSError, ValueError):
+            before = json.loads(self.folder.state.read_text(encoding="utf-8"))
+        changed = any(before.get("images", {}).get(name, size) != size for name, size in sizes.items())
+        gone = set(before.get("images", {})) - set(sizes)
+        if before.get("features") != state["features"] or changed or gone:
+            _delete_database(self.folder.database)
+        if before.get("models") != state["models"] or changed:
+            _delete_database(self.folder.calibrated)
+            shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)
+        if before.get("mapping") != state["mapping"] or changed:
+            self.folder.report.unlink(missing_ok=True)
+        self.folder.refused.unlink(missing_ok=True)
+        write_atomically(self.folder.state, json.dumps(state, indent=1))
+
+    @contextlib.contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Add the block's wall-clock time to ``seconds``."""
+        began = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - began, 2)
+
+    def native(
+        self,
+        job: str,
+        arguments: Mapping[str, Any],
+        *,
+        on_tick: Callable[[], None] | None = None,
+        on_event: Callable[[int], None] | None = None,
+    ) -> Any:
+        """Run a native job with the folder's log and this run's monitor."""
+        return run_native(job, arguments, self.folder.log, self.monitor, on_tick=on_tick, on_event=on_event)
+
+    def write_model(self, model: pycolmap.Reconstruction) -> None:
+        """Put ``model`` into ``sparse``, whole or not at all."""
+        partial = fresh_folder(self.folder.partial(self.folder.sparse))
+        model.write_binary(partial)
+        replace_folder(partial, self.folder.sparse)
+
+
+def fresh_folder(folder: Path) -> Path:
+    """``folder``, existing and empty."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder
+
+
+def replace_folder(source: Path, target: Path) -> None:
+    """Rename ``source`` to ``target``, which may exist."""
+    if target.exists():
+        shutil.rmtree(target)
+    source.replace(target)
+
+
+def write_atomically(file: Path, text: str) -> None:
+    """Write ``text`` so that the file is the old one or the new one, never half of it."""
+    partial = file.with_name(f".{file.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(file)
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def _delete_database(database: Path) -> None:
+    for suffix in ("", "-wal", "-shm"):
+        Path(f"{database}{suffix}").unlink(missing_ok=True)
