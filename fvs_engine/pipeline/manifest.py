@@ -10,6 +10,10 @@ DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
 """``fine`` is the 3DGS release's; ``coarse`` keeps a step on two CPU cores well under a second."""
 
 
+CameraSource = Literal["photographs", "colmap", "transforms"]
+"""Structure from motion, or cameras made elsewhere."""
+
+
 class Record(BaseModel):
     """Base of everything that is written: immutable, unknown fields and non-finite numbers refused."""
 
@@ -69,7 +73,7 @@ class CamerasRecord(Record):
     ``report`` is what structure from motion says about its evidence.
     """
 
-    source: Literal["photographs", "colmap", "transforms"]
+    source: CameraSource
     registered: tuple[str, ...]
     unregistered: tuple[str, ...]
     points: int

@@ -26,6 +26,7 @@ from fvs_engine.pipeline.storage import OutputExistsError, storage_errors, write
 
 _OWN_ENTRIES = frozenset(
     {"manifest.json", "metrics.json", "images", "sfm", "undistorted", "splat", "renders", "ranking", ".lock"}
+    | {"undistorted.log", ".undistorted.partial"}
 )
 
 

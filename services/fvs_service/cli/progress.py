@@ -33,7 +33,10 @@ _LABELS = {
     "images": "Checking photographs",
     "normalise": "Preparing photographs",
     "features": "Finding features",
-    "matching": "Matching",
+    "pairs": "Choosing pairs",
+    "matching": "Matching pairs",
+    "calibration": "Calibrating",
+    "evidence": "Weighing the evidence",
     "undistort": "Undistorting",
     "load": "Loading views",
     "train": "Training",
@@ -167,6 +170,7 @@ class LogDisplay:
         self._stage = ""
         self._began = (0.0, 0)
         self._shown = 0.0
+        self._ended = False
 
     def __enter__(self) -> "LogDisplay":
         return self
@@ -184,7 +188,9 @@ class LogDisplay:
             if begins:
                 self._stage, self._began = progress.stage, (now, progress.done)
             ends = progress.done == progress.total
-            if not (begins or ends or now - self._shown >= _LOG_EVERY_S):
+            due = begins or (ends and not self._ended) or now - self._shown >= _LOG_EVERY_S
+            self._ended = ends
+            if not due:
                 return
             self._shown = now
             line = f"{label_of(progress.stage)}: {progress.done:,}"

@@ -28,6 +28,7 @@ def test_logs_get_the_first_and_the_last_report_of_a_stage() -> None:
     with LogDisplay(stream) as display:
         for done in range(1, 1001):
             display.update(Progress("images", done, 1000))
+        display.update(Progress("images", 1000, 1000))
         display.update(Progress("global-mapping", 5, None, {"points": 1234}))
     lines = stream.getvalue().splitlines()
     assert lines[0] == "Checking photographs: 1/1,000"
