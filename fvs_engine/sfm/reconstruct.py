@@ -53,7 +53,7 @@ def reconstruct(
     folder = SfmFolder(out_dir)
     stages = Stages(folder, settings, monitor)
     names = stages.open(image_dir, image_names, _MIN_IMAGES)
-    if (finished := _finished(folder)) is not None:
+    if (finished := finished_result(folder)) is not None:
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)
@@ -63,7 +63,8 @@ def reconstruct(
     return _conclude(stages, names, scenes, decision)
 
 
-def _finished(folder: SfmFolder) -> SfmResult | None:
+def finished_result(folder: SfmFolder) -> SfmResult | None:
+    """What an earlier call left in ``folder``, None if it did not come to an end."""
     if not folder.report.is_file():
         return None
     report = SfmReport.model_validate_json(folder.report.read_text(encoding="utf-8"))

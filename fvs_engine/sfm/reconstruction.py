@@ -1,6 +1,6 @@
 """A reconstruction in memory, posed cameras and sparse points; read from and written to COLMAP's files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,17 +99,24 @@ def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
 
 
 def to_pycolmap(
-    views: Sequence[PosedView], *, points: Reconstruction | None = None
+    views: Sequence[PosedView],
+    *,
+    points: Reconstruction | None = None,
+    image_ids: Mapping[str, int] | None = None,
 ) -> pycolmap.Reconstruction:
-    """A pycolmap reconstruction with ``views``, and the points of ``points`` without tracks."""
+    """A pycolmap reconstruction with ``views``, and the points of ``points`` without tracks.
+
+    Images are numbered from 1, or by ``image_ids`` (a database's).
+    """
     model = pycolmap.Reconstruction()
     camera_ids: dict[Camera, int] = {}
-    for image_id, view in enumerate(views, start=1):
+    numbers = image_ids or {view.name: number for number, view in enumerate(views, start=1)}
+    for view in views:
         if view.camera not in camera_ids:
             camera_ids[view.camera] = len(camera_ids) + 1
             camera = camera_to_pycolmap(view.camera, camera_ids[view.camera])
             model.add_camera_with_trivial_rig(camera)
-        image = pycolmap.Image(name=view.name, camera_id=camera_ids[view.camera], image_id=image_id)
+        image = pycolmap.Image(name=view.name, camera_id=camera_ids[view.camera], image_id=numbers[view.name])
         model.add_image_with_trivial_frame(image, rigid_to_pycolmap(view.camera_from_model))
     if points is not None:
         for xyz, color in zip(points.points, points.point_colors, strict=True):
