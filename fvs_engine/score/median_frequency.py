@@ -32,12 +32,12 @@ def median_log_magnitude(images: Tensor) -> Tensor:
 
     ``images`` [B, H, W, 3] are colours, clamped to [0, 1] as a display would. No window, no shift, no
     normalisation. −inf for images without structure (blank), NaN where a pixel is NaN. Raises
-    ``InvalidInputError`` for another shape or integers.
+    ``InvalidInputError`` for another shape or type.
     """
     if images.ndim != 4 or images.shape[-1] != 3 or images.numel() == 0:
         raise InvalidInputError(f"Images must have shape [B, H, W, 3], not {list(images.shape)}.")
-    if not images.is_floating_point():
-        raise InvalidInputError("Images must be float, with colours in [0, 1].")
+    if images.dtype not in {torch.float32, torch.float64}:
+        raise InvalidInputError("Images must be float32 or float64, with colours in [0, 1].")
     height, width = images.shape[1:3]
     scores = median_log_of_spectra(images)
     return scores.masked_fill(scores < math.log(_ROUNDING * math.sqrt(height * width)), -math.inf)

@@ -40,9 +40,8 @@ def median_log_of_spectra(images: Tensor) -> Tensor:
     total = images[0].numel()
     ranks = ((total - 1) // 2, total // 2)
     if images.device.type == "cpu":
-        powers = torch.from_numpy(
-            np.stack([_middle_powers_of_image(image, ranks) for image in images.numpy()])
-        )
+        found = [_middle_powers_of_image(image, ranks) for image in images.detach().numpy()]
+        powers = torch.from_numpy(np.stack(found))
     else:
         powers = _middle_powers(images, ranks)
     return 0.5 * powers.to(torch.float64).log().mean(dim=-1)
