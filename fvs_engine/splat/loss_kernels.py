@@ -29,7 +29,7 @@ SIGMA_PX = 1.5
 C1 = 0.01**2
 C2 = 0.03**2
 
-_LANES = 96
+_LANES = 64
 """Floats in a block: a few vectors, so that entering the inner loop costs little."""
 _PAD = 16
 """Zeros on both sides of a row: at least REACH pixels of 3 channels."""
@@ -312,4 +312,5 @@ def photometric_rows(
 def workspace_floats(width: int) -> int:
     """Floats of working memory that one band of an image ``width`` px wide needs."""
     blocks = -(-3 * width // _LANES)
-    return blocks * (_BEFORE_BLOCK + _AFTER_BLOCK) + 7 * (blocks * _LANES + 2 * _PAD)
+    floats = blocks * (_BEFORE_BLOCK + _AFTER_BLOCK) + 7 * (blocks * _LANES + 2 * _PAD)
+    return -(-floats // 16) * 16  # whole cache lines, so that every band's workspace is aligned

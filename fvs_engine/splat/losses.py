@@ -23,6 +23,7 @@ from fvs_engine.splat.loss_kernels import (
 )
 
 SSIM_WEIGHT = 0.2
+_CACHE_LINE_FLOATS = 16
 
 
 def photometric_loss(color: Tensor, target: Tensor, ssim_weight: float = SSIM_WEIGHT) -> Tensor:
@@ -102,8 +103,15 @@ def _fused_loss(
         gradient,
         row_l1,
         row_ssim,
-        np.empty((bands, workspace_floats(row_floats // 3)), np.float32),
+        _aligned((bands, workspace_floats(row_floats // 3))),
     )
     l1 = float(row_l1.sum(dtype=np.float64)) / color.size
     ssim = float(row_ssim.sum(dtype=np.float64)) / color.size
     return (1 - ssim_weight) * l1 + ssim_weight * (1 - ssim)
+
+
+def _aligned(shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Uninitialised floats that start on a cache line: vector loads then never straddle two."""
+    floats = np.empty(shape[0] * shape[1] + _CACHE_LINE_FLOATS, np.float32)
+    skip = -(floats.ctypes.data // floats.itemsize) % _CACHE_LINE_FLOATS
+    return floats[skip : skip + shape[0] * shape[1]].reshape(shape)

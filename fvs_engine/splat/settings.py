@@ -74,12 +74,11 @@ class TrainingSettings(BaseModel):
         Densification keeps its share of the run (half of it, by the paper's numbers), and the
         spherical harmonics reach their degree within the first half.
         """
-        share = min(1.0, iterations / 30_000)
         paper = Densification()
         densification = self.densification.model_copy(
             update={
                 "first_iteration": min(paper.first_iteration, iterations // 10),
-                "last_iteration": min(paper.last_iteration, max(iterations // 2, round(15_000 * share))),
+                "last_iteration": min(paper.last_iteration, iterations // 2),
             }
         )
         return self.model_copy(
