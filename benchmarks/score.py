@@ -1,6 +1,6 @@
 """How fast candidates are scored: candidates/s, against rendering one by one and an FFT in numpy.
 
-    python benchmarks/score.py [--quick] [--backend cpu] [--gaussians 100000] [--json results/score.json]
+    python benchmarks/score.py [--counts 10 100] [--backend cpu] [--gaussians 100000] [--json results/score.json]
 
 For every image size: the time of a render and of its score (FFT + median), side by side, and the latter's
 share of a scored view (goal: ≤ 30 %). Then candidates/s from 10 to 1,000 candidates (goal: the same for all
@@ -150,21 +150,21 @@ def main() -> None:
     )
     parser.add_argument("--backend", default="auto")
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--quick", action="store_true", help="leave out the thousand candidates")
+    parser.add_argument("--counts", type=int, nargs="+", default=[10, 100, 1000], help="of candidates")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rasterizer = create_rasterizer(options.backend)
-    gaussians = scene(options.gaussians).to(rasterizer.device)
-    few = min(options.gaussians, FEW_GAUSSIANS)
-    counts = [10, 100] if options.quick else [10, 100, 1000]
-    parts = {
-        "share": shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1),
-        "rate": rates(gaussians, rasterizer, counts, options.repeat),
-    }
-    for part, rows in parts.items():
+    name = f"score, {rasterizer.name} rasteriser, {options.gaussians:,} Gaussians"
+
+    def show(part: str, rows: list[dict[str, Any]]) -> None:
         path = options.json and options.json.with_stem(f"{options.json.stem}-{part}")
-        report(f"score, {rasterizer.name} rasteriser, {options.gaussians:,} Gaussians: {part}", rows, path)
+        report(f"{name}: {part}", rows, path)
+
+    few = min(options.gaussians, FEW_GAUSSIANS)
+    show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1))
+    gaussians = scene(options.gaussians).to(rasterizer.device)
+    show("rate", rates(gaussians, rasterizer, options.counts, options.repeat))
 
 
 if __name__ == "__main__":
