@@ -1,6 +1,6 @@
 """How fast candidates are scored: candidates/s, against rendering one by one and an FFT in numpy.
 
-    python benchmarks/score.py [--counts 10 100] [--backend cpu] [--gaussians 100000] [--json results/score.json]
+    python benchmarks/score.py [--counts 10 100] [--gaussians 100000] [--backend cpu] [--json score.json]
 
 For every image size: the time of a render and of its score (FFT + median), side by side, and the latter's
 share of a scored view (goal: ≤ 30 %). Then candidates/s from 10 to 1,000 candidates (goal: the same for all
