@@ -1,6 +1,6 @@
-"""How fast a training step is, and where its time goes.
+r"""How fast a training step is, and where its time goes.
 
-    python benchmarks/train.py --scene fox=MODEL,IMAGES,960 --scene bonsai=MODEL,IMAGES,800 \\
+    python benchmarks/train.py --scene fox=MODEL,IMAGES,960 --scene bonsai=MODEL,IMAGES,800 \
         [--sh-degree 0] [--steps 40] [--json results/train.json]
 
 MODEL is a folder with a COLMAP model, IMAGES its photographs, the number the long side in px. The model is
