@@ -1,17 +1,25 @@
 """The cameras of a reconstruction: by structure from motion, or imported; pinhole in the end."""
 
 import time
+from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest
 from fvs_engine.pipeline.storage import blame_full_disk, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_engine.sfm.imports import import_colmap, import_transforms_json, triangulate
-from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.imports import import_colmap, import_transforms_json
+from fvs_engine.sfm.reconstruct import reconstruct
+from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
+from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.triangulate import triangulate
 from fvs_engine.sfm.undistort import undistort
+
+_MIN_VIEWS = 2
 
 
 def find_cameras(
@@ -30,9 +38,9 @@ def find_cameras(
     """
     began = time.monotonic()
     with storage_errors(workspace.sfm), blame_full_disk(workspace.root):
-        source, found = _find(workspace, manifest, monitor, threads)
-        model = undistort(found.model_dir, workspace.images, workspace.undistorted, monitor)
-    for sentence in found.report.warnings:
+        source, model_dir, report = _find(workspace, manifest, monitor, threads)
+        model = undistort(model_dir, workspace.images, workspace.undistorted, monitor)
+    for sentence in report.warnings if report else ():
         warn(sentence)
     names = {record.normalised_name for record in manifest.images.photographs}
     registered = tuple(sorted(view.name for view in model.views))
@@ -42,7 +50,7 @@ def find_cameras(
         unregistered=tuple(sorted(names.difference(registered))),
         points=len(model.points),
         seconds=time.monotonic() - began,
-        report=found.report.model_dump(mode="json"),
+        report=report.model_dump(mode="json") if report else None,
     )
     manifest = manifest.model_copy(update={"cameras": record})
     workspace.write_manifest(manifest)
@@ -51,15 +59,51 @@ def find_cameras(
 
 def _find(
     workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
-) -> tuple[CameraSource, SfmResult]:
-    """Where the cameras come from, and the cameras."""
-    settings = manifest.settings
+) -> tuple[CameraSource, Path, SfmReport | None]:
+    """Where the cameras come from, the folder of their COLMAP model, and the evidence for them."""
+    settings = SfmSettings(seed=manifest.settings.seed, threads=threads)
     names = [record.normalised_name for record in manifest.images.photographs]
-    sfm_settings = SfmSettings(seed=settings.seed, threads=threads)
-    if settings.colmap is not None:
-        imported = import_colmap(Path(settings.colmap), workspace.images, names, workspace.sfm, monitor)
-        return "colmap", imported
-    if settings.transforms is not None:
-        cameras = import_transforms_json(Path(settings.transforms), workspace.images)
-        return "transforms", triangulate(cameras, workspace.images, workspace.sfm, sfm_settings, monitor)
-    return "photographs", reconstruct(workspace.images, names, workspace.sfm, sfm_settings, monitor)
+    source: CameraSource
+    if manifest.settings.colmap is not None:
+        source, file = "colmap", Path(manifest.settings.colmap)
+        cameras = _of_photographs(import_colmap(file, workspace.images), file, manifest)
+        if len(cameras.points) > 0:
+            model_dir = workspace.sfm / "sparse"
+            write_colmap(cameras, model_dir)
+            return source, model_dir, None
+        result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
+    elif manifest.settings.transforms is not None:
+        source, file = "transforms", Path(manifest.settings.transforms)
+        cameras = _of_photographs(import_transforms_json(file), file, manifest)
+        result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
+    else:
+        source = "photographs"
+        result = reconstruct(workspace.images, names, workspace.sfm, settings, monitor)
+    return source, result.model_dir, result.report
+
+
+def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:
+    """The views whose photographs are here, under the names that these have in ``images/``.
+
+    A view belongs to the photograph of its name, else to the only one with the same last part.
+    """
+    photographs = manifest.images.photographs
+    last_parts = Counter(PurePosixPath(record.name).name for record in photographs)
+    names = {
+        last_part: record.normalised_name
+        for record in photographs
+        if last_parts[last_part := PurePosixPath(record.name).name] == 1
+    }
+    names |= {record.name: record.normalised_name for record in photographs}
+    views = []
+    for view in imported.views:
+        name = names.get(view.name) or names.get(PurePosixPath(view.name).name)
+        if name is not None:
+            views.append(replace(view, name=name))
+    if len(views) < _MIN_VIEWS:
+        raise InvalidInputError(
+            f"Of the {len(imported.views)} images of {file}, {len(views)} are in {manifest.images.folder} "
+            f"(its first is {imported.views[0].name}, the folder's {photographs[0].name}).",
+            hint="Give the folder of photographs that these cameras were computed from.",
+        )
+    return replace(imported, views=tuple(sorted(views, key=lambda view: view.name)))

@@ -70,7 +70,7 @@ class ImagesRecord(Record):
 class CamerasRecord(Record):
     """The stage that found (or imported) the cameras and undistorted the images.
 
-    ``report`` is what structure from motion says about its evidence.
+    ``report`` is what structure from motion says about its evidence; None for an imported model.
     """
 
     source: CameraSource
@@ -78,7 +78,7 @@ class CamerasRecord(Record):
     unregistered: tuple[str, ...]
     points: int
     seconds: float
-    report: dict[str, Any]
+    report: dict[str, Any] | None
 
 
 class TrainingRecord(Record):

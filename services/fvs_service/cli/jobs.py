@@ -17,6 +17,8 @@ from fvs_engine.monitor import Monitor
 from fvs_service.cli.exit_codes import INTERRUPTED, exit_code_of
 from fvs_service.cli.progress import Display, create_display
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 _Result = TypeVar("_Result")
 Say = Callable[[str], None]
 """Shows a sentence to the user."""
@@ -42,11 +44,11 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
                 failure.append(error)
 
         thread = threading.Thread(target=run, name="job", daemon=True)
-        with _stop_on_signals(monitor) as announce:
+        with _stop_on_signals(monitor) as attend:
             thread.start()
             while thread.is_alive():
                 thread.join(0.1)
-                announce(display)
+                attend(display)
     if not failure:
         return outcome[0]
     error = failure[0]
@@ -80,15 +82,16 @@ def _stop_on_signals(monitor: Monitor) -> Iterator[Callable[[Display], None]]:
         asked.set()
         monitor.cancel()
 
-    def announce(display: Display) -> None:
+    def attend(display: Display) -> None:
+        for number in _SIGNALS:  # importing pycolmap puts glog's own handler in the place of ours
+            signal.signal(number, on_signal)
         if asked.is_set() and not announced.is_set():
             announced.set()
             display.say("Stopping at the next safe point. Press Ctrl-C again to stop at once.")
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, on_signal) for number in numbers]
+    before = {number: signal.signal(number, on_signal) for number in _SIGNALS}
     try:
-        yield announce
+        yield attend
     finally:
-        for number, handler in zip(numbers, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)

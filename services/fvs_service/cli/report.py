@@ -79,8 +79,8 @@ def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
                 f"{len(cameras.unregistered)} not, {cameras.points:,} points",
             )
         )
-        how = f"{cameras.report['mapper']} mapping, " if cameras.source == "photographs" else ""
-        facts.append(("evidence", f"{how}{cameras.report['verdict']}"))
+        if cameras.report is not None:
+            facts.append(("evidence", f"{cameras.report['mapper']} cameras, {cameras.report['verdict']}"))
         if cameras.unregistered:
             facts.append(("not registered", ", ".join(cameras.unregistered)))
     if manifest.training is not None:
