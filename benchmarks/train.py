@@ -25,6 +25,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.splat import densification, optimiser, trainer
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import cpu, create_rasterizer
+from fvs_engine.splat.raster.kernels import blending
 from fvs_engine.splat.settings import Densification, TrainingSettings
 from fvs_engine.splat.trainer import Trainer
 
@@ -67,8 +68,8 @@ def timed_parts(watch: Stopwatch) -> Iterator[None]:
     targets: list[tuple[str, Any, str]] = [
         ("step", Trainer, "_step"),
         ("render", cpu.CpuRasterizer, "render"),
-        ("blend", cpu.blending, "blend"),
-        ("blend backward", cpu.blending, "blend_backward"),
+        ("blend", blending, "blend"),
+        ("blend backward", blending, "blend_backward"),
         ("loss", trainer, "photometric_loss"),
         ("backward", cpu, "_differentiate"),
         ("adam", optimiser.GaussianAdam, "step"),

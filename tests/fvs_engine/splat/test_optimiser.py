@@ -26,14 +26,14 @@ def set_gradients(gaussians: Gaussians, seed: int) -> None:
 
 
 def test_steps_equal_torch_adam_when_all_are_visible(make_gaussians: Make) -> None:
-    ours, theirs = make_gaussians(3000, 2).requires_grad_(), make_gaussians(3000, 2).requires_grad_()
+    ours, theirs = make_gaussians(12_000, 2).requires_grad_(), make_gaussians(12_000, 2).requires_grad_()
     adam = GaussianAdam(ours)
     groups = [{"params": [tensor], "lr": RATES[name]} for name, tensor in theirs.tensors().items()]
     torch_adam = torch.optim.Adam(groups, eps=1e-15)
     for seed in range(5):
         set_gradients(ours, seed)
         set_gradients(theirs, seed)
-        adam.step(ours, RATES, torch.ones(3000, dtype=torch.bool), sh_degree=2)
+        adam.step(ours, RATES, torch.ones(12_000, dtype=torch.bool), sh_degree=2)
         torch_adam.step()
     for name, tensor in ours.tensors().items():
         torch.testing.assert_close(tensor, theirs.tensors()[name], rtol=1e-5, atol=1e-6)

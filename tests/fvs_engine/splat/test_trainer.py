@@ -110,7 +110,13 @@ def test_every_view_once_per_epoch(scene_views: Views, start: Start, cpu: Raster
 
 def test_progress_and_cancellation(scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path) -> None:
     reports: list[Progress] = []
-    monitor = Monitor(lambda p: (reports.append(p), monitor.cancel() if p.done == 5 else None)[0])
+
+    def stop_after_five(progress: Progress) -> None:
+        reports.append(progress)
+        if progress.done == 5:
+            monitor.cancel()
+
+    monitor = Monitor(stop_after_five)
     trainer = Trainer(scene_views, start(1), SETTINGS, cpu)
     with pytest.raises(Cancelled):
         trainer.train(50, monitor)
