@@ -17,6 +17,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment import robust_umeyama
 from fvs_engine.sfm.database import VerifiedPair
+from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
 from fvs_engine.sfm.report import Evidence
 
 Array = NDArray[np.float64]
@@ -79,7 +80,10 @@ def check_pairs(
             _MAX_EPIPOLAR_ERROR_PX / focal_px,
         )
         rotation_error, direction_error = _relative_errors(
-            pair.second_from_first, rotation, translation, _MIN_BASELINE_SHARE * spread
+            _relative_pose(pair, first.camera, second.camera, keypoints),
+            rotation,
+            translation,
+            _MIN_BASELINE_SHARE * spread,
         )
         checks.append(
             PairCheck(
@@ -169,6 +173,24 @@ def _supported(
     parallel = sine_squared < max_error**2
     ahead = (uy * yt - yy * ut > 0) & (uu * yt - uy * ut > 0)
     return np.asarray(near & (ahead | parallel) & np.isfinite(algebraic))
+
+
+def _relative_pose(
+    pair: VerifiedPair, first: pycolmap.Camera, second: pycolmap.Camera, keypoints: Mapping[int, Array]
+) -> RigidTransform | None:
+    """second_from_first from this pair's matches alone; the model lends its lenses, not its poses.
+
+    Lenses that the view graph was calibrated with, or that were guessed, give rotations too poor to judge by.
+    """
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = 0
+    options.compute_relative_pose = True
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
+        first, keypoints[pair.first], second, keypoints[pair.second], pair.matches, options
+    )
+    if geometry.cam2_from_cam1 is None or not np.linalg.norm(geometry.cam2_from_cam1.translation) > 0:
+        return None
+    return rigid_from_pycolmap(geometry.cam2_from_cam1)
 
 
 def _relative_errors(

@@ -20,6 +20,7 @@ from typing import Any, TextIO
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
 
+_COMMAND = [sys.executable, "-m", "fvs_engine.sfm.native_child"]
 _POLL_S = 0.1
 _PATIENCE_S = 3.0
 """How long a child may take to die of SIGTERM before it is killed."""
@@ -74,7 +75,7 @@ def run_native(
 def _spawn(log: TextIO) -> "subprocess.Popen[str]":
     environment = os.environ | {"GLOG_minloglevel": "0", "GLOG_logtostderr": "1"}
     return subprocess.Popen(
-        [sys.executable, "-m", "fvs_engine.sfm.native_child"],
+        _COMMAND,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=log,

@@ -1,0 +1,24 @@
+"""One reconstruction of the small photographs, shared by all tests that only look at it."""
+
+from pathlib import Path
+
+import pytest
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.settings import SfmSettings
+
+
+@pytest.fixture(scope="session")
+def kermit_names(kermit_dir: Path) -> list[str]:
+    return sorted(path.name for path in kermit_dir.iterdir())
+
+
+@pytest.fixture(scope="session")
+def kermit_sfm(
+    kermit_dir: Path, kermit_names: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> SfmResult:
+    """Read-only: tests that change something copy its folder."""
+    return reconstruct(
+        kermit_dir, kermit_names, tmp_path_factory.mktemp("kermit_sfm"), SfmSettings(), Monitor()
+    )
