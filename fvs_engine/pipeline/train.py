@@ -1,12 +1,14 @@
 """Training on the undistorted views of an output folder: resumable, checkpointed, evaluated at the end."""
 
+import contextlib
 import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+import torch
 from PIL import Image
 
 from fvs_engine.errors import Cancelled
@@ -94,7 +96,8 @@ def train(
         session.save()
         raise
     session.save()
-    metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
+    with _one_torch_thread(rasterizer):
+        metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
 
@@ -158,6 +161,18 @@ class _Session:
             seconds=self.seconds,
         )
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
+
+
+@contextlib.contextmanager
+def _one_torch_thread(rasterizer: Rasterizer) -> Iterator[None]:
+    """Keep torch's pool, which spins while it waits, off the cores that the CPU kernels use."""
+    before = torch.get_num_threads()
+    if rasterizer.device.type == "cpu":
+        torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _warn_of_memory(

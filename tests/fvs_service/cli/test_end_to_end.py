@@ -163,6 +163,37 @@ def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     assert resumed.read_bytes() == uninterrupted.read_bytes()
 
 
+def test_cameras_can_come_from_a_colmap_model(
+    fvs: Fvs, photographs: Path, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    options = ("--colmap", first_run[0] / "sfm" / "sparse", "--iterations", 2, "--long-side", 240, "--json")
+    run = fvs("reconstruct", photographs, "--out", tmp_path / "out", *options)
+    assert run.status == 0, run.stderr
+    before, after = (document["manifest"]["cameras"] for document in (first_run[1].document, run.document))
+    assert after["source"] == "colmap"
+    assert after["registered"] == before["registered"]
+    assert after["points"] == before["points"]
+    centres = [
+        {image.name: image.projection_center() for image in _images(out)}
+        for out in (first_run[0], tmp_path / "out")
+    ]
+    for name, centre in centres[0].items():
+        np.testing.assert_allclose(centres[1][name], centre, atol=1e-9)
+
+
+def test_a_colmap_model_of_other_photographs_is_refused(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    for index in range(3):
+        pixels = np.random.default_rng(index).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(tmp_path / f"holiday {index}.png")
+    colmap = first_run[0] / "sfm" / "sparse"
+    run = fvs("reconstruct", tmp_path, "--out", tmp_path / "out", "--colmap", colmap)
+    assert run.status == EXIT_CODES["invalid-input"]
+    assert "holiday 0.png" in run.stderr
+    assert "these cameras were computed from" in run.stderr
+
+
 def test_overwrite_starts_again(fvs: Fvs, fvs_until: FvsUntil, kermit_dir: Path, out: Path) -> None:
     """Up to a stage that takes long; that it clears the folder is what matters here."""
     (out / "mine.txt").write_text("stays")
