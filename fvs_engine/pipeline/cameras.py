@@ -94,6 +94,7 @@ def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) ->
         for record in photographs
         if last_parts[last_part := PurePosixPath(record.name).name] == 1
     }
+    names |= {record.normalised_name: record.normalised_name for record in photographs}
     names |= {record.name: record.normalised_name for record in photographs}
     views = []
     for view in imported.views:
