@@ -117,11 +117,13 @@ def _rasterize(view: _View, background: Floats, parameters: list[Floats]) -> _Fo
 
 
 def _differentiate(
-    forward: _Forward, view: _View, parameters: list[Floats], image_gradients: list[Floats]
+    forward: _Forward, view: _View, parameters: list[Floats], image_gradients: list[Floats | None]
 ) -> tuple[Floats, list[Floats]]:
     """Gradients of the projected centres [N, 2] and of the parameters."""
     means, log_scales, quaternions, _, _, sh_rest = parameters
     g_color, g_alpha, g_depth = image_gradients
+    g_color = np.zeros_like(forward.color) if g_color is None else g_color
+    g_alpha = np.zeros_like(forward.alpha) if g_alpha is None else g_alpha
     hit_gradients = np.zeros((len(forward.hit_splats), GRADIENT_SIZE), np.float32)
     with numba.parallel_chunksize(TILES_AT_ONCE):
         blending.blend_backward(
@@ -151,15 +153,16 @@ class _Rasterize(torch.autograd.Function):
         forward = _rasterize(view, _array(background), [_array(p) for p in parameters])
         radii = torch.from_numpy(forward.radii)
         ctx.mark_non_differentiable(radii)
+        ctx.set_materialize_grads(False)  # an image that the loss did not use has no gradient at all
         ctx.save_for_backward(*parameters)
         ctx.view, ctx.forward = view, forward
         images = (torch.from_numpy(image) for image in (forward.color, forward.alpha, forward.depth))
         return *images, radii
 
     @staticmethod
-    def backward(ctx: Any, *image_gradients: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Any, *image_gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         parameters = [_array(p) for p in ctx.saved_tensors]
         screen, outputs = _differentiate(
-            ctx.forward, ctx.view, parameters, [_array(g) for g in image_gradients[:3]]
+            ctx.forward, ctx.view, parameters, [None if g is None else _array(g) for g in image_gradients[:3]]
         )
         return None, None, torch.from_numpy(screen.copy()), *(torch.from_numpy(o) for o in outputs)

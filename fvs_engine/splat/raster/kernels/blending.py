@@ -169,8 +169,12 @@ def _differentiate_row(
     qq: float,
     dy: float,
     splat: tuple[float, float, float, float, float],
+    g_depth: Floats | None,
 ) -> None:
-    """Add 8 pixels' part to the sums of one splat, and move the state of these pixels behind it."""
+    """Add 8 pixels' part to the sums of one splat, and move the state of these pixels behind it.
+
+    Where ``g_depth`` is None, a version without depth is compiled: training needs none.
+    """
     opacity, red, green, blue, depth = splat
     for lane in range(LANES):
         i = (at & np.uint64(248)) + np.uint64(lane)
@@ -187,9 +191,9 @@ def _differentiate_row(
         g_red = buffer[i + np.uint64(RED_PLANE)]
         g_green = buffer[i + np.uint64(GREEN_PLANE)]
         g_blue = buffer[i + np.uint64(BLUE_PLANE)]
-        g_depth = buffer[i + np.uint64(DEPTH_PLANE)]
-        value = red * g_red + green * g_green + blue * g_blue + depth * g_depth
-        value += buffer[i + np.uint64(ALPHA_PLANE)]
+        value = red * g_red + green * g_green + blue * g_blue + buffer[i + np.uint64(ALPHA_PLANE)]
+        if g_depth is not None:
+            value += depth * buffer[i + np.uint64(DEPTH_PLANE)]
         behind = buffer[i + np.uint64(BEHIND_PLANE)] - weight * value
         buffer[i + np.uint64(BEHIND_PLANE)] = behind
         # alpha · ∂L/∂alpha; nothing flows through a clamped or skipped alpha.
@@ -201,7 +205,8 @@ def _differentiate_row(
         buffer[j + np.uint64(3 * TILE_PX)] += weight * g_red
         buffer[j + np.uint64(4 * TILE_PX)] += weight * g_green
         buffer[j + np.uint64(5 * TILE_PX)] += weight * g_blue
-        buffer[j + np.uint64(6 * TILE_PX)] += weight * g_depth
+        if g_depth is not None:
+            buffer[j + np.uint64(6 * TILE_PX)] += weight * buffer[i + np.uint64(DEPTH_PLANE)]
 
 
 @kernel
@@ -253,12 +258,13 @@ def blend_backward(
     depth: Floats,
     g_color: Floats,
     g_alpha: Floats,
-    g_depth: Floats,
+    g_depth: Floats | None,
     hit_gradients: Floats,
 ) -> None:
     """Write the gradient of every hit to ``hit_gradients`` [H, 10], which comes in zeroed.
 
-    ``color``, ``alpha``, ``depth`` are what ``blend`` rendered; ``g_…`` are the loss's gradients of them.
+    ``color``, ``alpha``, ``depth`` are what ``blend`` rendered; ``g_…`` are the loss's gradients of them
+    (that of depth may be None).
     """
     height, width = alpha.shape
     tiles_x = (width + TILE_PX - 1) // TILE_PX
@@ -275,13 +281,15 @@ def blend_backward(
                 buffer[i] = F(1)
                 # The background's colour is seen with 1 − alpha: part of alpha's gradient.
                 through_alpha = g_alpha[row, column]
-                behind = g_depth[row, column] * depth[row, column]
+                behind = F(0)
                 for c in range(3):
                     g = g_color[row, column, c]
                     buffer[i + RED_PLANE + c * AREA] = g
                     through_alpha -= g * background[c]
                     behind += g * (color[row, column, c] - (F(1) - alpha[row, column]) * background[c])
-                buffer[i + DEPTH_PLANE] = g_depth[row, column]
+                if g_depth is not None:
+                    buffer[i + DEPTH_PLANE] = g_depth[row, column]
+                    behind += g_depth[row, column] * depth[row, column]
                 buffer[i + ALPHA_PLANE] = through_alpha
                 buffer[i + BEHIND_PLANE] = behind + through_alpha * alpha[row, column]
         for slot in range(tile_starts[tile], tile_starts[tile + 1]):
@@ -308,6 +316,7 @@ def blend_backward(
                         q * q,
                         F(row) - F(7.5),
                         values,
+                        g_depth,
                     )
             _collect(
                 buffer,
