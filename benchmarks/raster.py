@@ -3,8 +3,8 @@
     python benchmarks/raster.py [--quick] [--json results/raster.json]
 
 Three tables. Against the reference (goal: ≥ 50×): a whole forward and backward pass of both, in turns.
-Threads (goal: ≥ 1.7×): the two blending kernels and the whole pass on one thread and on two, in turns. Sweep: Gaussians ×
-image sizes, with the time per million *pixel hits* (a splat's alpha evaluated in a pixel).
+Threads (goal: ≥ 1.7×): the two blending kernels and the whole pass on one thread and on two, in turns.
+Sweep: Gaussians × image sizes, with the time per million *pixel hits* (a splat's alpha in a pixel).
 """
 
 import argparse
@@ -17,7 +17,7 @@ import numba
 import numpy as np
 import torch
 from measurement import Timing, measure_side_by_side, report
-from score import candidates, scene
+from room import candidates, scene
 
 from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
@@ -29,7 +29,7 @@ SIZES = ((480, 270), (960, 540), (1920, 1080))
 
 
 class Passes:
-    """The forward and the whole pass of one backend over one view."""
+    """``forward`` and ``whole`` (forward and backward) passes of one backend over one view."""
 
     def __init__(self, rasterizer: Rasterizer, gaussians: Gaussians, view: Candidate) -> None:
         self.rasterizer, self.view = rasterizer, view
@@ -49,7 +49,7 @@ class Passes:
 
 
 class Kernels:
-    """The two blending kernels by themselves, on one view's binned splats."""
+    """The blending kernels ``forward`` and ``backward`` by themselves, on one view's binned splats."""
 
     def __init__(self, gaussians: Gaussians, view: Candidate) -> None:
         one_view = cpu_rasterizer._View(view.camera, view.camera_from_model, 0)
@@ -98,7 +98,9 @@ def on_threads(count: int, function: Callable[[], None]) -> Callable[[], None]:
 
 
 def against_reference(quick: bool) -> list[dict[str, Any]]:
-    """Both backends in turns. The reference's memory (all pixels × splats of a tile) sets the sizes."""
+    """Both backends in turns, each on all cores. The reference's memory sets the sizes."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(numba.get_num_threads())
     rows = []
     cases = (
         [(5_000, (240, 136))] if quick else [(5_000, (240, 136)), (13_000, (480, 270)), (50_000, (480, 270))]
@@ -120,6 +122,7 @@ def against_reference(quick: bool) -> list[dict[str, Any]]:
                     "× reference": times["reference"].median_s / times["cpu"].median_s,
                 }
             )
+    torch.set_num_threads(threads)
     return rows
 
 
@@ -172,7 +175,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    # torch's pool spins after each operation and would take the kernels' cores.
+    torch.set_num_threads(1)  # its pool spins after each operation and would take the kernels' cores
     parts = {
         "against the reference": against_reference(options.quick),
         "threads": thread_scaling(options.repeat),
