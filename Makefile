@@ -38,7 +38,7 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/deptry . --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores DEP002=tbb
+	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores DEP002=tbb
 
 test: check
 	$(BIN)/python -m pytest -m "not slow"
