@@ -49,8 +49,24 @@ def _use_thread_safe_layer() -> None:
         _config.THREADING_LAYER = "tbb"
 
 
+def _keep_freed_memory() -> None:
+    """Let glibc keep freed blocks of any size for the next allocation.
+
+    It returns blocks over 32 MB to the system at once; every training step would page its gradients in
+    again, which for 350,000 Gaussians of SH degree 3 took 10 % of the step.
+    """
+    trim_threshold, mmap_threshold = -1, -3
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError, TypeError):
+        return  # another C library, with other habits
+    mallopt(mmap_threshold, 1 << 30)
+    mallopt(trim_threshold, (1 << 31) - 1)
+
+
 if "NUMBA_THREADING_LAYER" not in os.environ:
     _use_thread_safe_layer()
+_keep_freed_memory()
 
 
 def kernel(function: _Function) -> _Function:
