@@ -13,6 +13,7 @@ ranking/                       ranking.json and contact_sheet.png of the last `f
 
 import contextlib
 import fcntl
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ _OWN_ENTRIES = frozenset(
     {"manifest.json", "metrics.json", "images", "sfm", "undistorted", "splat", "renders", "ranking", ".lock"}
     | {"undistorted.log", ".undistorted.partial"}
 )
+_BEFORE_MANIFEST = re.compile(r"\.lock$|\.manifest\.json\.\d+\.partial$")
+"""What a run that was killed before its manifest was written may have left."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ class Workspace:
         """
         with storage_errors(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
-            foreign = {entry.name for entry in self.root.iterdir()} - _OWN_ENTRIES
+            # Whatever its name: without a manifest `images` are somebody's photographs, not our copies.
+            foreign = {entry.name for entry in self.root.iterdir() if not _BEFORE_MANIFEST.match(entry.name)}
             if foreign and not self.manifest_path.exists():
                 raise OutputExistsError(
                     f"{self.root} is not empty and was not made by fvs (it holds {min(foreign)}).",

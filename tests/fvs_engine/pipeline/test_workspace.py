@@ -68,6 +68,23 @@ def test_a_folder_of_somebody_else_is_left_alone(workspace: Workspace) -> None:
     assert [path.name for path in workspace.root.iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.parametrize("name", ["images", "renders"])
+def test_without_a_manifest_a_familiar_name_is_somebody_elses_too(workspace: Workspace, name: str) -> None:
+    (workspace.root / name).mkdir(parents=True)
+    (workspace.root / name / "IMG_0001.jpg").write_text("the only copy")
+    with pytest.raises(OutputExistsError, match=name), workspace.locked():
+        workspace.clear()
+    assert (workspace.root / name / "IMG_0001.jpg").read_text() == "the only copy"
+
+
+def test_what_a_kill_before_the_manifest_leaves_is_no_strangers(workspace: Workspace) -> None:
+    workspace.root.mkdir()
+    (workspace.root / ".lock").touch()
+    (workspace.root / ".manifest.json.4711.partial").write_text("{")
+    with workspace.locked():
+        assert workspace.read_manifest() is None
+
+
 def test_clear_deletes_what_fvs_wrote_and_nothing_else(workspace: Workspace, manifest: Manifest) -> None:
     with workspace.locked():
         workspace.write_manifest(manifest)
