@@ -52,9 +52,9 @@ class Kernels:
     """The blending kernels ``forward`` and ``backward`` by themselves, on one view's binned splats."""
 
     def __init__(self, gaussians: Gaussians, view: Candidate) -> None:
-        one_view = cpu_rasterizer._View(view.camera, view.camera_from_model, 0)
-        arrays = [cpu_rasterizer._array(tensor) for tensor in gaussians.tensors().values()]
-        self.state = cpu_rasterizer._rasterize(one_view, np.zeros(3, np.float32), arrays)
+        one_view = cpu_rasterizer.View(view.camera, view.camera_from_model, 0)
+        arrays = [cpu_rasterizer.as_floats(tensor) for tensor in gaussians.tensors().values()]
+        self.state = cpu_rasterizer.rasterize(one_view, np.zeros(3, np.float32), arrays)
         rng = np.random.default_rng(0)
         self.gradients = [rng.normal(size=image.shape).astype(np.float32) for image in self._images]
         self.hit_gradients = np.zeros((len(self.state.hit_splats), 10), np.float32)

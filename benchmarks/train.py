@@ -71,7 +71,7 @@ def timed_parts(watch: Stopwatch) -> Iterator[None]:
         ("blend", blending, "blend"),
         ("blend backward", blending, "blend_backward"),
         ("loss", trainer, "photometric_loss"),
-        ("backward", cpu, "_differentiate"),
+        ("backward", cpu, "differentiate"),
         ("adam", optimiser.GaussianAdam, "step"),
         ("statistics", densification.GradientStatistics, "add"),
     ]

@@ -42,7 +42,7 @@ class CpuRasterizer:
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
         # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
         screen_means = torch.zeros((len(gaussians), 2), requires_grad=True) if differentiable else None
-        view = _View(camera, camera_from_model, degree)
+        view = View(camera, camera_from_model, degree)
         behind = torch.zeros(3) if background is None else background.detach()
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
             view, behind, screen_means, *tensors.values()
@@ -50,7 +50,7 @@ class CpuRasterizer:
         return Rendering(color, alpha, depth, radii, screen_means)
 
 
-class _View:
+class View:
     """A camera as the kernels take it."""
 
     def __init__(self, camera: PinholeCamera, camera_from_model: RigidTransform, degree: int) -> None:
@@ -70,7 +70,7 @@ class _View:
 
 
 @dataclass
-class _Forward:
+class Forward:
     """What the backward pass needs of the forward pass."""
 
     records: Floats
@@ -88,11 +88,13 @@ class _Forward:
     depth: Floats
 
 
-def _array(tensor: Tensor) -> Floats:
+def as_floats(tensor: Tensor) -> Floats:
+    """The tensor's values as the kernels take them, copied only where they must be."""
     return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
 
 
-def _rasterize(view: _View, background: Floats, parameters: list[Floats]) -> _Forward:
+def rasterize(view: View, background: Floats, parameters: list[Floats]) -> Forward:
+    """Project, bin and blend; ``parameters`` are those of ``Gaussians.tensors``, in that order."""
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     records = np.empty((len(means), RECORD_SIZE), np.float32)
     radii = np.empty(len(means), np.float32)
@@ -110,14 +112,14 @@ def _rasterize(view: _View, background: Floats, parameters: list[Floats]) -> _Fo
     alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     with numba.parallel_chunksize(TILES_AT_ONCE):
         blending.blend(splats, tile_starts, hit_splats, hit_rows, background, color, alpha, depth)
-    return _Forward(
+    return Forward(
         records, radii, order, splats, tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts,
         background, color, alpha, depth,
     )  # fmt: skip
 
 
-def _differentiate(
-    forward: _Forward, view: _View, parameters: list[Floats], image_gradients: list[Floats | None]
+def differentiate(
+    forward: Forward, view: View, parameters: list[Floats], image_gradients: list[Floats | None]
 ) -> tuple[Floats, list[Floats]]:
     """Gradients of the projected centres [N, 2] and of the parameters."""
     means, log_scales, quaternions, _, _, sh_rest = parameters
@@ -145,12 +147,12 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any,
-        view: _View,
+        view: View,
         background: Tensor,
         screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is of interest
         *parameters: Tensor,
     ) -> tuple[Tensor, ...]:
-        forward = _rasterize(view, _array(background), [_array(p) for p in parameters])
+        forward = rasterize(view, as_floats(background), [as_floats(p) for p in parameters])
         radii = torch.from_numpy(forward.radii)
         ctx.mark_non_differentiable(radii)
         ctx.set_materialize_grads(False)  # an image that the loss did not use has no gradient at all
@@ -161,8 +163,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *image_gradients: Tensor | None) -> tuple[Tensor | None, ...]:
-        parameters = [_array(p) for p in ctx.saved_tensors]
-        screen, outputs = _differentiate(
-            ctx.forward, ctx.view, parameters, [None if g is None else _array(g) for g in image_gradients[:3]]
-        )
+        parameters = [as_floats(p) for p in ctx.saved_tensors]
+        gradients = [None if g is None else as_floats(g) for g in image_gradients[:3]]
+        screen, outputs = differentiate(ctx.forward, ctx.view, parameters, gradients)
         return None, None, torch.from_numpy(screen.copy()), *(torch.from_numpy(o) for o in outputs)
