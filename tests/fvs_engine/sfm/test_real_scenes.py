@@ -1,23 +1,36 @@
-"""The numbers that issue 2 asks for, on whole scenes with ground truth."""
+"""The numbers that issue 2 asks for, on whole scenes with ground truth.
+
+Mappers do not repeat across settings and threads, so nothing here says which of them fails. Every candidate
+is measured against the truth: the kept model is right, and whatever was grossly wrong was refused.
+"""
 
 import json
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from numpy.typing import NDArray
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry.alignment import umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.evidence import centre_spread
-from fvs_engine.sfm.reconstruct import reconstruct
-from fvs_engine.sfm.reconstruction import read_colmap
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.database import read_keypoints, read_verified_pairs
+from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, centre_spread
+from fvs_engine.sfm.gate import Judgement, decide
+from fvs_engine.sfm.mapping import MappedScene, Witnesses, load_models
+from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.settings import GateSettings, SfmSettings
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
 Centres = dict[str, NDArray[np.float64]]
+
+WRONG_FOX = Path(__file__).parent / "wrong_fox"
+"""Poses that global mapping really found from these photographs, wrong and with a healthy report."""
+
+GROSS_SHARE = 0.1
+"""A model whose median centre is off by more than this share of the spread is wrong, not inaccurate."""
 
 
 def strecha_centres(folder: Path) -> Centres:
@@ -40,51 +53,93 @@ def errors(found: Centres, truth: Centres) -> tuple[NDArray[np.float64], float]:
     return np.linalg.norm(umeyama(source, target).apply(source) - target, axis=1), centre_spread(target)
 
 
-def image_names(folder: Path) -> list[str]:
-    return sorted(path.name for path in (folder / "images").iterdir())
+def model_centres(model: pycolmap.Reconstruction) -> Centres:
+    return {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+
+
+def find_cameras(folder: Path, out_dir: Path) -> SfmResult:
+    """Nothing is known but the photographs."""
+    names = sorted(path.name for path in (folder / "images").iterdir())
+    return reconstruct(folder / "images", names, out_dir, SfmSettings(), Monitor())
+
+
+def assert_gross_errors_were_refused(result: SfmResult, truth: Centres) -> None:
+    assert {candidate.mapper for candidate in result.report.candidates} == {"incremental", "global"}
+    for candidate in result.report.candidates:
+        mapping = result.model_dir.parent / "mapping" / candidate.mapper
+        found, spread = errors(model_centres(load_models(mapping)[0]), truth)
+        if np.median(found) > GROSS_SHARE * spread:
+            assert candidate.verdict == "refused", (candidate, np.median(found) / spread)
+
+
+def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
+    """The gate on a model that no mapper of this run made, with the matches of this run."""
+    pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
+    ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
+    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), {})
+    scene = MappedScene.weigh("any", [model], witnesses, Monitor())
+    return decide([scene.candidate], GateSettings()).judgements[0]
+
+
+def move_cameras(model: pycolmap.Reconstruction, poses_file: Path) -> None:
+    """Give every image of the model the pose that the file has for it."""
+    for line in poses_file.read_text().splitlines():
+        if line.startswith("#"):
+            continue
+        name, *numbers = line.split()
+        w, x, y, z, *translation = map(float, numbers)
+        image = model.find_image_with_name(name)
+        assert image is not None
+        rotation = pycolmap.Rotation3d(np.array([x, y, z, w]))
+        image.frame.set_cam_from_world(image.camera_id, pycolmap.Rigid3d(rotation, np.array(translation)))
 
 
 def test_fox_is_right_and_no_wrong_model_passes(data_dir: Path, tmp_path: Path):
-    folder = data_dir / "fox"
-    truth = fox_centres(folder)
-    result = reconstruct(folder / "images", image_names(folder), tmp_path, SfmSettings(), Monitor())
+    truth = fox_centres(data_dir / "fox")
+    result = find_cameras(data_dir / "fox", tmp_path)
     assert result.report.registered == 50
     found, spread = errors(result.reconstruction.centres(), truth)
     assert np.median(found) <= 0.01 * spread
-    verdicts = {candidate.mapper: candidate.verdict for candidate in result.report.candidates}
-    wrong = [
-        mapper
-        for mapper in verdicts
-        if np.median(errors(read_colmap(tmp_path / "mapping" / mapper / "0").centres(), truth)[0])
-        > 0.05 * spread
-    ]
-    # The repeating wallpaper leads global mapping astray on these photographs, all 50 "registered".
-    assert wrong == ["global"]
-    assert verdicts["global"] == "refused"
+    assert_gross_errors_were_refused(result, truth)
+
+    # Whether a mapper falls for the repeating wallpaper today or not: these models it did make of it.
+    model = pycolmap.Reconstruction(result.model_dir)
+    assert judge(model, tmp_path).verdict == "accepted"
+    wrong_models = sorted(WRONG_FOX.iterdir())
+    assert len(wrong_models) == 2
+    for poses_file in wrong_models:
+        move_cameras(model, poses_file)
+        found, spread = errors(model_centres(model), truth)
+        assert np.median(found) > GROSS_SHARE * spread
+        assert judge(model, tmp_path).verdict == "refused"
 
 
 def test_fountain_without_intrinsics_is_right_to_ten_millimetres(data_dir: Path, tmp_path: Path):
-    folder = data_dir / "fountain-P11"
-    result = reconstruct(folder / "images", image_names(folder), tmp_path, SfmSettings(), Monitor())
-    found, _ = errors(result.reconstruction.centres(), strecha_centres(folder))
-    assert len(found) == 11
+    truth = strecha_centres(data_dir / "fountain-P11")
+    result = find_cameras(data_dir / "fountain-P11", tmp_path)
+    assert result.report.registered == 11
+    found, _ = errors(result.reconstruction.centres(), truth)
     assert np.median(found) <= 0.010
+    assert_gross_errors_were_refused(result, truth)
 
 
-def test_castle_without_intrinsics_is_right_or_refused(data_dir: Path, tmp_path: Path):
-    folder = data_dir / "castle-P19"
-    result = reconstruct(folder / "images", image_names(folder), tmp_path, SfmSettings(), Monitor())
-    found, _ = errors(result.reconstruction.centres(), strecha_centres(folder))
-    assert len(found) == 19
-    assert np.median(found) <= 0.500
+def test_castle_without_intrinsics_is_right_or_not_believed(data_dir: Path, tmp_path: Path):
+    truth = strecha_centres(data_dir / "castle-P19")
+    try:
+        result = find_cameras(data_dir / "castle-P19", tmp_path)
+    except ReconstructionError:
+        return  # no model is no silently wrong model
+    found, _ = errors(result.reconstruction.centres(), truth)
+    if np.median(found) > 0.500:
+        assert result.report.verdict == "doubtful"
+        assert any("DOUBTFUL" in warning for warning in result.report.warnings)
+    assert_gross_errors_were_refused(result, truth)
 
 
 def test_banana_fails_clearly_or_passes_the_gate(data_dir: Path, tmp_path: Path):
-    folder = data_dir / "banana" / "images"
-    names = sorted(path.name for path in folder.iterdir())
     hint = ""
     try:
-        result = reconstruct(folder, names, tmp_path, SfmSettings(), Monitor())
+        result = find_cameras(data_dir / "banana", tmp_path)
     except ReconstructionError as error:
         hint = error.hint
     else:
