@@ -1,14 +1,14 @@
 """The cameras of a reconstruction: by structure from motion, or imported; pinhole in the end."""
 
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest
+from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.storage import blame_full_disk, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.imports import import_colmap, import_transforms_json
@@ -83,24 +83,12 @@ def _find(
 
 
 def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:
-    """The views whose photographs are here, under the names that these have in ``images/``.
-
-    A view belongs to the photograph of its name, else to the only one with the same last part.
-    """
+    """The views whose photographs are here, under the names that these have in ``images/``."""
     photographs = manifest.images.photographs
-    last_parts = Counter(PurePosixPath(record.name).name for record in photographs)
-    names = {
-        last_part: record.normalised_name
-        for record in photographs
-        if last_parts[last_part := PurePosixPath(record.name).name] == 1
-    }
-    names |= {record.normalised_name: record.normalised_name for record in photographs}
-    names |= {record.name: record.normalised_name for record in photographs}
-    views = []
-    for view in imported.views:
-        name = names.get(view.name) or names.get(PurePosixPath(view.name).name)
-        if name is not None:
-            views.append(replace(view, name=name))
+    known = {record.normalised_name: record.normalised_name for record in photographs}
+    known |= {record.name: record.normalised_name for record in photographs}
+    names = match_names([view.name for view in imported.views], known)
+    views = [replace(view, name=names[view.name]) for view in imported.views if view.name in names]
     if len(views) < _MIN_VIEWS:
         raise InvalidInputError(
             f"Of the {len(imported.views)} images of {file}, {len(views)} are in {manifest.images.folder} "

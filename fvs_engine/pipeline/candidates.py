@@ -17,12 +17,16 @@ from fvs_engine.geometry import (
     robust_umeyama,
 )
 from fvs_engine.pipeline.manifest import Record
+from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.views import ModelView, usual_camera
 from fvs_engine.score.interface import Candidate
+from fvs_engine.sfm.evidence import centre_spread
 from fvs_engine.sfm.imports import import_transforms_json
 
 _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3
+_MAX_MISFIT = 0.25
+"""RMS distance of shared views after alignment, in shares of their spread: what a bare GPS track may have."""
 
 
 class CameraInput(Record):
@@ -62,14 +66,14 @@ def read_candidates(
 
     ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
     transforms.json the frames that are no views of the model become candidates; the views that both have
-    place it in the model frame.
+    place it in the model frame, unless they are too few, stand on a line or contradict it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
     are not finite, quaternions that are not unit, ids that occur twice, unknown views and empty lists.
     """
     document = _read_json(path)
     if isinstance(document, dict) and "frames" in document:
-        candidates = _from_transforms(path, views)
+        candidates = _from_transforms(path, views, aliases)
     elif isinstance(document, list):
         by_name = {view.name: view for view in views}
         by_name |= {alias: by_name[name] for alias, name in aliases.items() if name in by_name}
@@ -100,6 +104,7 @@ def candidates_between(views: Sequence[ModelView]) -> tuple[Candidate, ...]:
     """
     centres = np.stack([_model_from_camera(view).translation for view in views])
     camera = usual_camera(views)
+    names = _short_names(views)
     pairs: set[tuple[int, int]] = set()
     for index, centre in enumerate(centres):
         nearest = np.argsort(np.linalg.norm(centres - centre, axis=1), kind="stable")
@@ -108,8 +113,7 @@ def candidates_between(views: Sequence[ModelView]) -> tuple[Candidate, ...]:
     candidates = []
     for first, second in sorted(pairs):
         between = interpolate(_model_from_camera(views[first]), _model_from_camera(views[second]), 0.5)
-        name = f"{Path(views[first].name).stem}–{Path(views[second].name).stem}"
-        candidates.append(Candidate(name, camera, between.inverse()))
+        candidates.append(Candidate(f"{names[first]}–{names[second]}", camera, between.inverse()))
     return tuple(candidates)
 
 
@@ -146,7 +150,7 @@ def _parse(
         view = by_name.get(parsed.view)
         if view is None:
             raise InvalidInputError(
-                f"{where}: the model has no view {parsed.view!r}.", hint="`fvs info DIR` lists the views."
+                f"{where}: the model has no view {parsed.view!r}.", hint="`fvs info DIR --json` lists them."
             )
         return Candidate(parsed.id, camera, view.camera_from_model)
     if parsed.camera is not None:
@@ -161,24 +165,41 @@ def _parse(
     return Candidate(parsed.id, camera, model_from_camera.inverse())
 
 
-def _from_transforms(path: Path, views: Sequence[ModelView]) -> list[Candidate]:
+def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[str, str]) -> list[Candidate]:
     frames = {view.name: view.camera_from_model.inverse() for view in import_transforms_json(path).views}
-    known = {Path(view.name).name: _model_from_camera(view) for view in views}
-    shared = [name for name in frames if Path(name).name in known]
+    by_name = {view.name: view for view in views}
+    known = {name: name for name in by_name}
+    known |= {alias: name for alias, name in aliases.items() if name in by_name}
+    shared = match_names(frames, known)
     if len(shared) < _MIN_SHARED_VIEWS:
         raise InvalidInputError(
             f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to place it.",
             hint="Give a transforms.json that lists the photographs of the model too.",
         )
     source = np.stack([frames[name].translation for name in shared])
-    target = np.stack([known[Path(name).name].translation for name in shared])
-    model_from_file = robust_umeyama(source, target).transform
+    target = np.stack([_model_from_camera(by_name[own]).translation for own in shared.values()])
+    alignment = robust_umeyama(source, target)
+    misfit = alignment.rms > _MAX_MISFIT * centre_spread(target)
+    if misfit or alignment.ill_conditioned:
+        reason = "stand elsewhere in it" if misfit else "stand on a line, which leaves a turn open"
+        raise InvalidInputError(
+            f"{path} cannot be placed in the model: the {len(shared)} views that both have {reason}.",
+            hint="Was it made from these photographs? Candidates can also be poses in the model frame.",
+        )
     camera = usual_camera(views)
     return [
-        Candidate(name, camera, model_from_file.move_camera(file_from_camera).inverse())
+        Candidate(name, camera, alignment.transform.move_camera(file_from_camera).inverse())
         for name, file_from_camera in frames.items()
-        if Path(name).name not in known
+        if name not in shared
     ]
+
+
+def _short_names(views: Sequence[ModelView]) -> list[str]:
+    """Names without folder and suffix, or in full where that would make two of them one."""
+    stems = [Path(view.name).stem for view in views]
+    if len(set(stems)) == len(stems):
+        return stems
+    return [view.name for view in views]
 
 
 def _model_from_camera(view: ModelView) -> RigidTransform:

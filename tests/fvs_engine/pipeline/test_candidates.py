@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -111,10 +112,8 @@ def test_a_quaternion_that_is_nearly_unit_gives_a_rotation(
     np.testing.assert_allclose(candidate.camera_from_model.rotation, np.eye(3), atol=1e-12)
 
 
-def test_frames_of_a_transforms_json_that_the_model_lacks_become_candidates(
-    tmp_path: Path, views: tuple[ModelView, ...]
-) -> None:
-    # The file's frame is the model's turned a quarter about z, half as large, and shifted.
+def _transforms(views: tuple[ModelView, ...], prefix: str = "images/") -> dict[str, Any]:
+    """The views in a frame that is the model's turned a quarter about z, half as large, and shifted."""
     turn = RigidTransform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.zeros(3))
     frames = []
     for view in views:
@@ -122,16 +121,61 @@ def test_frames_of_a_transforms_json_that_the_model_lacks_become_candidates(
         file_from_camera = np.eye(4)
         file_from_camera[:3, :3] = turn.rotation @ model_from_camera.rotation @ np.diag([1, -1, -1])
         file_from_camera[:3, 3] = turn.apply(model_from_camera.translation) / 2 + [5, 6, 7]
-        frames.append({"file_path": f"images/{view.name}", "transform_matrix": file_from_camera.tolist()})
-    document = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames}
+        frames.append({"file_path": f"{prefix}{view.name}", "transform_matrix": file_from_camera.tolist()})
+    return {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames}
+
+
+def _renamed(views: tuple[ModelView, ...], names: list[str]) -> tuple[ModelView, ...]:
+    return tuple(replace(view, name=name) for view, name in zip(views, names, strict=True))
+
+
+def test_frames_of_a_transforms_json_that_the_model_lacks_become_candidates(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
     known = views[:3] + views[5:]
-    candidates = _read(tmp_path, document, known)
+    candidates = _read(tmp_path, _transforms(views), known)
     assert [Path(candidate.id).name for candidate in candidates] == ["03.png", "04.png"]
     for candidate, view in zip(candidates, views[3:5], strict=True):
         expected = view.camera_from_model.inverse()
         got = candidate.camera_from_model.inverse()
         np.testing.assert_allclose(got.translation, expected.translation, atol=1e-9)
         np.testing.assert_allclose(got.rotation, expected.rotation, atol=1e-9)
+
+
+def test_views_of_a_transforms_json_are_told_apart_by_their_folders(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    names = [f"{side}/{index}.png" for index in range(4) for side in ("left", "right")]
+    renamed = _renamed(views, names)
+    (candidate,) = _read(tmp_path, _transforms(renamed, prefix=""), renamed[:-1])
+    assert candidate.id == "right/3.png"
+    centre = candidate.camera_from_model.inverse().translation
+    np.testing.assert_allclose(centre, views[-1].camera_from_model.inverse().translation, atol=1e-9)
+
+
+def test_a_transforms_json_knows_views_by_their_source_names(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    named_at_the_source = _renamed(views, ["00.tif", *(view.name for view in views[1:])])
+    (candidate,) = _read(tmp_path, _transforms(named_at_the_source), views[:-1])
+    assert candidate.id == "images/07.png"
+
+
+def test_a_transforms_json_that_contradicts_the_model_is_refused(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    shuffled = _renamed(views, [views[index].name for index in (0, 4, 1, 5, 2, 6, 3, 7)])
+    with pytest.raises(InvalidInputError, match="stand elsewhere"):
+        _read(tmp_path, _transforms(shuffled), views)
+
+
+def test_views_on_a_line_do_not_place_a_transforms_json(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    on_a_line = tuple(
+        replace(view, camera_from_model=look_at([index, 0, 0], [index, 5, 0], [0, 0, 1]).inverse())
+        for index, view in enumerate(views)
+    )
+    with pytest.raises(InvalidInputError, match="stand on a line"):
+        _read(tmp_path, _transforms(on_a_line), on_a_line[:-1])
 
 
 def test_a_transforms_json_of_another_scene_is_refused(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
@@ -149,6 +193,13 @@ def test_without_a_file_candidates_stand_between_neighbours(views: tuple[ModelVi
     first = next(candidate for candidate in candidates if candidate.id == "00–01")
     centres = [view.camera_from_model.inverse().translation for view in views[:2]]
     np.testing.assert_allclose(first.camera_from_model.inverse().translation, np.mean(centres, axis=0))
+
+
+def test_candidates_between_views_of_equal_stems_have_ids_of_their_own(views: tuple[ModelView, ...]) -> None:
+    renamed = _renamed(views, [f"{side}/{index}.png" for index in range(4) for side in ("left", "right")])
+    ids = [candidate.id for candidate in candidates_between(renamed)]
+    assert len(set(ids)) == len(ids)
+    assert "left/0.png–right/0.png" in ids
 
 
 def test_candidates_at_views_share_one_camera(views: tuple[ModelView, ...], camera: PinholeCamera) -> None:
