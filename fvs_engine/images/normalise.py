@@ -2,10 +2,12 @@
 
 import contextlib
 import os
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
+from urllib.parse import quote
 
 from PIL import Image
 
@@ -14,6 +16,7 @@ from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 
 _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
+_UNSAFE = re.compile(r"[\s#%]")
 _ORIENTATION_TAG = 0x0112
 _JPEG_QUALITY = 98
 
@@ -22,13 +25,15 @@ def normalised_name(photograph: Photograph) -> str:
     """The name of ``photograph`` in the normalised folder.
 
     Its own, unless its suffix does not tell what the file holds there; then the right one is appended:
-    ``scan.tif`` becomes ``scan.tif.png`` and cannot collide with a ``scan.png``.
+    ``scan.tif`` becomes ``scan.tif.png`` and cannot collide with a ``scan.png``. White space and ``#``, which
+    COLMAP's text files cannot hold, are escaped as in a URL: ``IMG (1).jpg`` becomes ``IMG%20(1).jpg``.
     """
+    name = _UNSAFE.sub(lambda found: quote(found[0], safe=""), photograph.name)
     target = photograph.format if photograph.plain or photograph.format in ("JPEG", "MPO") else "PNG"
     suffixes = _SUFFIXES[target]
-    if PurePosixPath(photograph.name).suffix.lower() in suffixes:
-        return photograph.name
-    return photograph.name + suffixes[0]
+    if PurePosixPath(name).suffix.lower() in suffixes:
+        return name
+    return name + suffixes[0]
 
 
 def normalise_images(

@@ -44,7 +44,7 @@ def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
         "print.jpg",
         "scan.png",
         "scan.tif.png",
-        "wrong suffix.jpg.png",
+        "wrong%20suffix.jpg.png",
     }
     for photograph, path in zip(catalog.photographs, paths.values(), strict=True):
         expected = load_rgb(photograph.path)
@@ -57,6 +57,20 @@ def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
         assert error == 0 if path.suffix == ".png" else error < 3
     with Image.open(paths["held.jpg"]) as image:
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+
+
+def test_names_that_colmap_could_not_write_in_a_list_are_escaped(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    (source / "day 1").mkdir(parents=True)
+    names = ["#1.png", "a b.png", "a%20b.png", "day 1/DJI (2).png"]
+    for seed, name in enumerate(names):
+        Image.fromarray(_pixels(seed)).save(source / name)
+    photographs = catalog_images(source).photographs
+    assert [photograph.name for photograph in photographs] == names
+    paths = normalise_images(photographs, tmp_path / "images")
+    assert list(paths) == ["%231.png", "a%20b.png", "a%2520b.png", "day%201/DJI%20(2).png"]
+    for seed, path in enumerate(paths.values()):
+        np.testing.assert_array_equal(load_rgb(path), _pixels(seed))
 
 
 def test_an_interrupted_call_can_be_repeated(tmp_path: Path) -> None:
