@@ -52,6 +52,11 @@ def reconstruct_folder(
     monitor = monitor or Monitor()
     if settings.colmap and settings.transforms:
         raise InvalidInputError("Cameras come from one place.", hint="Give either --colmap or --transforms.")
+    if settings.test_every == 1:
+        raise InvalidInputError(
+            "Every view would be held out (--test-every 1), and none be left to train on.",
+            hint="Hold out every 8th, or none with 0.",
+        )
     if photographs.resolve().is_relative_to(out.resolve()):
         raise InvalidInputError(
             f"The photographs in {photographs} lie inside the output folder {out}.",

@@ -153,7 +153,8 @@ class Workspace:
             return None
         except (OSError, ValidationError) as error:
             raise StorageError(
-                f"{self.metrics_path} cannot be read.", hint="Train again to write it."
+                f"{self.metrics_path} cannot be read.",
+                hint="Delete it and run the same `fvs reconstruct` again: the model is then evaluated anew.",
             ) from error
 
     def write_metrics(self, metrics: Metrics) -> None:

@@ -133,6 +133,13 @@ def test_cameras_from_two_places(fvs: Fvs, kermit_dir: Path, out: Path, tmp_path
     _expect(run, "invalid-input", "either --colmap or --transforms")
 
 
+def test_nothing_left_to_train_on(fvs: Fvs, kermit_dir: Path, out: Path) -> None:
+    _expect(
+        fvs("reconstruct", kermit_dir, "--out", out, "--test-every", 1), "invalid-input", "--test-every 1"
+    )
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("command", ["rank", "render", "info"])
 def test_commands_that_need_a_result(fvs: Fvs, tmp_path: Path, command: str) -> None:
     _expect(fvs(command, tmp_path), "invalid-input", str(tmp_path), "fvs reconstruct IMAGES --out DIR")
