@@ -1,5 +1,6 @@
 """What an output folder holds, in one record."""
 
+import stat
 from pathlib import Path
 
 from fvs_engine.errors import StorageError
@@ -32,11 +33,19 @@ def folder_info(root: Path) -> FolderInfo:
         stage = "training is not finished"
     else:
         stage = "finished"
-    files = (path for path in root.rglob("*") if path.is_file() and not path.is_symlink())
     return FolderInfo(
         folder=str(root),
         stage=stage,
         manifest=manifest,
         metrics=metrics,
-        disk_bytes=sum(path.stat().st_size for path in files),
+        disk_bytes=sum(map(_size_bytes, root.rglob("*"))),
     )
+
+
+def _size_bytes(path: Path) -> int:
+    """Bytes of a file; 0 for anything else, also for what a training in progress has just renamed."""
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return 0
+    return status.st_size if stat.S_ISREG(status.st_mode) else 0
