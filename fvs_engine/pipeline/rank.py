@@ -60,7 +60,7 @@ def rank_candidates(
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
     The contact sheet shows the first ``top``. Returns the ranking and the folder written: ``out``, or
     ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be used or a folder without
-    a model, ``StorageError`` when ``out`` cannot be written.
+    a model, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)
@@ -82,10 +82,12 @@ def rank_candidates(
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "ranking.json", ranking.model_dump_json(indent=2).encode() + b"\n")
-    shown = [
-        SheetEntry(place, render_color(gaussians, by_id[place.id], rasterizer))
-        for place in ranked[: top or SHEET_CANDIDATES]
-    ]
+    first = ranked[: top or SHEET_CANDIDATES]
+    shown = []
+    for done, place in enumerate(first, start=1):
+        monitor.check()
+        shown.append(SheetEntry(place, render_color(gaussians, by_id[place.id], rasterizer)))
+        monitor.report("contact-sheet", done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
 
