@@ -2,5 +2,3 @@
 
 A plain library: no web, no database, no queue. See ``docs/conventions.md`` for frames, units and names.
 """
-
-__version__ = "0.1.0"

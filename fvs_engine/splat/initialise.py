@@ -8,9 +8,8 @@ from scipy.special import logit
 
 from fvs_engine.errors import TrainingError
 from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
+from fvs_engine.splat.spherical_harmonics import dc_from_color
 
-SH_C0 = 0.28209479177387814
-"""The constant spherical harmonic, 1 / (2 √π)."""
 INITIAL_OPACITY = 0.1
 NEIGHBORS = 3
 SMALLEST_SPACING = 0.01
@@ -40,7 +39,7 @@ def initialise_from_points(
         log_scales=torch.from_numpy(np.log(point_spacing(points)).astype(np.float32))[:, None].repeat(1, 3),
         quaternions_wxyz=quaternions,
         opacity_logits=torch.full((count,), float(logit(INITIAL_OPACITY))),
-        sh_dc=torch.from_numpy(((colors / 255 - 0.5) / SH_C0).astype(np.float32)),
+        sh_dc=dc_from_color(torch.from_numpy(colors / 255)).float(),
         sh_rest=torch.zeros(count, sh_coefficient_count(sh_degree) - 1, 3),
     )
 
