@@ -110,7 +110,9 @@ def reconstruct(
         int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
     ] = 8,
     backend: _Backend = Backend.AUTO,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same model on the CPU.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="The same cameras and seed train the same model on the CPU.")
+    ] = 0,
     threads: _Threads = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")

@@ -19,6 +19,9 @@ from fvs_service.cli.progress import Display, create_display
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+_SHOW_CURSOR = b"\x1b[?25h\n"
+"""The bars hide it, and a process that ends at once has no time to tidy up."""
+
 _Result = TypeVar("_Result")
 Say = Callable[[str], None]
 """Shows a sentence to the user."""
@@ -78,6 +81,8 @@ def _stop_on_signals(monitor: Monitor) -> Iterator[Callable[[Display], None]]:
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
         if asked.is_set():
+            if sys.stderr.isatty():
+                os.write(sys.stderr.fileno(), _SHOW_CURSOR)
             os._exit(INTERRUPTED)
         asked.set()
         monitor.cancel()
