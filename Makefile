@@ -3,13 +3,14 @@
 # make test       everything that CI checks
 # make test-slow  the long checks on real photographs
 # make lint       format and fix what can be fixed, then lint
-# make bench      the benchmarks: raster, train, score
+# make bench      the benchmarks: raster, score, train
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-IMAGES ?= $(wildcard ../shared/data/kermit)
+FVS_DATA ?= ../shared/data
+IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
 
 .PHONY: setup demo test check lint test-slow bench clean
@@ -52,8 +53,13 @@ lint: setup
 
 bench: setup
 	$(BIN)/python benchmarks/raster.py
-	$(BIN)/python benchmarks/train.py
 	$(BIN)/python benchmarks/score.py
+	@test -d "$(FVS_DATA)/fox" -a -d "$(FVS_DATA)/bonsai" || \
+		{ echo "The training benchmark needs fox and bonsai: make bench FVS_DATA=path/to/them"; exit 2; }
+	$(BIN)/fvs reconstruct "$(FVS_DATA)/fox/images" --out out/fox --iterations 1
+	$(BIN)/python benchmarks/train.py \
+		--scene "fox=out/fox/sfm/sparse,$(FVS_DATA)/fox/images,960" \
+		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out
