@@ -1,14 +1,12 @@
 """Training on the undistorted views of an output folder: resumable, checkpointed, evaluated at the end."""
 
-import contextlib
 import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-import torch
 from PIL import Image
 
 from fvs_engine.errors import Cancelled
@@ -36,7 +34,7 @@ from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
-from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.trainer import Trainer, torch_threads_for
 from fvs_engine.splat.views import TrainingView
 
 _CHECKPOINT_EVERY_S = 60.0
@@ -96,7 +94,7 @@ def train(
         session.save()
         raise
     session.save()
-    with _one_torch_thread(rasterizer):
+    with torch_threads_for(rasterizer.device):
         metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
@@ -161,18 +159,6 @@ class _Session:
             seconds=self.seconds,
         )
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
-
-
-@contextlib.contextmanager
-def _one_torch_thread(rasterizer: Rasterizer) -> Iterator[None]:
-    """Keep torch's pool, which spins while it waits, off the cores that the CPU kernels use."""
-    before = torch.get_num_threads()
-    if rasterizer.device.type == "cpu":
-        torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _warn_of_memory(

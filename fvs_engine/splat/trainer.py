@@ -101,7 +101,7 @@ class Trainer:
         ``TrainingError`` when the loss is no longer finite, before that reaches the optimiser.
         """
         smooth_loss = smooth_s = None
-        with _torch_threads_for(self.rasterizer.device):
+        with torch_threads_for(self.rasterizer.device):
             while self.iteration < until_iteration:
                 monitor.check()
                 start = time.perf_counter()
@@ -247,7 +247,7 @@ def _blend(old: float | None, new: float, share: float) -> float:
 
 
 @contextmanager
-def _torch_threads_for(device: torch.device) -> Iterator[None]:
+def torch_threads_for(device: torch.device) -> Iterator[None]:
     """On the CPU the cores belong to the kernels: torch's own pool would only get in their way."""
     before = torch.get_num_threads()
     if device.type == "cpu":

@@ -34,7 +34,7 @@ class TrainingView:
             )
 
     @property
-    def center(self) -> NDArray[np.float64]:
+    def centre(self) -> NDArray[np.float64]:
         """The camera's centre [3] in the model frame."""
         return self.camera_from_model.inverse().translation
 
@@ -45,9 +45,9 @@ def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> 
     1.1 × the greatest distance of a camera from their mean (3DGS's "camera extent"). Cameras that all
     stand in one place have no spread; then it is the median distance of the ``points`` [N, 3] to them.
     """
-    centers = np.stack([view.center for view in views])
-    center = centers.mean(axis=0)
-    extent = EXTENT_MARGIN * float(np.linalg.norm(centers - center, axis=1).max())
-    if extent > 1e-6 * max(1.0, float(np.abs(center).max())):
+    centres = np.stack([view.centre for view in views])
+    centre = centres.mean(axis=0)
+    extent = EXTENT_MARGIN * float(np.linalg.norm(centres - centre, axis=1).max())
+    if extent > 1e-6 * max(1.0, float(np.abs(centre).max())):
         return extent
-    return float(np.median(np.linalg.norm(points - center, axis=1)))
+    return float(np.median(np.linalg.norm(points - centre, axis=1)))
