@@ -57,11 +57,16 @@ def reconstruct_folder(
             "Every view would be held out (--test-every 1), and none be left to train on.",
             hint="Hold out every 8th, or none with 0.",
         )
-    if photographs.resolve().is_relative_to(out.resolve()):
-        raise InvalidInputError(
-            f"The photographs in {photographs} lie inside the output folder {out}.",
-            hint="Choose an output folder outside.",
-        )
+    for what, given in (
+        ("photographs", str(photographs)),
+        ("cameras", settings.colmap),
+        ("cameras", settings.transforms),
+    ):
+        if given is not None and Path(given).resolve().is_relative_to(out.resolve()):
+            raise InvalidInputError(
+                f"The {what} in {given} lie inside the output folder {out}, and could be overwritten.",
+                hint="Choose an output folder outside.",
+            )
     catalog = catalog_images(photographs, leave_out=out, monitor=monitor, threads=threads)
     for rejected in catalog.rejected:
         warn(f"Left out {rejected.name}: {rejected.reason} {rejected.hint}")

@@ -113,6 +113,16 @@ def test_photographs_inside_the_output_folder(fvs: Fvs, out: Path) -> None:
     assert (out / "images" / "precious.jpg").exists()
 
 
+@pytest.mark.parametrize("option", ["--colmap", "--transforms"])
+def test_cameras_inside_the_output_folder(fvs: Fvs, kermit_dir: Path, out: Path, option: str) -> None:
+    cameras = out / "sfm" / "sparse"
+    cameras.mkdir(parents=True)
+    (out / "manifest.json").write_text("{}")
+    run = fvs("reconstruct", kermit_dir, "--out", out, option, cameras, "--overwrite")
+    _expect(run, "invalid-input", "inside the output folder", "outside")
+    assert cameras.exists()
+
+
 def test_a_disk_that_fills_up(fvs_command: Callable[..., list[str]], folder: Path, out: Path) -> None:
     for seed in range(3):
         _noise(folder / f"{seed}.tif", seed)
