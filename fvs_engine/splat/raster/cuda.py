@@ -13,6 +13,7 @@ from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE, Rendering
 
 try:
     import gsplat
+    import gsplat.cuda._backend
 except ImportError as error:
     raise BackendUnavailableError(
         "The cuda rasteriser needs the package gsplat.",
@@ -26,6 +27,12 @@ class CudaRasterizer:
     name = "cuda"
 
     def __init__(self) -> None:
+        # gsplat imports without its kernels; asking for them compiles them, where there is a compiler.
+        if gsplat.cuda._backend._C is None:
+            raise BackendUnavailableError(
+                "gsplat is here but its CUDA kernels are not.",
+                hint="Put nvcc on the PATH, or use the backend 'cpu'.",
+            )
         self.device = torch.device("cuda")
 
     def render(
