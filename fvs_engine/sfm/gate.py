@@ -18,7 +18,15 @@ from fvs_engine.sfm.settings import GateSettings
 MIN_SHARED_IMAGES = 4
 """Three centres always fit well; agreement says something from four on."""
 
-_MAX_UNSUPPORTED_SHARE = 0.1
+MAX_UNSUPPORTED_SHARE = 0.1
+"""Up to this share of a model's images unsupported ones are left out of it, above it the model is refused."""
+
+_CONFIRMING_PRIOR_SHARE = 0.1
+"""Median distance to GPS, in shares of the track's spread, up to which GPS vouches for a doubtful model."""
+
+_DOUBT = 0.5
+"""A doubtful model must explain twice the matches of an accepted one to be preferred to it."""
+
 _CLOSE_SUPPORT = 0.01
 """Match support that differs by less does not decide between two models."""
 
@@ -54,8 +62,8 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     """Judge every candidate and choose the one with the best support among those that may be believed.
 
     A candidate is accepted on its own evidence. One with somewhat too little becomes doubtful, usable with a
-    warning, if another mapper agrees with it: a repeated pattern misleads mappers, but hardly to the same
-    place. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
+    warning, if another mapper or GPS agrees with it: a repeated pattern misleads mappers, but hardly to the
+    same place. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -115,7 +123,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         refusals.append(
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
-    if len(evidence.unsupported_images) > _MAX_UNSUPPORTED_SHARE * len(candidate.centres):
+    if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * len(candidate.centres):
         refusals.append(
             f"{len(evidence.unsupported_images)} of its {len(candidate.centres)} images hang on matches that "
             "contradict their poses."
@@ -125,25 +133,36 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         and evidence.prior_residual_share > settings.max_prior_disagreement
     ):
         refusals.append(f"Its cameras are {evidence.prior_residual_share:.0%} of the track away from GPS.")
-    confirmed = any(
-        candidate.mapper in agreement.mappers and agreement.median_share <= settings.max_disagreement
-        for agreement in agreements
-    )
+    confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
     weak = evidence.match_support < settings.min_match_support
-    if weak and not confirmed and not refusals:
-        refusals.append(f"Only {support}, and no other mapper came to the same cameras.")
+    if weak and confirmation is None and not refusals:
+        refusals.append(f"Only {support}, and neither another mapper nor GPS confirms them.")
     if refusals:
         return Judgement("refused", tuple(refusals))
     if weak:
-        return Judgement("doubtful", (f"Only {support}, but two mappers agree on them.",))
+        return Judgement("doubtful", (f"Only {support}, but {confirmation} them.",))
     return Judgement("accepted", (f"{support[0].upper()}{support[1:]}.",))
 
 
-def _rank(candidate: Candidate, judgement: Judgement) -> tuple[bool, float]:
-    """Accepted before doubtful, then by matches explained: more images raise that only if they are right."""
+def _confirmation(
+    mapper: str, evidence: Evidence, agreements: Sequence[Agreement], settings: GateSettings
+) -> str | None:
+    """Who says the same of the cameras without having seen them; None if nobody."""
+    if any(
+        mapper in agreement.mappers and agreement.median_share <= settings.max_disagreement
+        for agreement in agreements
+    ):
+        return "two mappers agree on"
+    residual = evidence.prior_residual_share
+    return "GPS confirms" if residual is not None and residual <= _CONFIRMING_PRIOR_SHARE else None
+
+
+def _rank(candidate: Candidate, judgement: Judgement) -> float:
+    """The matches explained, with a discount for doubt: more images raise that only if they are right."""
     evidence = candidate.evidence
     assert evidence is not None
-    return judgement.verdict == "accepted", evidence.match_support * evidence.matches
+    explained = evidence.match_support * evidence.matches
+    return explained if judgement.verdict == "accepted" else _DOUBT * explained
 
 
 def _rival(

@@ -19,8 +19,9 @@ from fvs_engine.sfm.database import (
     verified_pair_count,
 )
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, gather_evidence
-from fvs_engine.sfm.gate import Candidate
+from fvs_engine.sfm.gate import MAX_UNSUPPORTED_SHARE, Candidate
 from fvs_engine.sfm.reconstruction import has_colmap_model, open_colmap
+from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, replace_folder
 
@@ -32,6 +33,10 @@ class Witnesses:
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
     gps_m: Mapping[int, NDArray[np.float64]]
+
+    def testify(self, model: pycolmap.Reconstruction) -> Evidence | None:
+        """What they say about ``model``; None when no verified pair lies within it."""
+        return gather_evidence(model, self.pairs, self.keypoints, self.gps_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +51,17 @@ class MappedScene:
     def weigh(
         mapper: str, models: Sequence[pycolmap.Reconstruction], witnesses: Witnesses, monitor: Monitor
     ) -> "MappedScene":
-        """Gather the evidence for the largest of ``models`` (sorted, largest first)."""
+        """Gather the evidence for the largest of ``models`` (sorted, largest first).
+
+        Its few images that every pair contradicts are taken out of it, which changes the model.
+        """
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
-        evidence = gather_evidence(largest, witnesses.pairs, witnesses.keypoints, witnesses.gps_m)
+        evidence = witnesses.testify(largest)
+        if evidence is not None and _is_prunable(largest, evidence):
+            leave_out(largest, evidence.unsupported_images)
+            evidence = witnesses.testify(largest)
         monitor.report("evidence", 1, 1)
         centres = {
             image.name: np.asarray(image.projection_center())
@@ -138,6 +149,18 @@ def load_models(folder: Path) -> list[pycolmap.Reconstruction]:
 def registered_names(model: pycolmap.Reconstruction) -> tuple[str, ...]:
     """The names of the images that have a pose, sorted."""
     return tuple(sorted(image.name for image in model.images.values() if image.has_pose))
+
+
+def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
+    """Take the cameras of these images, and their observations, out of the model."""
+    for name in names:
+        image = model.find_image_with_name(name)
+        if image is not None and image.has_pose:
+            model.deregister_frame(image.frame_id)
+
+
+def _is_prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> bool:
+    return 0 < len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * model.num_reg_images()
 
 
 def _mapping_database(stages: Stages) -> Path:

@@ -19,7 +19,7 @@ from fvs_engine.sfm.gate import Decision, decide
 from fvs_engine.sfm.mapping import MappedScene, Witnesses, load_models, map_scene, read_witnesses
 from fvs_engine.sfm.matching import match_features
 from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, read_colmap
-from fvs_engine.sfm.report import CandidateReport, ComponentReport, SfmReport
+from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, write_atomically
 
@@ -53,7 +53,7 @@ def reconstruct(
     folder = SfmFolder(out_dir)
     stages = Stages(folder, settings, monitor)
     names = stages.open(image_dir, image_names, _MIN_IMAGES)
-    if (finished := finished_result(folder)) is not None:
+    if (finished := finished_result(folder)) is not None and finished.report.mapper != GIVEN:
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)

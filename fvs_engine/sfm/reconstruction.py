@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
+from fvs_engine.sfm.colmap_files import damaged_file
 
 MODEL_FILES = ("cameras", "images", "points3D")
 """A COLMAP model is these three files, all ``.bin`` or all ``.txt``."""
@@ -73,12 +74,15 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
             f"{folder} holds no COLMAP model.",
             hint="A model is the three files cameras, images and points3D, as .bin or .txt.",
         )
+    hint = "Export the model again, or delete the folder to have it computed again."
+    damaged = damaged_file(folder)
+    if damaged is not None:
+        raise StorageError(f"{damaged} is damaged or cut short.", hint=hint)
     try:
         return pycolmap.Reconstruction(folder)
     except Exception as error:  # pycolmap raises whatever its C++ raised
         raise StorageError(
-            f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.",
-            hint="Export the model again, or delete the folder to have it computed again.",
+            f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=hint
         ) from error
 
 

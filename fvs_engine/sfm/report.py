@@ -6,6 +6,9 @@ from pydantic import BaseModel, ConfigDict
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 
+GIVEN = "given"
+"""In the place of a mapper's name: the cameras were not found here."""
+
 
 class _Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

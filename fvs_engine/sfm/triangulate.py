@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
+import numpy as np
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
@@ -11,16 +12,15 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import image_ids, verified_pair_count
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.features import extract_features
-from fvs_engine.sfm.mapping import MappedScene, read_witnesses
+from fvs_engine.sfm.mapping import read_witnesses
 from fvs_engine.sfm.matching import match_features
 from fvs_engine.sfm.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, from_pycolmap, open_colmap, to_pycolmap
-from fvs_engine.sfm.report import CandidateReport, SfmReport
+from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder, write_atomically
 
 _MIN_VIEWS = 2
-_GIVEN = "given"
 
 
 def triangulate(
@@ -45,7 +45,8 @@ def triangulate(
     names = [view.name for view in views]
     stages = Stages(SfmFolder(out_dir), settings, monitor)
     stages.open(image_dir, names, _MIN_VIEWS)
-    if (finished := finished_result(stages.folder)) is not None and finished.report.mapper == _GIVEN:
+    finished = finished_result(stages.folder)
+    if finished is not None and finished.report.mapper == GIVEN and _same(finished.reconstruction, views):
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)
@@ -55,6 +56,15 @@ def triangulate(
     stages.write_model(model)
     write_atomically(stages.folder.report, report.model_dump_json(indent=2))
     return SfmResult(reconstruction, report, stages.folder.sparse)
+
+
+def _same(finished: Reconstruction, views: Sequence[PosedView]) -> bool:
+    """Whether a finished result is of these cameras, and not of what a file held at an earlier time."""
+    return len(finished.views) == len(views) and all(
+        (old.name, old.camera) == (new.name, new.camera)
+        and np.allclose(old.camera_from_model.matrix, new.camera_from_model.matrix, rtol=0, atol=1e-9)
+        for old, new in zip(finished.views, views, strict=True)
+    )
 
 
 def _views_with_images(
@@ -80,7 +90,7 @@ def _with_points(stages: Stages, views: Sequence[PosedView], image_dir: Path) ->
     ids = image_ids(folder.database)
     known = [view for view in views if view.name in ids]
     to_pycolmap(known, image_ids=ids).write_binary(posed)
-    target = folder.mapping(_GIVEN)
+    target = folder.mapping(GIVEN)
     partial = fresh_folder(folder.partial(target))
     stages.monitor.report("triangulation", 0, 1)
     with stages.timed("triangulation"):
@@ -111,7 +121,7 @@ def _report(
     names: Sequence[str],
     missing: Sequence[str],
 ) -> SfmReport:
-    evidence = MappedScene.weigh(_GIVEN, [model], read_witnesses(stages), stages.monitor).candidate.evidence
+    evidence = read_witnesses(stages).testify(model)
     doubtful = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
     reason = (
         "No pair of images matches."
@@ -126,7 +136,7 @@ def _report(
     registered = {view.name for view in reconstruction.views}
     error_px = model.compute_mean_reprojection_error()
     candidate = CandidateReport(
-        mapper=_GIVEN,
+        mapper=GIVEN,
         registered=len(registered),
         points=len(reconstruction.points),
         mean_reprojection_error_px=error_px,
@@ -135,7 +145,7 @@ def _report(
         reasons=(reason,),
     )
     return SfmReport(
-        mapper=_GIVEN,
+        mapper=GIVEN,
         verdict=candidate.verdict,
         images=len(names),
         registered=len(registered),

@@ -7,9 +7,11 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import read_keypoints, read_verified_pairs
-from fvs_engine.sfm.evidence import gather_evidence
+from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.gate import Candidate, Decision, decide
+from fvs_engine.sfm.mapping import MappedScene, Witnesses
 from fvs_engine.sfm.reconstruct import SfmResult
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
@@ -75,6 +77,27 @@ def test_weak_support_needs_a_second_mapper_and_warns_loudly():
     assert "DOUBTFUL" in both.warnings[0]
 
 
+def test_gps_confirms_as_another_mapper_does_but_saves_nobody():
+    near = decide([candidate("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
+    assert near.judgements[0].verdict == "doubtful"
+    assert "GPS" in near.warnings[0]
+    vague = decide([candidate("global", match_support=0.87, prior_residual_share=0.2)], SETTINGS)
+    assert vague.chosen is None
+    unsupported = decide([candidate("global", match_support=0.8, prior_residual_share=0.01)], SETTINGS)
+    assert unsupported.chosen is None
+
+
+def test_two_accepted_images_are_no_match_for_a_doubtful_whole():
+    pair = Candidate(
+        "incremental", dict(list(centres().items())[:2]), evidence(pairs=1, matches=40, match_support=1.0)
+    )
+    whole = candidate("global", match_support=0.88, prior_residual_share=0.05)
+    decision = decide([pair, whole], SETTINGS)
+    assert [judgement.verdict for judgement in decision.judgements] == ["accepted", "doubtful"]
+    assert decision.chosen == 1
+    assert decision.warnings
+
+
 def test_two_mappers_misled_to_the_same_place_are_refused_all_the_same():
     decision = decide(
         [candidate("incremental", match_support=0.7), candidate("global", match_support=0.7)], SETTINGS
@@ -115,12 +138,12 @@ def test_agreement_ignores_the_frame():
 
 
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
-    pairs = read_verified_pairs(folder / "calibrated.db", 15)
+    pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    found = gather_evidence(model, pairs, read_keypoints(folder / "database.db", ids), {})
-    assert found is not None
-    where = {image.name: image.projection_center() for image in model.images.values()}
-    return decide([Candidate("global", where, found)], SETTINGS), found
+    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), {})
+    scene = MappedScene.weigh("global", [model], witnesses, Monitor())
+    assert scene.candidate.evidence is not None
+    return decide([scene.candidate], SETTINGS), scene.candidate.evidence
 
 
 def test_a_healthy_model_passes(kermit_sfm: SfmResult):
@@ -128,6 +151,22 @@ def test_a_healthy_model_passes(kermit_sfm: SfmResult):
     decision, found = judge_model(model, kermit_sfm.model_dir.parent)
     assert decision.chosen == 0
     assert found.match_support > 0.98
+
+
+def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    last = max(model.images.values(), key=lambda image: image.name)
+    quarter = pycolmap.Rigid3d(
+        pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
+    )
+    last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
+    decision, found = judge_model(model, kermit_sfm.model_dir.parent)
+    assert decision.chosen == 0
+    assert found.match_support > 0.98
+    registered = {image.name for image in model.images.values() if image.has_pose}
+    assert len(registered) == 10
+    assert last.name not in registered
+    assert all(last.image_id not in {e.image_id for e in p.track.elements} for p in model.points3D.values())
 
 
 def folded(model: pycolmap.Reconstruction) -> None:

@@ -1,6 +1,8 @@
 import json
 import math
 import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +12,13 @@ import pytest
 from PIL import Image
 
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
-from fvs_engine.geometry import PinholeCamera
+from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.alignment import umeyama
 from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruct import SfmResult
-from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap, write_colmap
+from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, read_colmap, write_colmap
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.triangulate import triangulate
 from fvs_engine.sfm.undistort import undistort
@@ -123,15 +125,22 @@ def test_photographs_of_another_shape_are_refused(kermit_sfm: SfmResult, kermit_
         import_colmap(kermit_sfm.model_dir, kermit_copy)
 
 
-def test_a_folder_without_a_model_and_a_damaged_one_are_refused(
-    kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path
-):
+def test_a_folder_without_a_model_is_refused(kermit_dir: Path, tmp_path: Path):
     with pytest.raises(InvalidInputError, match="holds no COLMAP model"):
         import_colmap(tmp_path, kermit_dir)
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin", "points3D.bin"])
+@pytest.mark.parametrize(
+    "spoil", [lambda data: data[:0], lambda data: data[:60], lambda data: data[:-1], lambda data: data + b"x"]
+)
+def test_a_model_that_was_cut_short_is_named(
+    name: str, spoil: Callable[[bytes], bytes], kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path
+):
     shutil.copytree(kermit_sfm.model_dir, tmp_path / "sparse")
-    points = tmp_path / "sparse" / "points3D.bin"
-    points.write_bytes(points.read_bytes()[:1000])
-    with pytest.raises(StorageError, match="damaged"):
+    file = tmp_path / "sparse" / name
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(StorageError, match=rf"{name} is damaged"):
         import_colmap(tmp_path, kermit_dir)
 
 
@@ -150,21 +159,51 @@ def test_a_model_survives_writing_and_reading(kermit_sfm: SfmResult, tmp_path: P
     )
 
 
-def test_given_cameras_get_points_and_do_not_move(kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path):
-    given = kermit_sfm.reconstruction
-    absent = (
-        *given.views[:6],
-        type(given.views[0])("gone.jpg", given.views[6].camera, given.views[6].camera_from_model),
+def without_points(views: tuple[PosedView, ...]) -> Reconstruction:
+    return Reconstruction(views, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
+
+
+@pytest.fixture
+def kermit_folder(kermit_sfm: SfmResult, tmp_path: Path) -> Path:
+    """A copy whose features and matches need not be computed again."""
+    return Path(shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm"))
+
+
+def test_given_cameras_get_points_and_do_not_move(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
+):
+    given = kermit_sfm.reconstruction.views
+    absent = replace(given[6], name="gone.jpg")
+    result = triangulate(
+        without_points((*given, absent)), kermit_dir, kermit_folder, SfmSettings(), Monitor()
     )
-    cameras = Reconstruction(absent, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
-    result = triangulate(cameras, kermit_dir, tmp_path, SfmSettings(), Monitor())
     assert result.report.verdict == "accepted"
-    assert len(result.reconstruction.points) > 150
+    assert len(result.reconstruction.points) > 300
     assert result.reconstruction.point_colors.max() > 0
-    for view, expected in zip(result.reconstruction.views, given.views[:6], strict=True):
+    for view, expected in zip(result.reconstruction.views, given, strict=True):
         assert view.camera == expected.camera
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
     assert any("gone.jpg" in warning for warning in result.report.warnings)
+
+
+def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
+):
+    def points(views: tuple[PosedView, ...]) -> SfmResult:
+        return triangulate(without_points(views), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+
+    given = kermit_sfm.reconstruction.views
+    shift = RigidTransform(np.eye(3), np.array([10.0, 0.0, 0.0]))
+    moved = tuple(replace(view, camera_from_model=view.camera_from_model @ shift) for view in given)
+    first, second = points(given), points(moved)
+    np.testing.assert_allclose(
+        np.median(first.reconstruction.points - second.reconstruction.points, axis=0),
+        [10.0, 0.0, 0.0],
+        atol=0.2,
+    )
+    names = [view.name for view in given]
+    again = reconstruct(kermit_dir, names, kermit_folder, SfmSettings(), Monitor())
+    assert again.report.mapper == kermit_sfm.report.mapper
 
 
 def test_undistorted_views_are_pinhole_and_where_they_were(

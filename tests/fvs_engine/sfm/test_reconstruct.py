@@ -1,3 +1,4 @@
+import contextlib
 import shutil
 import sqlite3
 import time
@@ -67,10 +68,8 @@ def test_another_gate_judges_the_same_models_anew(
     assert not (tmp_path / "sfm" / "report.json").exists()
 
 
-@pytest.mark.parametrize("stage", ["features", "matching", "incremental mapping"])
-def test_cancelled_work_stops_at_once_and_is_resumed(
-    stage: str, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
-):
+def cancel_in(stage: str, image_dir: Path, names: list[str], folder: Path) -> float:
+    """Start a run, cancel it at the first sign of ``stage``; how long it took to stop, s."""
     asked_at = []
 
     def on_progress(progress: Progress) -> None:
@@ -80,34 +79,42 @@ def test_cancelled_work_stops_at_once_and_is_resumed(
 
     monitor = Monitor(on_progress)
     with pytest.raises(Cancelled):
-        reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), monitor)
-    assert time.monotonic() - asked_at[0] < 5.0
-    assert not (tmp_path / "report.json").exists()
-    assert not (tmp_path / "mapping" / "incremental").exists()
+        reconstruct(image_dir, names, folder, SfmSettings(), monitor)
+    return time.monotonic() - asked_at[0]
 
+
+def keypoints(folder: Path) -> dict[int, bytes]:
+    with contextlib.closing(sqlite3.connect(folder / "database.db")) as database:
+        return dict(database.execute("SELECT image_id, data FROM keypoints"))
+
+
+def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
+    kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    for stage in ("features", "matching", "incremental mapping", "global mapping"):
+        assert cancel_in(stage, kermit_dir, kermit_names[:6], tmp_path) < 5.0
+        assert not (tmp_path / "report.json").exists()
+        assert (tmp_path / "mapping" / "incremental").exists() == (stage == "global mapping")
     result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
     assert result.report.registered == 6
     assert len(read_colmap(tmp_path / "sparse").views) == 6
+    # What was finished before was not done again.
+    assert "incremental mapping" not in result.report.seconds
+    assert "matching" not in result.report.seconds
 
 
 def test_added_images_keep_the_features_of_the_old_ones(
     kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
-    folder = tmp_path / "sfm"
-    first = reconstruct(kermit_dir, kermit_names[:4], folder, SfmSettings(), Monitor())
-    with sqlite3.connect(folder / "database.db") as database:
-        before = dict(database.execute("SELECT image_id, data FROM keypoints"))
-    database.close()
-    second = reconstruct(kermit_dir, kermit_names[:6], folder, SfmSettings(), Monitor())
-    with sqlite3.connect(folder / "database.db") as database:
-        after = dict(database.execute("SELECT image_id, data FROM keypoints"))
-    database.close()
+    cancel_in("matching", kermit_dir, kermit_names[:4], tmp_path)
+    before = keypoints(tmp_path)
+    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
+    after = keypoints(tmp_path)
     assert len(before) == 4
     assert len(after) == 6
     assert all(after[image_id] == data for image_id, data in before.items())
-    assert first.report.registered == 4
-    assert second.report.registered == 6
-    assert len({view.camera for view in second.reconstruction.views}) == 1
+    assert result.report.registered == 6
+    assert len({view.camera for view in result.reconstruction.views}) == 1
 
 
 def test_one_image_is_refused_by_name(kermit_dir: Path, kermit_names: list[str], tmp_path: Path):
@@ -126,13 +133,14 @@ def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: P
 
 
 def test_an_image_of_something_else_is_left_out_and_named(
-    kermit_copy: Path, kermit_names: list[str], data_dir: Path, tmp_path: Path
+    kermit_sfm: SfmResult, kermit_copy: Path, kermit_names: list[str], data_dir: Path, tmp_path: Path
 ):
+    folder = tmp_path / "sfm"
+    shutil.copytree(kermit_sfm.model_dir.parent, folder)  # the stranger joins photographs that are done
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
     with Image.open(stranger) as image:
         image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
-    names = [*kermit_names, "stranger.jpg"]
-    result = reconstruct(kermit_copy, names, tmp_path / "sfm", SfmSettings(), Monitor())
+    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, SfmSettings(), Monitor())
     assert result.report.unregistered == ("stranger.jpg",)
     assert any("stranger.jpg" in warning for warning in result.report.warnings)
     assert result.report.registered == 11
@@ -148,14 +156,16 @@ def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
 def test_images_of_another_size_or_orientation_get_their_own_camera(
     kermit_copy: Path, kermit_names: list[str], tmp_path: Path
 ):
-    for number, name in enumerate(kermit_names):
+    names = kermit_names[:6]
+    for number, name in enumerate(names):
         with Image.open(kermit_copy / name) as image:
             pixels = image.convert("RGB")
         if number % 3 == 1:
             pixels.resize((512, 384)).save(kermit_copy / name)
         elif number % 3 == 2:
             pixels.rotate(90, expand=True).save(kermit_copy / name, quality=95)
-    result = reconstruct(kermit_copy, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor())
+    result = reconstruct(kermit_copy, names, tmp_path / "sfm", SfmSettings(), Monitor())
+    assert result.report.registered == 6
     sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
     assert sizes == {(640, 480), (512, 384), (480, 640)}
     assert len({view.camera for view in result.reconstruction.views}) == 3

@@ -1,4 +1,4 @@
-"""One reconstruction of the small photographs, shared by all tests that only look at it."""
+"""One reconstruction of the small photographs, shared by all tests of the engine that only look at it."""
 
 from pathlib import Path
 

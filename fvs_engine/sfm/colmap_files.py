@@ -1,0 +1,63 @@
+"""Whether COLMAP's binary files are whole, before pycolmap reads them.
+
+pycolmap believes the counts in a file: beyond the end of one that was cut short it reads noise, and may fill
+gigabytes of memory before it fails. So the counts are followed here first. Source: COLMAP's
+``doc/format.rst`` and ``reconstruction_io_binary.cc``.
+"""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pycolmap
+
+_COUNT = struct.Struct("<Q")
+_CAMERA_HEAD = struct.Struct("<IiQQ")  # id, model, width, height
+_PARAMETER_BYTES = 8
+_IMAGE_HEAD_BYTES = 4 + 7 * 8 + 4  # id, quaternion and translation, camera id
+_OBSERVATION_BYTES = 8 + 8 + 8  # x, y, point id
+_POINT_HEAD_BYTES = 8 + 3 * 8 + 3 + 8  # id, position, colour, error
+_TRACK_ELEMENT_BYTES = 4 + 4  # image id, observation index
+
+
+def damaged_file(folder: Path) -> Path | None:
+    """The first of the model's binary files in ``folder`` that is cut short or goes on too long, or None."""
+    walks: dict[str, Callable[[bytes, int], int]] = {
+        "cameras.bin": _after_camera,
+        "images.bin": _after_image,
+        "points3D.bin": _after_point,
+    }
+    for name, after in walks.items():
+        file = folder / name
+        if file.is_file() and not _is_whole(file.read_bytes(), after):
+            return file
+    return None
+
+
+def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
+    """Whether as many records as the head says end where the file ends."""
+    try:
+        (count,) = _COUNT.unpack_from(content)
+        offset = _COUNT.size
+        for _ in range(count):
+            offset = after(content, offset)
+    except (struct.error, ValueError):  # a number or a name would lie beyond the end
+        return False
+    return offset == len(content)
+
+
+def _after_camera(content: bytes, offset: int) -> int:
+    _, model, _, _ = _CAMERA_HEAD.unpack_from(content, offset)
+    parameters = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId(model), 1.0, 1, 1).params)
+    return offset + _CAMERA_HEAD.size + parameters * _PARAMETER_BYTES
+
+
+def _after_image(content: bytes, offset: int) -> int:
+    end_of_name = content.index(b"\0", offset + _IMAGE_HEAD_BYTES) + 1
+    (observations,) = _COUNT.unpack_from(content, end_of_name)
+    return end_of_name + _COUNT.size + int(observations) * _OBSERVATION_BYTES
+
+
+def _after_point(content: bytes, offset: int) -> int:
+    (track,) = _COUNT.unpack_from(content, offset + _POINT_HEAD_BYTES)
+    return offset + _POINT_HEAD_BYTES + _COUNT.size + int(track) * _TRACK_ELEMENT_BYTES
