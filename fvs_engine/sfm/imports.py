@@ -22,7 +22,7 @@ from fvs_engine.sfm.reconstruction import (
     open_colmap,
 )
 
-_MAX_SHAPE_CHANGE = 0.01
+MAX_SHAPE_CHANGE = 0.01
 """Resizing rounds to whole pixels, which changes the ratio of the sides a little."""
 
 
@@ -100,7 +100,7 @@ def _fit_camera_sizes(model: pycolmap.Reconstruction, image_dir: Path) -> None:
                 hint="Give the images that the model was made from.",
             )
         camera = model.cameras[image.camera_id]
-        if abs(width * camera.height / (camera.width * height) - 1.0) > _MAX_SHAPE_CHANGE:
+        if abs(width * camera.height / (camera.width * height) - 1.0) > MAX_SHAPE_CHANGE:
             raise InvalidInputError(
                 f"{image.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
                 hint="Give the images that the model was made from, at any scale.",

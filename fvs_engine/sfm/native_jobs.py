@@ -4,7 +4,9 @@ A stage writes either into the database, in transactions, so that a killed one g
 folder or file beside the final one that the caller renames when the stage is done.
 """
 
+import contextlib
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -148,10 +150,35 @@ def triangulate(
     options.num_threads = _threads(threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
-    model = pycolmap.triangulate_points(model, database, image_dir, out_dir, True, options, False)
+    # The database has cameras of its own for these images, often of another kind; COLMAP wants them equal.
+    with tempfile.TemporaryDirectory() as scratch:
+        given = str(Path(scratch) / "given.db")
+        _copy_with_cameras_of(model, database, given)
+        model = pycolmap.triangulate_points(model, given, image_dir, out_dir, True, options, False)
     model.extract_colors_for_all_images(image_dir)
     model.write_binary(out_dir)
     return int(model.num_points3D())
+
+
+def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: str, target: str) -> None:
+    """A database with the model's images and cameras, and the keypoints and verified matches of another."""
+    with (
+        contextlib.closing(pycolmap.Database.open(database)) as source,
+        contextlib.closing(pycolmap.Database.open(target)) as given,
+    ):
+        for camera in model.cameras.values():
+            given.write_camera(camera, use_camera_id=True)
+        for rig in model.rigs.values():
+            given.write_rig(rig, use_rig_id=True)
+        for frame in model.frames.values():
+            given.write_frame(frame, use_frame_id=True)
+        for image_id, image in model.images.items():
+            given.write_image(image, use_image_id=True)
+            given.write_keypoints(image_id, source.read_keypoints(image_id))
+        for pair_id, geometry in zip(*source.read_two_view_geometries(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            if model.exists_image(first) and model.exists_image(second):
+                given.write_two_view_geometry(first, second, geometry)
 
 
 def undistort(_report: Report, *, model_dir: str, image_dir: str, out_dir: str, quality: int) -> None:

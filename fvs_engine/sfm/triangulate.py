@@ -6,12 +6,15 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pycolmap
+from PIL import Image
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
+from fvs_engine.geometry.cameras import Camera
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import image_ids, verified_pair_count
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.features import extract_features
+from fvs_engine.sfm.imports import MAX_SHAPE_CHANGE
 from fvs_engine.sfm.mapping import read_witnesses
 from fvs_engine.sfm.matching import match_features
 from fvs_engine.sfm.reconstruct import SfmResult, finished_result
@@ -29,11 +32,12 @@ def triangulate(
     """Find points for the views of ``cameras``, whose poses and intrinsics stay as they are; resumable.
 
     A view belongs to the image of its name in ``image_dir``, or of its name's last part; views without are
-    left out and named in the report. Features and matches are those of ``reconstruct``. What the matches say
-    of the given cameras is in the report, with a warning when they contradict.
+    left out and named in the report. Its camera is scaled to the image's size. Features and matches are those
+    of ``reconstruct``. What the matches say of the given cameras is in the report, with a warning when they
+    contradict.
 
-    Raises ``InvalidInputError`` for fewer than two views, ``ReconstructionError`` when no point is seen
-    twice, ``Cancelled``.
+    Raises ``InvalidInputError`` for fewer than two views and for images of another shape than their cameras,
+    ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
     """
     views, missing = _views_with_images(cameras.views, image_dir)
     if len(views) < _MIN_VIEWS:
@@ -80,8 +84,22 @@ def _views_with_images(
         elif name in found:
             raise InvalidInputError(f"Two of the given cameras claim {image_dir / name}.")
         else:
-            found[name] = replace(view, name=name)
+            found[name] = replace(view, name=name, camera=_fitted(view.camera, image_dir / name))
     return [found[name] for name in sorted(found)], tuple(missing)
+
+
+def _fitted(camera: Camera, photograph: Path) -> Camera:
+    """The camera at the photograph's size, which must have its shape."""
+    with Image.open(photograph) as image:
+        width, height = image.size
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    if abs(width * camera.height / (camera.width * height) - 1.0) > MAX_SHAPE_CHANGE:
+        raise InvalidInputError(
+            f"{photograph.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
+            hint="Give the images that the cameras were computed from, at any scale.",
+        )
+    return camera.resized(width, height)
 
 
 def _with_points(stages: Stages, views: Sequence[PosedView], image_dir: Path) -> pycolmap.Reconstruction:

@@ -186,6 +186,20 @@ def test_given_cameras_get_points_and_do_not_move(
     assert any("gone.jpg" in warning for warning in result.report.warnings)
 
 
+def test_given_cameras_follow_resized_photographs(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
+):
+    double = [
+        replace(view, camera=view.camera.resized(1280, 960)) for view in kermit_sfm.reconstruction.views
+    ]
+    result = triangulate(without_points(tuple(double)), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+    assert result.report.verdict == "accepted"
+    assert {(view.camera.width, view.camera.height) for view in result.reconstruction.views} == {(640, 480)}
+    wide = (replace(double[0], camera=double[0].camera.resized(1280, 700)), *double[1:])
+    with pytest.raises(InvalidInputError, match=double[0].name):
+        triangulate(without_points(wide), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+
+
 def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):

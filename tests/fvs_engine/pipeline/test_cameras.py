@@ -1,0 +1,97 @@
+"""Cameras made elsewhere: kermit's own, written as a transforms.json and as a COLMAP model without points."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fvs_engine.geometry.cameras import DistortedCamera
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.cameras import find_cameras
+from fvs_engine.pipeline.manifest import ImageRecord, ImagesRecord, Manifest, ReconstructionSettings
+from fvs_engine.pipeline.views import read_undistorted
+from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.sfm.reconstruct import SfmResult
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, write_colmap
+
+USED = 6
+
+
+@pytest.fixture(scope="module")
+def given(kermit_sfm: SfmResult) -> tuple[PosedView, ...]:
+    return kermit_sfm.reconstruction.views[:USED]
+
+
+@pytest.fixture
+def workspace(kermit_copy: Path, tmp_path: Path) -> Workspace:
+    workspace = Workspace(tmp_path / "out")
+    workspace.root.mkdir()
+    kermit_copy.rename(workspace.images)
+    return workspace
+
+
+def frame(view: PosedView) -> dict[str, object]:
+    """The view in OpenGL's axes, camera to world, with its own intrinsics."""
+    camera = view.camera
+    assert isinstance(camera, DistortedCamera)
+    assert camera.model == "SIMPLE_RADIAL"
+    focal, cx, cy, k1 = camera.params
+    matrix = view.camera_from_model.inverse().matrix @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return {
+        "file_path": f"images/{view.name}",
+        "transform_matrix": matrix.tolist(),
+        "fl_x": focal,
+        "fl_y": focal,
+        "cx": cx,
+        "cy": cy,
+        "k1": k1,
+        "w": camera.width,
+        "h": camera.height,
+    }
+
+
+def check_given_cameras_get_points(
+    settings: ReconstructionSettings, workspace: Workspace, given: tuple[PosedView, ...]
+) -> None:
+    names = sorted(path.name for path in workspace.images.iterdir())
+    photographs = tuple(ImageRecord(name=name, normalised_name=name, sha256="") for name in names)
+    images = ImagesRecord(folder=str(workspace.images), photographs=photographs, rejected=())
+    warnings: list[str] = []
+    manifest = find_cameras(
+        workspace, Manifest(settings=settings, images=images), monitor=Monitor(), warn=warnings.append
+    )
+    record = manifest.cameras
+    assert record is not None
+    assert record.registered == tuple(view.name for view in given)
+    assert set(record.unregistered) == set(names) - set(record.registered)
+    assert record.report is not None
+    assert record.report["verdict"] == "accepted"
+    assert warnings == []
+
+    model = read_undistorted(workspace)
+    for view, expected in zip(model.views, given, strict=True):
+        np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
+    assert record.points == len(model.points) > 150
+    assert model.point_colors.max() > 0
+    assert np.median(model.point_errors_px) < 1.0
+    seen = [
+        (expected.camera_from_model.apply(model.points)[:, 2] > 0).mean() for expected in given
+    ]  # what is triangulated lies before the cameras
+    assert min(seen) > 0.99
+
+
+def test_cameras_of_a_transforms_json_get_points(
+    workspace: Workspace, given: tuple[PosedView, ...], tmp_path: Path
+):
+    file = tmp_path / "transforms.json"
+    file.write_text(json.dumps({"frames": [frame(view) for view in given]}))
+    check_given_cameras_get_points(ReconstructionSettings(transforms=str(file)), workspace, given)
+
+
+def test_cameras_of_a_colmap_model_without_points_get_them(
+    workspace: Workspace, given: tuple[PosedView, ...], tmp_path: Path
+):
+    bare = Reconstruction(given, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
+    write_colmap(bare, tmp_path / "model")
+    check_given_cameras_get_points(ReconstructionSettings(colmap=str(tmp_path / "model")), workspace, given)
