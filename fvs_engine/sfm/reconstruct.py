@@ -171,8 +171,8 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
         f"Every model that was found contradicts the photographs. {reasons}",
-        hint="Repeated patterns do this. Add photographs in between, give the camera's intrinsics, or import "
-        f"cameras with --colmap. The evidence is in {stages.folder.refused}.",
+        hint="Repeated patterns do this, and images stretched unevenly. Add photographs in between, "
+        f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.refused}.",
     )
 
 
