@@ -26,6 +26,7 @@ from fvs_engine.splat.raster import cpu as cpu_rasterizer
 from fvs_engine.splat.raster.kernels import binning, blending
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
+FEW_GAUSSIANS = 13_000
 
 
 class Passes:
@@ -97,32 +98,43 @@ def on_threads(count: int, function: Callable[[], None]) -> Callable[[], None]:
     return run
 
 
+def with_torch_threads(count: int, function: Callable[[], None]) -> Callable[[], None]:
+    """The function while torch may use ``count`` threads: its pool spins after each operation."""
+
+    def run() -> None:
+        before = torch.get_num_threads()
+        torch.set_num_threads(count)
+        try:
+            function()
+        finally:
+            torch.set_num_threads(before)
+
+    return run
+
+
 def against_reference(quick: bool) -> list[dict[str, Any]]:
     """Both backends in turns, each on all cores. The reference's memory sets the sizes."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(numba.get_num_threads())
     rows = []
-    cases = (
-        [(5_000, (240, 136))] if quick else [(5_000, (240, 136)), (13_000, (480, 270)), (50_000, (480, 270))]
-    )
-    for count, (width, height) in cases:
-        gaussians, (view,) = scene(count), candidates(1, width, height)
+    sizes = [(240, 136)] if quick else [(240, 136), (480, 270), (960, 540)]
+    for width, height in sizes:
+        gaussians, (view,) = scene(FEW_GAUSSIANS), candidates(1, width, height)
         ours = Passes(create_rasterizer("cpu"), gaussians, view)
         oracle = Passes(create_rasterizer("reference"), gaussians, view)
         for name in ("forward", "whole"):
-            times = measure_side_by_side(
-                {"cpu": getattr(ours, name), "reference": getattr(oracle, name)}, repeat=3
-            )
+            functions = {
+                "cpu": with_torch_threads(1, getattr(ours, name)),
+                "reference": with_torch_threads(numba.get_num_threads(), getattr(oracle, name)),
+            }
+            times = measure_side_by_side(functions, repeat=3)
             rows.append(
                 {
-                    "Gaussians": count,
+                    "Gaussians": FEW_GAUSSIANS,
                     "image": f"{width}×{height}",
                     "pass": "forward" if name == "forward" else "forward + backward",
                     **times,
                     "× reference": times["reference"].median_s / times["cpu"].median_s,
                 }
             )
-    torch.set_num_threads(threads)
     return rows
 
 
@@ -142,7 +154,9 @@ def thread_scaling(repeat: int) -> list[dict[str, Any]]:
 def sweep(quick: bool, repeat: int) -> list[dict[str, Any]]:
     """Gaussians × image sizes."""
     rows = []
-    for count, (width, height) in itertools.product((13_000, 100_000, 300_000), SIZES[: 2 if quick else 3]):
+    for count, (width, height) in itertools.product(
+        (FEW_GAUSSIANS, 100_000, 300_000), SIZES[: 2 if quick else 3]
+    ):
         gaussians, (view,) = scene(count), candidates(1, width, height)
         kernels, passes = Kernels(gaussians, view), Passes(create_rasterizer("cpu"), gaussians, view)
         times: dict[str, Timing] = measure_side_by_side(
@@ -175,7 +189,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    torch.set_num_threads(1)  # its pool spins after each operation and would take the kernels' cores
+    torch.set_num_threads(1)
     parts = {
         "against the reference": against_reference(options.quick),
         "threads": thread_scaling(options.repeat),
