@@ -126,7 +126,7 @@ def differentiate(
     g_color, g_alpha, g_depth = image_gradients
     g_color = np.zeros_like(forward.color) if g_color is None else g_color
     g_alpha = np.zeros_like(forward.alpha) if g_alpha is None else g_alpha
-    hit_gradients = np.zeros((len(forward.hit_splats), GRADIENT_SIZE), np.float32)
+    hit_gradients = np.empty((len(forward.hit_splats), GRADIENT_SIZE), np.float32)
     with numba.parallel_chunksize(TILES_AT_ONCE):
         blending.blend_backward(
             forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_rows, forward.hit_numbers,

@@ -261,7 +261,7 @@ def blend_backward(
     g_depth: Floats | None,
     hit_gradients: Floats,
 ) -> None:
-    """Write the gradient of every hit to ``hit_gradients`` [H, 10], which comes in zeroed.
+    """Write the gradient of every hit to ``hit_gradients`` [H, 10].
 
     ``color``, ``alpha``, ``depth`` are what ``blend`` rendered; ``g_…`` are the loss's gradients of them
     (that of depth may be None).
@@ -292,6 +292,7 @@ def blend_backward(
                     behind += g_depth[row, column] * depth[row, column]
                 buffer[i + ALPHA_PLANE] = through_alpha
                 buffer[i + BEHIND_PLANE] = behind + through_alpha * alpha[row, column]
+        end_slot = tile_starts[tile + 1]
         for slot in range(tile_starts[tile], tile_starts[tile + 1]):
             splat = splats[hit_splats[slot]]
             a, k, b = SQRT_EIGHTH * splat[FACTOR_A], splat[FACTOR_K], SQRT_EIGHTH * splat[FACTOR_B]
@@ -326,7 +327,10 @@ def blend_backward(
                 hit_gradients[hit_numbers[slot]],
             )
             if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _retire(buffer, live):
+                end_slot = slot + 1
                 break
+        for slot in range(end_slot, tile_starts[tile + 1]):  # hidden behind finished pixels
+            hit_gradients[hit_numbers[slot], :] = F(0)
 
 
 @parallel_kernel
