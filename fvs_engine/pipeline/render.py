@@ -112,5 +112,7 @@ def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[Can
 
 
 def _file_name(candidate_id: str) -> str:
-    """An id as a file name that stays in its folder."""
-    return "".join(letter if letter.isalnum() or letter in "._- " else "_" for letter in candidate_id)
+    """An id as a file name that stays in its folder; different ids have different ones."""
+    return "".join(
+        letter if letter.isalnum() or letter in "._-– " else f"%{ord(letter):02X}" for letter in candidate_id
+    )

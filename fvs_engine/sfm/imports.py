@@ -92,8 +92,7 @@ def _fit_camera_sizes(model: pycolmap.Reconstruction, image_dir: Path) -> None:
         path = next((path for path in paths if path.is_file()), None)
         if not image.has_pose or path is None:
             continue
-        with Image.open(path) as photograph:
-            width, height = photograph.size
+        width, height = _image_size(path)
         if sizes.setdefault(image.camera_id, (width, height)) != (width, height):
             raise InvalidInputError(
                 f"{image.name} is {width}×{height} px, unlike other images of its camera in the model.",
@@ -148,11 +147,20 @@ def _camera_from_model(file: Path, name: str, frame: Mapping[str, Any]) -> Rigid
     return (model_from_opengl_camera @ OPENGL_FROM_OPENCV).inverse()
 
 
+def _image_size(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as photograph:
+            return photograph.size
+    except OSError as error:  # what Pillow raises for no image derives from it
+        raise InvalidInputError(
+            f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model."
+        ) from error
+
+
 def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
     width, height = _number(file, entry, "w"), _number(file, entry, "h")
     if (width is None or height is None) and image is not None:
-        with Image.open(image) as photograph:
-            width, height = photograph.size
+        width, height = _image_size(image)
     if width is None or height is None:
         raise InvalidInputError(f"{file} does not say how large its images are.", hint="Add w and h in px.")
     fx = _number(file, entry, "fl_x") or _focal(width, _number(file, entry, "camera_angle_x"))

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import image_ids, verified_pair_count
@@ -67,7 +69,10 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
     """What an earlier call left in ``folder``, None if it did not come to an end."""
     if not folder.report.is_file():
         return None
-    report = SfmReport.model_validate_json(folder.report.read_text(encoding="utf-8"))
+    try:
+        report = SfmReport.model_validate_json(folder.report.read_bytes())
+    except ValidationError:  # damaged, or of another version: what it says is found again
+        return None
     return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
 
 

@@ -64,6 +64,13 @@ def test_blenders_files_need_no_suffix_and_no_size(tmp_path: Path):
     assert view.camera.fx == pytest.approx(40.0)
 
 
+def test_what_is_no_image_is_named(tmp_path: Path):
+    (tmp_path / "r_0.png").write_text("not an image")
+    file = write(tmp_path, camera_angle_x=math.pi / 2, frames=[frame("./r_0")])
+    with pytest.raises(InvalidInputError, match=r"r_0\.png"):
+        import_transforms_json(file)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
