@@ -52,6 +52,9 @@ class _ViewOrder:
 class Trainer:
     """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
 
+    (Between processes that load the kernels from Numba's cache; the one that compiles them has other last
+    bits, see ADR 1.)
+
     ``gaussians`` are taken over (moved to the rasteriser's device, changed in place, replaced when their
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
