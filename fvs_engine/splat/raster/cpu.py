@@ -56,7 +56,7 @@ class View:
     def __init__(self, camera: PinholeCamera, camera_from_model: RigidTransform, degree: int) -> None:
         self.size = (camera.width, camera.height)
         self.degree = degree
-        self.vector = np.zeros(20, np.float32)
+        self.vector = np.empty(19, np.float32)
         self.vector[0:9] = camera_from_model.rotation.ravel()
         self.vector[9:12] = camera_from_model.translation
         self.vector[12:15] = camera_from_model.inverse().translation

@@ -46,7 +46,7 @@ AREA = TILE_PX * TILE_PX
 CHECK_EVERY = 16  # splats between two looks at whether the whole tile is finished
 LEAST_ALPHA, MOST_ALPHA, LEAST_T = F(ALPHA_MIN), F(ALPHA_MAX), F(TRANSMITTANCE_MIN)
 
-# exp(−y) on [0, 0.75], interpolated at Chebyshev nodes; its eighth power is exp(−8 y), relative error 1e-6.
+# exp(−y) on [0, 0.75], interpolated at Chebyshev nodes; its eighth power is exp(−8 y), relative error < 3e-6.
 MOST_EIGHTH = F(0.75)
 _EXP = np.polynomial.chebyshev.Chebyshev.interpolate(lambda y: np.exp(-y), 5, [0.0, 0.75])
 E0, E1, E2, E3, E4, E5 = (F(float(c)) for c in _EXP.convert(kind=np.polynomial.Polynomial).coef)

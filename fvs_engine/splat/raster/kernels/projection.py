@@ -1,8 +1,8 @@
 """Project Gaussians to screen records, and carry gradients of records back to their parameters.
 
 The mathematics is that of ``fvs_engine.splat.raster.projection``, differentiated by hand. ``view`` is a
-float32 vector [20]: rotation (9, row-major) and translation (3) of camera_from_model, the camera's centre
-in the model frame (3), fx, fy, cx, cy and a spare; ``size`` is (width, height).
+float32 vector [19]: rotation (9, row-major) and translation (3) of camera_from_model, the camera's centre
+in the model frame (3), and fx, fy, cx, cy; ``size`` is (width, height).
 """
 
 import math
