@@ -7,8 +7,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from fvs_engine.atomic_file import replacing
 from fvs_engine.errors import StorageError
-from fvs_engine.splat.atomic_file import replacing
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _IN_THE_WAY = {errno.ENOTDIR, errno.EEXIST}

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import image_ids, verified_pair_count
@@ -23,7 +24,7 @@ from fvs_engine.sfm.matching import match_features
 from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, read_colmap
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
-from fvs_engine.sfm.stages import SfmFolder, Stages, write_atomically
+from fvs_engine.sfm.stages import SfmFolder, Stages
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95
@@ -119,7 +120,7 @@ def _conclude(
     )
     if decision.chosen is None:
         refused = json.dumps([candidate.model_dump() for candidate in candidates], indent=2)
-        write_atomically(folder.refused, refused)
+        write_text_atomically(folder.refused, refused)
         raise _failure(stages, names, candidates)
 
     chosen = scenes[decision.chosen]
@@ -154,7 +155,7 @@ def _conclude(
         seconds=stages.seconds,
     )
     stages.write_model(chosen.model)
-    write_atomically(folder.report, report.model_dump_json(indent=2))
+    write_text_atomically(folder.report, report.model_dump_json(indent=2))
     return SfmResult(reconstruction, report, folder.sparse)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import pycolmap
 
+from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import InvalidInputError, NoImagesError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import require_sound_database
@@ -125,7 +126,7 @@ class Stages:
         if before.get("mapping") != state["mapping"] or changed:
             self.folder.report.unlink(missing_ok=True)
         self.folder.refused.unlink(missing_ok=True)
-        write_atomically(self.folder.state, json.dumps(state, indent=1))
+        write_text_atomically(self.folder.state, json.dumps(state, indent=1))
 
     @contextlib.contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -166,13 +167,6 @@ def replace_folder(source: Path, target: Path) -> None:
     if target.exists():
         shutil.rmtree(target)
     source.replace(target)
-
-
-def write_atomically(file: Path, text: str) -> None:
-    """Write ``text`` so that the file is the old one or the new one, never half of it."""
-    partial = file.with_name(f".{file.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(file)
 
 
 def _digest(value: object) -> str:

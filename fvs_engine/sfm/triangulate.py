@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 from PIL import Image
 
+from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.geometry.cameras import Camera
 from fvs_engine.monitor import Monitor
@@ -21,7 +22,7 @@ from fvs_engine.sfm.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, from_pycolmap, open_colmap, to_pycolmap
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder, write_atomically
+from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder
 
 _MIN_VIEWS = 2
 
@@ -58,7 +59,7 @@ def triangulate(
     reconstruction = from_pycolmap(model)
     report = _report(stages, model, reconstruction, names, missing)
     stages.write_model(model)
-    write_atomically(stages.folder.report, report.model_dump_json(indent=2))
+    write_text_atomically(stages.folder.report, report.model_dump_json(indent=2))
     return SfmResult(reconstruction, report, stages.folder.sparse)
 
 

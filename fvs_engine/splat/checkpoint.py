@@ -9,8 +9,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from fvs_engine.atomic_file import replacing
 from fvs_engine.errors import StorageError
-from fvs_engine.splat.atomic_file import replacing
 
 FORMAT = "fvs-training-1"
 

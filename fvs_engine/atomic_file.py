@@ -33,3 +33,9 @@ def replacing(path: Path) -> Iterator[Path]:
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Put UTF-8 ``text`` into ``path``, whole or not at all; raises ``StorageError``."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
