@@ -173,7 +173,8 @@ def _draw_caption(
     name = _shortened(draw, candidate.id, room, _font(15))
     draw.text((start, middle - 10), name, _TEXT, _font(15), anchor="lm")
     ranked = candidate.status is CandidateStatus.RANKED
-    note = f"{candidate.coverage:.0%} " + ("covered" if ranked else f"· {candidate.status.value}")
+    share = "" if candidate.coverage is None else f"{candidate.coverage:.0%} "
+    note = share + ("covered" if ranked else f"· {candidate.status.value}")
     color = _MUTED if ranked else _WARNING
     draw.text((start, middle + 11), _shortened(draw, note, room, _font(13)), color, _font(13), anchor="lm")
 

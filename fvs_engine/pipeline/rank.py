@@ -28,7 +28,7 @@ class RankedPose(Record):
     id: str
     score: float | None
     status: CandidateStatus
-    coverage: float
+    coverage: float | None
     position: tuple[float, float, float]
     orientation_wxyz: tuple[float, float, float, float]
 

@@ -37,20 +37,21 @@ class CandidateScore:
     """What a scorer says of one candidate: the lower the ``score``, the sooner it should be photographed.
 
     ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
-    the mean alpha of the view: the share of it that the model fills. Raises ``InvalidInputError`` otherwise.
+    the mean alpha of the view: the share of it that the model fills; None where nothing was rendered to
+    know it. Raises ``InvalidInputError`` otherwise.
     """
 
     id: str
     score: float | None
     status: CandidateStatus
-    coverage: float
+    coverage: float | None
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status is CandidateStatus.OUT_OF_MODEL):
             raise InvalidInputError(f"Candidate {self.id}: no score if and only if it is out of the model.")
         if self.score is not None and not math.isfinite(self.score):
             raise InvalidInputError(f"Candidate {self.id}: a score must be finite, not {self.score}.")
-        if not 0.0 <= self.coverage <= 1.0:
+        if self.coverage is not None and not 0.0 <= self.coverage <= 1.0:
             raise InvalidInputError(f"Candidate {self.id}: coverage must be in [0, 1], not {self.coverage}.")
 
 

@@ -22,7 +22,7 @@ class RankedCandidate:
     id: str
     score: float | None
     status: CandidateStatus
-    coverage: float
+    coverage: float | None
     distance: float | None
 
 

@@ -43,7 +43,7 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
             "" if place.rank is None else str(place.rank),
             place.id,
             "" if place.score is None else f"{place.score:.3f}",
-            f"{place.coverage:.0%}",
+            "" if place.coverage is None else f"{place.coverage:.0%}",
             place.status.value,
         )
     console = Console()

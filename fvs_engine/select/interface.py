@@ -1,0 +1,145 @@
+"""What every selector takes and gives, and how one view is chosen from what it says."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
+from fvs_engine.score import Candidate, CandidateScore, CandidateStatus, RankedCandidate, rank
+from fvs_engine.select.view_distance import view_distances
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionContext:
+    """All that a selector may know when it is asked for the next view.
+
+    ``gaussians``, rendered by ``rasterizer`` with ``sh_degree`` degrees (None: all), are the model so far.
+    ``visited`` are the photographed views in the order of their visit, the last one where the camera is now;
+    ``candidates`` those in reach; both in the model frame. ``order`` maps the id of every view that could
+    ever be visited to its place in the order of capture. ``budget``: views at the end, the first ones
+    included. ``seed`` and ``step`` (from 0) are the only source of chance.
+
+    Raises ``InvalidInputError`` for an id that occurs twice, that is both visited and a candidate, or that
+    ``order`` lacks.
+    """
+
+    gaussians: Gaussians
+    rasterizer: Rasterizer
+    sh_degree: int | None
+    visited: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]
+    order: Mapping[str, int]
+    budget: int
+    seed: int
+    step: int
+
+    def __post_init__(self) -> None:
+        known: set[str] = set()
+        for view in (*self.visited, *self.candidates):
+            if view.id in known:
+                raise InvalidInputError(f"View {view.id} occurs more than once among visited and candidates.")
+            if view.id not in self.order:
+                raise InvalidInputError(f"View {view.id} has no place in the order of capture.")
+            known.add(view.id)
+
+    def visit(self, view_id: str) -> "SelectionContext":
+        """The same a step later, as if the candidate ``view_id`` had been visited and nothing learned."""
+        (view,) = (candidate for candidate in self.candidates if candidate.id == view_id)
+        return dataclasses.replace(
+            self,
+            visited=(*self.visited, view),
+            candidates=tuple(candidate for candidate in self.candidates if candidate is not view),
+            step=self.step + 1,
+        )
+
+
+class Selector(Protocol):
+    """A way to say which candidate should be photographed next. The same context gives the same scores."""
+
+    @property
+    def name(self) -> str:
+        """What the method is called on the command line and in results."""
+        ...
+
+    @property
+    def depends_on_visited(self) -> bool:
+        """Whether visiting one candidate changes the scores of the others before anything is learned."""
+        ...
+
+    def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
+        """One score per candidate, in their order: the lower, the sooner. Gains are negated.
+
+        ``coverage`` is None for selectors that do not render. Progress is reported in views. Raises
+        ``InvalidInputError`` for candidates that cannot be compared, ``Cancelled`` on request.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen, and why.
+
+    ``chosen`` ids, in the order of visit. ``ranked``: all candidates as they were scored for the first
+    choice. ``fallback`` says how it was chosen when nothing could be ranked: ``"low-coverage"`` or
+    ``"farthest"``; None otherwise.
+    """
+
+    chosen: tuple[str, ...]
+    ranked: tuple[RankedCandidate, ...]
+    fallback: str | None
+
+
+def select(
+    context: SelectionContext,
+    selector: Selector,
+    distances: Mapping[str, float],
+    count: int = 1,
+    monitor: Monitor | None = None,
+) -> Selection:
+    """Choose the next view, or the next ``count`` views, each as if those before it had been visited.
+
+    The lowest score wins; ties are broken by ``distances`` (id → how far the camera has to travel, in the
+    unit of whoever asks), then by id. Where no candidate can be ranked, the lowest score among those of low
+    coverage wins (the model fills little of any view, so seeing some of it is better than none); where none
+    has a score at all, the candidate farthest from all visited views, in position and direction.
+
+    Fewer than ``count`` are chosen where there are fewer candidates. Raises ``InvalidInputError`` without
+    candidates and for a ``count`` under 1, and what ``Selector.score`` raises.
+    """
+    if not context.candidates:
+        raise InvalidInputError(
+            "There is no candidate to choose from.", hint="Widen the radius, or ask for more neighbours."
+        )
+    if count < 1:
+        raise InvalidInputError(f"At least one view must be asked for, not {count}.")
+    ranked = rank(selector.score(context, monitor), distances)
+    first, fallback = _first(context, ranked)
+    if not selector.depends_on_visited and fallback is None:
+        best = tuple(place.id for place in ranked if place.rank is not None)[:count]
+    else:
+        best = (first,)
+    remaining = context
+    for view_id in best:
+        remaining = remaining.visit(view_id)
+    if len(best) == count or not remaining.candidates:
+        return Selection(best, ranked, fallback)
+    further = select(remaining, selector, distances, count - len(best), monitor)
+    return Selection((*best, *further.chosen), ranked, fallback)
+
+
+def _first(context: SelectionContext, ranked: tuple[RankedCandidate, ...]) -> tuple[str, str | None]:
+    """The candidate to take, and which fallback led to it."""
+    best = ranked[0]
+    if best.status is CandidateStatus.RANKED:
+        return best.id, None
+    if best.status is CandidateStatus.LOW_COVERAGE:
+        return best.id, CandidateStatus.LOW_COVERAGE.value
+    separation = view_distances(context.candidates, context.visited).min(axis=1, initial=float("inf"))
+    farthest = separation.max()
+    # As in a ranking, ties go to the smaller id, whatever the order of the candidates.
+    ids = (c.id for c, value in zip(context.candidates, separation, strict=True) if value == farthest)
+    return min(ids), "farthest"

@@ -1,0 +1,22 @@
+"""The selectors by name. Adding one is a file here and a line in the table."""
+
+from collections.abc import Callable, Mapping
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.select.interface import Selector
+from fvs_engine.select.selectors.farthest import Farthest
+
+SELECTORS: Mapping[str, Callable[[], Selector]] = {
+    "farthest": Farthest,
+}
+
+
+def create_selector(name: str) -> Selector:
+    """Create a selector by name. Raises ``InvalidInputError``, naming all of them, for another name."""
+    try:
+        factory = SELECTORS[name]
+    except KeyError:
+        raise InvalidInputError(
+            f"There is no selector {name!r}.", hint=f"Choose one of {', '.join(SELECTORS)}."
+        ) from None
+    return factory()
