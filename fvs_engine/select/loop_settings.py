@@ -1,0 +1,43 @@
+"""What can be chosen about a selection of views."""
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from fvs_engine.scene.growing_scene import SceneSettings
+
+
+class LoopSettings(BaseModel):
+    """How to choose views of a dataset; frozen, and stored with the selection.
+
+    ``budget`` counts all views, the ``initial`` ones included. Candidates are the unvisited views within
+    ``radius`` of the current camera centre (in the dataset's unit), or the ``nearest`` so many; a number as
+    large as the dataset puts everything in reach, and without either the radius is derived from the dataset
+    (``fvs_engine.select.reach.default_radius``). ``test_every``: of the views in order of capture, those with
+    index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``: the
+    first views in order of capture, as in the paper, or views that are spread over the dataset, beginning with
+    one that ``seed`` draws. ``time_limit_s`` bounds one run, not a selection that is resumed.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    scene: SceneSettings
+    method: str = "median-frequency"
+    initial: int = Field(default=10, ge=2)
+    initial_choice: Literal["first", "farthest"] = "first"
+    budget: int = Field(default=100, ge=2)
+    radius: float | None = Field(default=None, gt=0)
+    nearest: int | None = Field(default=None, ge=1)
+    test_every: int = Field(default=8, ge=0)
+    seed: int = Field(default=0, ge=0)
+    time_limit_s: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        if self.radius is not None and self.nearest is not None:
+            raise ValueError("candidates are within a radius or the nearest few: give one of the two")
+        if self.budget < self.initial:
+            raise ValueError(f"budget ({self.budget}) must not be less than initial ({self.initial})")
+        if self.test_every == 1:
+            raise ValueError("test_every = 1 would hold out every view")
+        return self
