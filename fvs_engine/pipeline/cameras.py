@@ -11,7 +11,7 @@ from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest
 from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.storage import blame_full_disk, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_engine.sfm.imports import import_colmap, import_transforms_json
+from fvs_engine.sfm.imports import fit_cameras, import_colmap, import_transforms_json
 from fvs_engine.sfm.reconstruct import reconstruct
 from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
 from fvs_engine.sfm.report import SfmReport
@@ -66,7 +66,8 @@ def _find(
     source: CameraSource
     if manifest.settings.colmap is not None:
         source, file = "colmap", Path(manifest.settings.colmap)
-        cameras = _of_photographs(import_colmap(file, workspace.images), file, manifest)
+        # Only under the photographs' own names are they found, and their sizes known.
+        cameras = fit_cameras(_of_photographs(import_colmap(file), file, manifest), workspace.images)
         if len(cameras.points) > 0:
             model_dir = workspace.sfm / "sparse"
             write_colmap(cameras, model_dir)

@@ -3,11 +3,11 @@
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import pycolmap
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
@@ -22,7 +22,7 @@ from fvs_engine.sfm.reconstruction import (
     open_colmap,
 )
 
-MAX_SHAPE_CHANGE = 0.01
+_MAX_SHAPE_CHANGE = 0.01
 """Resizing rounds to whole pixels, which changes the ratio of the sides a little."""
 
 
@@ -40,19 +40,45 @@ def find_colmap_model(folder: Path) -> Path:
     )
 
 
-def import_colmap(colmap_dir: Path, image_dir: Path) -> Reconstruction:
+def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruction:
     """Read the posed images and the points of a COLMAP model (binary or text) in or below ``colmap_dir``.
 
-    All posed images are returned, those without a photograph in ``image_dir`` too. The others' cameras are
-    scaled when the photographs have been resized since. Raises ``InvalidInputError`` when there is no model,
-    nothing in it has a pose, or a photograph has another shape than its camera; ``StorageError`` when the
-    model is damaged.
+    With ``image_dir`` the cameras are fitted to the photographs there (``fit_cameras``). Raises
+    ``InvalidInputError`` when there is no model or nothing in it has a pose; ``StorageError`` when the model
+    is damaged.
     """
     model = open_colmap(find_colmap_model(colmap_dir))
     if model.num_reg_images() == 0:
         raise InvalidInputError(f"No image of the model in {colmap_dir} has a pose.")
-    _fit_camera_sizes(model, image_dir)
-    return from_pycolmap(model)
+    reconstruction = from_pycolmap(model)
+    return reconstruction if image_dir is None else fit_cameras(reconstruction, image_dir)
+
+
+def fit_cameras(reconstruction: Reconstruction, image_dir: Path) -> Reconstruction:
+    """Scale the cameras to their photographs in ``image_dir``, which may have been resized since.
+
+    A view's photograph has its name, or its name's last part; a view without one keeps its camera. Raises
+    ``InvalidInputError`` when a photograph cannot be read or has another shape than its camera.
+    """
+    views = []
+    for view in reconstruction.views:
+        paths = (image_dir / view.name, image_dir / PurePosixPath(view.name).name)
+        path = next((path for path in paths if path.is_file()), None)
+        views.append(view if path is None else replace(view, camera=fit_camera(view.camera, path)))
+    return replace(reconstruction, views=tuple(views))
+
+
+def fit_camera(camera: Camera, photograph: Path) -> Camera:
+    """The camera at the photograph's size; raises ``InvalidInputError`` unless that has its shape."""
+    width, height = _image_size(photograph)
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    if abs(width * camera.height / (camera.width * height) - 1.0) > _MAX_SHAPE_CHANGE:
+        raise InvalidInputError(
+            f"{photograph.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
+            hint="Give the photographs that the cameras were computed from, at any scale.",
+        )
+    return camera.resized(width, height)
 
 
 def import_transforms_json(file: Path) -> Reconstruction:
@@ -82,30 +108,6 @@ def import_transforms_json(file: Path) -> Reconstruction:
         point_colors=np.zeros((0, 3), dtype=np.uint8),
         point_errors_px=np.zeros(0),
     )
-
-
-def _fit_camera_sizes(model: pycolmap.Reconstruction, image_dir: Path) -> None:
-    """Scale cameras to the photographs' sizes; a camera's photographs must have one size."""
-    sizes: dict[int, tuple[int, int]] = {}
-    for image in model.images.values():
-        paths = (image_dir / image.name, image_dir / PurePosixPath(image.name).name)
-        path = next((path for path in paths if path.is_file()), None)
-        if not image.has_pose or path is None:
-            continue
-        width, height = _image_size(path)
-        if sizes.setdefault(image.camera_id, (width, height)) != (width, height):
-            raise InvalidInputError(
-                f"{image.name} is {width}×{height} px, unlike other images of its camera in the model.",
-                hint="Give the images that the model was made from.",
-            )
-        camera = model.cameras[image.camera_id]
-        if abs(width * camera.height / (camera.width * height) - 1.0) > MAX_SHAPE_CHANGE:
-            raise InvalidInputError(
-                f"{image.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
-                hint="Give the images that the model was made from, at any scale.",
-            )
-        if (camera.width, camera.height) != (width, height):
-            camera.rescale(width, height)
 
 
 def _read_json(file: Path) -> dict[str, Any]:

@@ -6,16 +6,14 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pycolmap
-from PIL import Image
 
 from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import InvalidInputError, ReconstructionError
-from fvs_engine.geometry.cameras import Camera
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import image_ids, verified_pair_count
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.features import extract_features
-from fvs_engine.sfm.imports import MAX_SHAPE_CHANGE
+from fvs_engine.sfm.imports import fit_camera
 from fvs_engine.sfm.mapping import read_witnesses
 from fvs_engine.sfm.matching import match_features
 from fvs_engine.sfm.reconstruct import SfmResult, finished_result
@@ -85,22 +83,8 @@ def _views_with_images(
         elif name in found:
             raise InvalidInputError(f"Two of the given cameras claim {image_dir / name}.")
         else:
-            found[name] = replace(view, name=name, camera=_fitted(view.camera, image_dir / name))
+            found[name] = replace(view, name=name, camera=fit_camera(view.camera, image_dir / name))
     return [found[name] for name in sorted(found)], tuple(missing)
-
-
-def _fitted(camera: Camera, photograph: Path) -> Camera:
-    """The camera at the photograph's size, which must have its shape."""
-    with Image.open(photograph) as image:
-        width, height = image.size
-    if (camera.width, camera.height) == (width, height):
-        return camera
-    if abs(width * camera.height / (camera.width * height) - 1.0) > MAX_SHAPE_CHANGE:
-        raise InvalidInputError(
-            f"{photograph.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
-            hint="Give the images that the cameras were computed from, at any scale.",
-        )
-    return camera.resized(width, height)
 
 
 def _with_points(stages: Stages, views: Sequence[PosedView], image_dir: Path) -> pycolmap.Reconstruction:

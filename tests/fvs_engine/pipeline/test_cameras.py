@@ -1,10 +1,12 @@
 """Cameras made elsewhere: kermit's own, written as a transforms.json and as a COLMAP model without points."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.monitor import Monitor
@@ -95,3 +97,26 @@ def test_cameras_of_a_colmap_model_without_points_get_them(
     bare = Reconstruction(given, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
     write_colmap(bare, tmp_path / "model")
     check_given_cameras_get_points(ReconstructionSettings(colmap=str(tmp_path / "model")), workspace, given)
+
+
+def test_a_colmap_model_fits_photographs_that_were_resized_and_renamed(
+    kermit_dir: Path, workspace: Workspace, kermit_sfm: SfmResult, tmp_path: Path
+):
+    """The model knows ``IMG 0.jpg`` of 640×480 px; ``images/`` holds ``IMG%200.jpg`` of 320×240 px."""
+    views = kermit_sfm.reconstruction.views
+    photographs = []
+    for index, view in enumerate(views):
+        with Image.open(kermit_dir / view.name) as image:
+            image.convert("RGB").resize((320, 240)).save(workspace.images / f"IMG%20{index}.jpg")
+        photographs.append(
+            ImageRecord(name=f"IMG {index}.jpg", normalised_name=f"IMG%20{index}.jpg", sha256="")
+        )
+    renamed = tuple(replace(view, name=f"IMG {index}.jpg") for index, view in enumerate(views))
+    write_colmap(replace(kermit_sfm.reconstruction, views=renamed), tmp_path / "model")
+    settings = ReconstructionSettings(colmap=str(tmp_path / "model"))
+    images = ImagesRecord(folder="", photographs=tuple(photographs), rejected=())
+    find_cameras(workspace, Manifest(settings=settings, images=images), monitor=Monitor(), warn=pytest.fail)
+    by_name = {view.name: view for view in read_undistorted(workspace).views}
+    for index, view in enumerate(views):
+        camera = by_name[f"IMG%20{index}.jpg"].camera
+        assert camera.fx == pytest.approx(view.camera.fx / 2, rel=1e-3)
