@@ -3,6 +3,7 @@
 from fvs_engine.score.interface import Candidate, CandidateScore, CandidateStatus, Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
 from fvs_engine.score.rank import RankedCandidate, rank
+from fvs_engine.score.spectral_median import SpectralMedian, spectral_median_frequency
 
 __all__ = [
     "Candidate",
@@ -11,6 +12,8 @@ __all__ = [
     "MedianFrequency",
     "RankedCandidate",
     "Scorer",
+    "SpectralMedian",
     "median_log_magnitude",
     "rank",
+    "spectral_median_frequency",
 ]

@@ -5,23 +5,19 @@ practice measures detail near 0.4 cycles/px; blurred, hence badly reconstructed,
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 import torch
 from torch import Tensor
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score.interface import Candidate, CandidateScore, CandidateStatus
+from fvs_engine.score.interface import Candidate, CandidateScore
+from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, score_renderings
 from fvs_engine.score.spectrum_median import median_log_of_spectra
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
-
-_BATCH_PIXELS = 1 << 23
-"""Pixels whose spectra a GPU computes at once; a CPU is busy with one image at a time."""
-
 
 _ROUNDING = 600 * torch.finfo(torch.float64).eps
 """Median magnitude, as a share of what a white image has on average, that is nothing but rounding."""
@@ -51,11 +47,10 @@ class MedianFrequency:
     view that the model fills by less than ``min_coverage`` is reported as ``low-coverage``, not ranked.
     """
 
-    min_coverage: float = 0.1
+    min_coverage: float = MIN_COVERAGE
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.min_coverage <= 1.0:
-            raise InvalidInputError(f"min_coverage must be in [0, 1], not {self.min_coverage}.")
+        check_min_coverage(self.min_coverage)
 
     @property
     def name(self) -> str:
@@ -72,47 +67,12 @@ class MedianFrequency:
         monitor: Monitor | None = None,
     ) -> tuple[CandidateScore, ...]:
         """See ``Scorer``."""
-        monitor = monitor or Monitor()
-        batches = _batches(candidates, rasterizer.device)
-        scores: list[CandidateScore] = []
-        for batch in batches:
-            colors, alphas = [], []
-            for candidate in batch:
-                monitor.check()
-                with torch.no_grad():
-                    rendering = rasterizer.render(
-                        gaussians, candidate.camera, candidate.camera_from_model, sh_degree=sh_degree
-                    )
-                colors.append(rendering.color)
-                alphas.append(rendering.alpha.mean())
-            values = median_log_magnitude(torch.stack(colors)).tolist()
-            coverages = torch.stack(alphas).nan_to_num(nan=0.0).clamp(0.0, 1.0).tolist()
-            scores += map(self._judge, (candidate.id for candidate in batch), values, coverages)
-            monitor.report("score", len(scores), len(candidates))
-        return tuple(scores)
-
-    def _judge(self, candidate_id: str, value: float, coverage: float) -> CandidateScore:
-        if coverage == 0.0 or not math.isfinite(value):
-            return CandidateScore(candidate_id, None, CandidateStatus.OUT_OF_MODEL, coverage)
-        covered = coverage >= self.min_coverage
-        status = CandidateStatus.RANKED if covered else CandidateStatus.LOW_COVERAGE
-        return CandidateScore(candidate_id, value, status, coverage)
-
-
-def _batches(candidates: Sequence[Candidate], device: torch.device) -> Iterator[tuple[Candidate, ...]]:
-    """Candidates in groups that the device can take at once; refuses images of different sizes."""
-    sizes = {(candidate.camera.width, candidate.camera.height) for candidate in candidates}
-    if len(sizes) > 1:
-        raise InvalidInputError(
-            "Scores of images of different sizes cannot be compared: "
-            + ", ".join(f"{width} × {height}" for width, height in sorted(sizes))
-            + ".",
-            hint="Give all candidates one image size (PinholeCamera.resized).",
+        return score_renderings(
+            median_log_magnitude,
+            gaussians,
+            candidates,
+            rasterizer,
+            min_coverage=self.min_coverage,
+            sh_degree=sh_degree,
+            monitor=monitor,
         )
-    size = 1
-    if device.type != "cpu" and sizes:
-        width, height = sizes.pop()
-        size = max(1, _BATCH_PIXELS // (width * height))
-    remaining = iter(candidates)
-    while batch := tuple(islice(remaining, size)):
-        yield batch

@@ -5,9 +5,19 @@ from collections.abc import Callable, Mapping
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.select.interface import Selector
 from fvs_engine.select.selectors.farthest import Farthest
+from fvs_engine.select.selectors.median_frequency import median_frequency
+from fvs_engine.select.selectors.nearest import Nearest
+from fvs_engine.select.selectors.random_order import RandomOrder
+from fvs_engine.select.selectors.spectral_median import spectral_median
+from fvs_engine.select.selectors.uniform import Uniform
 
 SELECTORS: Mapping[str, Callable[[], Selector]] = {
+    "median-frequency": median_frequency,
+    "random": RandomOrder,
+    "uniform": Uniform,
     "farthest": Farthest,
+    "nearest": Nearest,
+    "spectral-median": spectral_median,
 }
 
 

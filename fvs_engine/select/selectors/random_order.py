@@ -1,0 +1,39 @@
+"""Any candidate: what every other selector must beat."""
+
+import hashlib
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.select.interface import SelectionContext
+
+
+class RandomOrder:
+    """Scores a candidate by a number in [0, 1) that only the seed, the step and its id decide.
+
+    So a choice does not depend on the order of the candidates, nor on what was drawn before: a run that was
+    killed goes on as if it had not been. Source: the baseline of every paper. Cost: none.
+    """
+
+    name = "random"
+    depends_on_visited = False
+
+    def score(
+        self,
+        context: SelectionContext,
+        monitor: Monitor | None = None,  # noqa: ARG002 - over at once
+    ) -> tuple[CandidateScore, ...]:
+        """See ``Selector``."""
+        return tuple(
+            CandidateScore(
+                candidate.id,
+                _fraction(f"{context.seed}/{context.step}/{candidate.id}"),
+                CandidateStatus.RANKED,
+                None,
+            )
+            for candidate in context.candidates
+        )
+
+
+def _fraction(text: str) -> float:
+    """A hash in [0, 1), with as many bits as a float holds."""
+    return (int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 11) / 2**53
