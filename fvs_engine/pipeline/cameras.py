@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest
+from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest, ReconstructionSettings
 from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.storage import blame_full_disk, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
@@ -61,7 +61,7 @@ def _find(
     workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
 ) -> tuple[CameraSource, Path, SfmReport | None]:
     """Where the cameras come from, the folder of their COLMAP model, and the evidence for them."""
-    settings = SfmSettings(seed=manifest.settings.seed, threads=threads)
+    settings = _sfm_settings(manifest.settings, threads)
     names = [record.normalised_name for record in manifest.images.photographs]
     source: CameraSource
     if manifest.settings.colmap is not None:
@@ -81,6 +81,13 @@ def _find(
         source = "photographs"
         result = reconstruct(workspace.images, names, workspace.sfm, settings, monitor)
     return source, result.model_dir, result.report
+
+
+def _sfm_settings(asked: ReconstructionSettings, threads: int | None) -> SfmSettings:
+    settings = SfmSettings(seed=asked.seed, threads=threads, intrinsics=asked.intrinsics)
+    if asked.camera_model is None:
+        return settings
+    return settings.model_copy(update={"camera_model": asked.camera_model})
 
 
 def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:

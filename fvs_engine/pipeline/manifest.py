@@ -6,6 +6,8 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
+from fvs_engine.sfm.settings import CameraModel, KnownIntrinsics
+
 DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
 """``fine`` is the 3DGS release's; ``coarse`` keeps a step on two CPU cores well under a second."""
 
@@ -25,7 +27,8 @@ class ReconstructionSettings(Record):
 
     ``iterations`` and ``long_side_px``: None takes the preset's. ``test_every``: of the views sorted by
     name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
-    a folder or file with cameras made elsewhere, instead of structure from motion.
+    a folder or file with cameras made elsewhere, instead of structure from motion. For structure from
+    motion: ``camera_model`` is the lens to estimate, None the usual one; ``intrinsics`` are known and kept.
     """
 
     quality: Literal["coarse", "fine"] = "coarse"
@@ -36,6 +39,8 @@ class ReconstructionSettings(Record):
     backend: str = "auto"
     colmap: str | None = None
     transforms: str | None = None
+    camera_model: CameraModel | None = None
+    intrinsics: KnownIntrinsics | None = None
 
     @property
     def training_long_side_px(self) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from fvs_engine.errors import InvalidInputError, NoImagesError
+from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.normalise import normalise_images, normalised_name
 from fvs_engine.monitor import Monitor
@@ -15,7 +15,7 @@ from fvs_engine.pipeline.manifest import (
     ReconstructionSettings,
     RejectionRecord,
 )
-from fvs_engine.pipeline.storage import OutputExistsError, require_free_bytes, storage_errors
+from fvs_engine.pipeline.storage import require_free_bytes, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
 
 MIN_PHOTOGRAPHS = 2
@@ -23,6 +23,12 @@ _BYTES_PER_PIXEL = 4
 """Room for a normalised and an undistorted copy of each photograph, at worst about."""
 _BYTES_PER_PHOTOGRAPH = 4_000_000
 """Room for its features and matches."""
+
+_LASTING = (
+    *("quality", "training_long_side_px", "test_every", "seed"),
+    *("colmap", "transforms", "camera_model", "intrinsics"),
+)
+"""The settings that a resumed reconstruction must share with the one that it resumes."""
 
 Warn = Callable[[str], None]
 """Tells the user a sentence that is no error."""
@@ -52,6 +58,16 @@ def reconstruct_folder(
     monitor = monitor or Monitor()
     if settings.colmap and settings.transforms:
         raise InvalidInputError("Cameras come from one place.", hint="Give either --colmap or --transforms.")
+    if settings.intrinsics and settings.camera_model:
+        raise InvalidInputError(
+            f"The intrinsics are those of a {settings.intrinsics.model} camera already.",
+            hint="Give either --intrinsics or --camera-model.",
+        )
+    if (settings.colmap or settings.transforms) and (settings.intrinsics or settings.camera_model):
+        raise InvalidInputError(
+            "Cameras that were made elsewhere have their intrinsics already.",
+            hint="Leave out --intrinsics and --camera-model, or --colmap and --transforms.",
+        )
     if settings.test_every == 1:
         raise InvalidInputError(
             "Every view would be held out (--test-every 1), and none be left to train on.",
@@ -154,7 +170,7 @@ def _require_compatible(
 ) -> None:
     differences = [
         f"{name} was {_shown(old)} and is {_shown(new)}"
-        for name in ("quality", "training_long_side_px", "test_every", "seed", "colmap", "transforms")
+        for name in _LASTING
         if (old := getattr(earlier.settings, name)) != (new := getattr(settings, name))
     ]
     known = {record.sha256: record.name for record in earlier.images.photographs}

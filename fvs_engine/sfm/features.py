@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.sfm.database import count_rows, feature_counts, image_cameras
 from fvs_engine.sfm.settings import SfmSettings
@@ -27,9 +27,15 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
 
     Raises ``ReconstructionError`` when fewer than two images have features.
     """
+    add_features(stages, image_dir, names)
+    _require_texture(stages, names)
+
+
+def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
+    """The same for images that may all turn out to have none."""
     database = stages.folder.database
     with stages.timed("features"):
-        _import_images(stages, image_dir, names)
+        import_images(stages, image_dir, names)
         done = set(feature_counts(database))
         todo = [name for name in names if name not in done]
         if todo:
@@ -48,7 +54,6 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
                 ),
             )
     stages.monitor.report("features", len(names), len(names))
-    _require_texture(stages, names)
 
 
 def camera_groups(image_dir: Path, names: Sequence[str]) -> dict[CameraKey, list[str]]:
@@ -63,7 +68,8 @@ def camera_groups(image_dir: Path, names: Sequence[str]) -> dict[CameraKey, list
     return groups
 
 
-def _import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
+def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
+    """Give images a row in the database, with the camera of those among ``names`` that look like theirs."""
     database = stages.folder.database
     known = image_cameras(database)
     if all(name in known for name in names):
@@ -94,9 +100,9 @@ def _intrinsics(settings: SfmSettings, width: int, height: int) -> tuple[str, st
     if known is None:
         return settings.camera_model, ""
     if abs(known.width_px * height / (known.height_px * width) - 1.0) > 0.01:
-        raise ReconstructionError(
+        raise InvalidInputError(
             f"The given intrinsics are for {known.width_px}×{known.height_px} px, but there are images of "
-            f"{width}×{height} px.",
+            f"{width}×{height} px, which is another shape.",
             hint="Leave out the images of another shape, or the intrinsics.",
         )
     return known.model, ", ".join(repr(value) for value in known.camera().resized(width, height).params)

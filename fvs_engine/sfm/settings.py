@@ -6,6 +6,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from fvs_engine.geometry.cameras import DistortedCamera
 
+CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
+"""Lenses that structure from motion can estimate: COLMAP's names. Only OPENCV lets pixels not be square."""
+
 MapperName = Literal["incremental", "global"]
 """COLMAP's two ways from two-view geometries to a model."""
 
@@ -19,6 +22,10 @@ class KnownIntrinsics(BaseModel):
     width_px: int = Field(gt=0)
     height_px: int = Field(gt=0)
     params: tuple[float, ...]
+
+    def __str__(self) -> str:
+        params = ", ".join(f"{value:.6g}" for value in self.params)
+        return f"{self.model} ({params}) at {self.width_px}×{self.height_px} px"
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> "KnownIntrinsics":
@@ -51,6 +58,39 @@ class GateSettings(BaseModel):
     """Median distance between camera centres and GPS, in shares of the GPS track's spread."""
 
 
+class GrowthSettings(BaseModel):
+    """How a standing reconstruction takes in more images; ``reconstruct`` does not look at these."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    neighbours_in_order: int = Field(default=3, ge=0)
+    """Images on either side in capture order (sorted names) that a new one is matched with."""
+
+    neighbours_recent: int = Field(default=2, ge=0)
+    """The last images added, which a vehicle took nearby, that a new one is matched with."""
+
+    neighbours_in_looks: int = Field(default=10, ge=1)
+    """Most similar images that a new one is matched with."""
+
+    neighbours_in_space: int = Field(default=8, ge=0)
+    """Images near to the best matched ones that a new one is matched with after that."""
+
+    min_image_support: float = Field(default=0.75, ge=0, le=1)
+    """Share of an image's verified matches that its pose must explain for the image to be taken in."""
+
+    adjust_every: float = Field(default=0.1, gt=0)
+    """All cameras are adjusted together when the images, or the points, grew by this share."""
+
+    remap_every: float = Field(default=0.25, gt=0)
+    """The images grow by at least this share between two attempts to find all cameras anew."""
+
+    max_support_loss: float = Field(default=0.03, gt=0)
+    """Match support lost since the cameras were found, from which they are found anew."""
+
+    max_waiting: float = Field(default=0.1, gt=0)
+    """Waiting images that match others, in shares of the registered, from which cameras are found anew."""
+
+
 class SfmSettings(BaseModel):
     """The settings of ``reconstruct``; the defaults suit photographs of one scene by one camera."""
 
@@ -62,7 +102,7 @@ class SfmSettings(BaseModel):
     max_features: int = Field(default=4096, ge=100)
     """Features kept per image, the largest first."""
 
-    camera_model: Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = "SIMPLE_RADIAL"
+    camera_model: CameraModel = "SIMPLE_RADIAL"
     intrinsics: KnownIntrinsics | None = None
     """A calibration to be kept as it is; without one focal length and distortion are estimated."""
 
@@ -73,6 +113,7 @@ class SfmSettings(BaseModel):
     """Up to so many images both mappers run, to see whether they agree; above, the second only in doubt."""
 
     gate: GateSettings = GateSettings()
+    growth: GrowthSettings = GrowthSettings()
     seed: int = Field(default=0, ge=0)
     threads: int | None = Field(default=None, ge=1)
     """Threads for the native code, all cores if None. With several the last digits vary between runs."""

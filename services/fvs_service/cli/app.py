@@ -43,6 +43,15 @@ class Backend(StrEnum):
     REFERENCE = "reference"
 
 
+class CameraModel(StrEnum):
+    """The lenses that can be estimated."""
+
+    SIMPLE_PINHOLE = "SIMPLE_PINHOLE"
+    SIMPLE_RADIAL = "SIMPLE_RADIAL"
+    RADIAL = "RADIAL"
+    OPENCV = "OPENCV"
+
+
 class Views(StrEnum):
     """What `fvs render` can render by name."""
 
@@ -106,6 +115,20 @@ def reconstruct(
     transforms: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Take the cameras from a transforms.json of IMAGES.")
     ] = None,
+    intrinsics: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The calibration of the camera: a COLMAP cameras.txt, or JSON."),
+    ] = None,
+    camera_model: Annotated[
+        CameraModel | None,
+        typer.Option(
+            case_sensitive=False,
+            metavar="MODEL",
+            help="The lens to estimate: SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV. Only OPENCV lets "
+            "pixels not be square.",
+            show_default="SIMPLE_RADIAL",
+        ),
+    ] = None,
     test_every: Annotated[
         int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
     ] = 8,
@@ -127,6 +150,7 @@ def reconstruct(
         _limit_threads(threads)
         from fvs_engine.pipeline.manifest import ReconstructionSettings
         from fvs_engine.pipeline.reconstruct import reconstruct_folder
+        from fvs_engine.sfm.intrinsics import read_intrinsics
 
         settings = ReconstructionSettings(
             quality=quality.value,
@@ -137,6 +161,8 @@ def reconstruct(
             backend=backend.value,
             colmap=str(colmap.absolute()) if colmap else None,
             transforms=str(transforms.absolute()) if transforms else None,
+            camera_model=camera_model.value if camera_model else None,
+            intrinsics=read_intrinsics(intrinsics) if intrinsics else None,
         )
         reconstruct_folder(
             images, out, settings, overwrite=overwrite, monitor=monitor, warn=say, threads=threads

@@ -143,6 +143,38 @@ def test_cameras_from_two_places(fvs: Fvs, kermit_dir: Path, out: Path, tmp_path
     _expect(run, "invalid-input", "either --colmap or --transforms")
 
 
+@pytest.mark.parametrize(
+    ("options", "remedy"),
+    [
+        (("--camera-model", "OPENCV"), "either --intrinsics or --camera-model"),
+        (("--colmap", "model"), "Leave out --intrinsics"),
+        (("--transforms", "transforms.json"), "Leave out --intrinsics"),
+    ],
+)
+def test_intrinsics_from_two_places(
+    fvs: Fvs, kermit_dir: Path, out: Path, tmp_path: Path, options: tuple[str, ...], remedy: str
+) -> None:
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 694 694 320 240\n")
+    run = fvs("reconstruct", kermit_dir, "--out", out, "--intrinsics", tmp_path / "cameras.txt", *options)
+    _expect(run, "invalid-input", remedy)
+    assert not out.exists()
+
+
+def test_intrinsics_that_are_none(fvs: Fvs, kermit_dir: Path, out: Path, tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("focal length: 50 mm\n")
+    run = fvs("reconstruct", kermit_dir, "--out", out, "--intrinsics", tmp_path / "cameras.txt")
+    _expect(run, "invalid-input", "cameras.txt", "1 PINHOLE 1920 1080")
+    assert not out.exists()
+
+
+def test_intrinsics_of_another_shape(fvs: Fvs, folder: Path, out: Path, tmp_path: Path) -> None:
+    for seed in range(2):
+        _noise(folder / f"{seed}.jpg", seed)
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 640 694 694 320 320\n")
+    run = fvs("reconstruct", folder, "--out", out, "--intrinsics", tmp_path / "cameras.txt")
+    _expect(run, "invalid-input", "640×640", "320×240", "images of another shape")
+
+
 def test_nothing_left_to_train_on(fvs: Fvs, kermit_dir: Path, out: Path) -> None:
     _expect(
         fvs("reconstruct", kermit_dir, "--out", out, "--test-every", 1), "invalid-input", "--test-every 1"

@@ -127,6 +127,7 @@ def test_more_iterations_go_on(fvs: Fvs, photographs: Path, out: Path) -> None:
         (("--iterations", 120, "--long-side", 240, "--test-every", 4), "test_every was 5 and is 4"),
         ((*OPTIONS, "--seed", 3), "seed was 0 and is 3"),
         ((*OPTIONS, "--quality", "fine"), "quality was coarse and is fine"),
+        ((*OPTIONS, "--camera-model", "OPENCV"), "camera_model was the default and is OPENCV"),
     ],
 )
 def test_other_settings_are_not_mixed_in(
@@ -191,6 +192,27 @@ def test_cameras_can_come_from_a_colmap_model(
     ]
     for name, centre in centres[0].items():
         np.testing.assert_allclose(centres[1][name], centre, atol=1e-9)
+
+
+def test_known_intrinsics_are_kept_and_remembered(fvs: Fvs, kermit_copy: Path, tmp_path: Path) -> None:
+    for path in sorted(kermit_copy.iterdir())[6:]:
+        path.unlink()
+    file = tmp_path / "cameras.txt"
+    file.write_text("# of the photographs at twice their size\n1 PINHOLE 1280 960 1389 1389 640 480\n")
+    arguments = ("reconstruct", kermit_copy, "--out", tmp_path / "out", "--iterations", 2, "--long-side", 240)
+    run = fvs(*arguments, "--intrinsics", file, "--json")
+    assert run.status == 0, run.stderr
+    assert run.document["manifest"]["settings"]["intrinsics"]["model"] == "PINHOLE"
+    model = pycolmap.Reconstruction(str(tmp_path / "out" / "sfm" / "sparse"))
+    assert [camera.params.tolist() for camera in model.cameras.values()] == [[694.5, 694.5, 320.0, 240.0]]
+
+    again = fvs(*arguments, "--intrinsics", file)
+    assert again.status == 0
+    assert "Nothing to do" in again.stderr
+    file.write_text("1 PINHOLE 1280 960 1400 1400 640 480\n")
+    other = fvs(*arguments, "--intrinsics", file)
+    assert other.status == EXIT_CODES["output-exists"]
+    assert "intrinsics was PINHOLE (1389, 1389, 640, 480)" in other.stderr
 
 
 def test_a_colmap_model_of_other_photographs_is_refused(
