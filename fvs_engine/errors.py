@@ -56,6 +56,12 @@ class StorageError(EngineError):
     code = "storage"
 
 
+class OutputExistsError(StorageError):
+    """The output folder holds something that must not be overwritten or mixed with this run."""
+
+    code = "output-exists"
+
+
 class BackendUnavailableError(EngineError):
     """The requested rasteriser cannot run on this machine."""
 

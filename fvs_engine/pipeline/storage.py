@@ -21,12 +21,6 @@ class DiskFullError(StorageError):
     code = "disk-full"
 
 
-class OutputExistsError(StorageError):
-    """The output folder holds something that must not be overwritten or mixed with this run."""
-
-    code = "output-exists"
-
-
 @contextlib.contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
     """Turn an ``OSError`` about ``path`` into a ``StorageError`` that names the file and the remedy."""

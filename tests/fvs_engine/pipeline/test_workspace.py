@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
 from fvs_engine.pipeline.manifest import ImagesRecord, Manifest, Metrics, ReconstructionSettings
 from fvs_engine.pipeline.storage import (
     DiskFullError,
-    OutputExistsError,
     require_free_bytes,
     storage_errors,
     write_atomically,

@@ -6,14 +6,14 @@ from fvs_service.cli.exit_codes import BUG, EXIT_CODES, OK, USAGE, exit_code_of
 from fvs_engine import errors
 from fvs_engine.errors import EngineError
 from fvs_engine.images.pixels import UnusableImageError
-from fvs_engine.pipeline.storage import DiskFullError, OutputExistsError
+from fvs_engine.pipeline.storage import DiskFullError
 
 README = Path(__file__).parents[3] / "README.md"
 
 
 def _all_errors() -> list[type[EngineError]]:
     found = [value for value in vars(errors).values() if isinstance(value, type)]
-    return [value for value in found if issubclass(value, EngineError)] + [DiskFullError, OutputExistsError]
+    return [value for value in found if issubclass(value, EngineError)] + [DiskFullError]
 
 
 def test_every_error_has_a_status_of_its_own() -> None:
