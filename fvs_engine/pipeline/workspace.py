@@ -100,7 +100,7 @@ class Workspace:
         """Create the folder if need be and keep other writers out.
 
         Raises ``OutputExistsError`` when the folder holds something else or another process writes to
-        it, ``StorageError`` when it cannot be created.
+        it, ``StorageError`` when it cannot be created or its file system knows no locks.
         """
         with storage_errors(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
@@ -115,10 +115,15 @@ class Workspace:
         with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+            except BlockingIOError as error:
                 raise OutputExistsError(
                     f"Another process is writing to {self.root}.",
                     hint="Wait until it is done, or choose another output folder.",
+                ) from error
+            except OSError as error:  # some network file systems
+                raise StorageError(
+                    f"{self.root} lies on a file system that cannot lock files: {error.strerror}.",
+                    hint="Choose an output folder on a local disk.",
                 ) from error
             yield
 

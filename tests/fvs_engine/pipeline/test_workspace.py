@@ -1,4 +1,7 @@
+import errno
+import fcntl
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -104,6 +107,20 @@ def test_two_processes_do_not_write_to_one_folder(workspace: Workspace) -> None:
         locked_out = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "OutputExistsError: Another process is writing" in locked_out.stderr
     assert subprocess.run(command, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_is_not_another_process(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def flock(_file: object, _operation: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(StorageError, match="cannot lock files") as caught, workspace.locked():
+        pytest.fail("the folder was taken without a lock")
+    assert not isinstance(caught.value, OutputExistsError)
+    assert "local disk" in caught.value.hint
 
 
 def test_a_file_in_the_way(tmp_path: Path) -> None:
