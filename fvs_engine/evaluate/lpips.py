@@ -1,0 +1,72 @@
+"""LPIPS, where it can be computed: its weights belong to others, so nothing here ever downloads them.
+
+Two packages bring the metric, ``lpips`` and ``torchmetrics``. Both ship the few numbers that were learned for
+it and expect the network below them, VGG-16 as torchvision publishes it, in torch's folder of checkpoints;
+left to themselves they would fetch it. Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features
+as a Perceptual Metric", 2018; papers on Gaussian splatting report the VGG variant.
+"""
+
+import importlib
+import importlib.util
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+BACKBONE_FILE = "vgg16-397923af.pth"
+"""The name under which torchvision keeps the weights of VGG-16."""
+PACKAGES = ("lpips", "torchmetrics")
+
+
+@dataclass(frozen=True)
+class LpipsStatus:
+    """``compute(a, b)`` for two images [H, W, 3] in [0, 1]: 0 for equal ones, more is worse.
+
+    Where it cannot be computed, ``compute`` is None and ``reason`` says why.
+    """
+
+    compute: Callable[[ArrayLike, ArrayLike], float] | None
+    reason: str
+
+
+def find_lpips() -> LpipsStatus:
+    """Look for a package and its weights on this machine."""
+    package = next((name for name in PACKAGES if importlib.util.find_spec(name) is not None), None)
+    if package is None:
+        return LpipsStatus(None, f"neither {' nor '.join(PACKAGES)} is installed")
+    if importlib.util.find_spec("torchvision") is None:
+        return LpipsStatus(None, f"torchvision, which {package} needs for it, is not installed")
+    backbone = Path(torch.hub.get_dir()) / "checkpoints" / BACKBONE_FILE
+    if not backbone.is_file():
+        return LpipsStatus(None, f"the weights of VGG-16 are not at {backbone}, and nothing is downloaded")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # both call torchvision in ways that it has deprecated
+        metric = _from_lpips() if package == "lpips" else _from_torchmetrics()
+
+    def compute(a: ArrayLike, b: ArrayLike) -> float:
+        with torch.no_grad():
+            return float(metric(_batch(a), _batch(b)))
+
+    return LpipsStatus(compute, f"VGG-16, by the package {package}")
+
+
+def _from_lpips() -> Callable[[Tensor, Tensor], Any]:
+    model = importlib.import_module("lpips").LPIPS(net="vgg", verbose=False).eval()
+    return lambda a, b: model(a, b).mean()
+
+
+def _from_torchmetrics() -> Callable[[Tensor, Tensor], Any]:
+    metric = importlib.import_module("torchmetrics.image.lpip").LearnedPerceptualImagePatchSimilarity
+    return metric(net_type="vgg").eval()  # type: ignore[no-any-return]
+
+
+def _batch(image: ArrayLike) -> Tensor:
+    """[1, 3, H, W] in [−1, 1], as the network was trained."""
+    values = np.clip(np.asarray(image, np.float32), 0, 1)
+    return torch.from_numpy(values.transpose(2, 0, 1)[None] * 2 - 1)

@@ -1,0 +1,144 @@
+"""The table of an experiment as Markdown, for people."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+from fvs_engine.evaluate.protocol import Protocol
+from fvs_engine.evaluate.report import BASELINES, CorrelationRow, Row, Summary
+from fvs_engine.evaluate.statistics import CONFIDENCE, Estimate
+
+_NONE = "–"
+_Column = tuple[str, Callable[[Row], Estimate | None], str]
+
+
+def markdown(summary: Summary) -> str:
+    """The whole report: the protocol, one table per number of views, rank correlations, notes."""
+    return "\n".join(_lines(summary)) + "\n"
+
+
+def _lines(summary: Summary) -> Iterator[str]:
+    yield f"# {summary.dataset}: which selector learns most from a view"
+    yield ""
+    yield from _protocol(summary.protocol, summary.seeds)
+    counts = list(dict.fromkeys(row.visited for row in summary.rows))
+    for visited in reversed(counts):  # the last count is the result, the others tell how it came
+        yield ""
+        yield f"## {visited} views"
+        yield ""
+        yield from _table([row for row in summary.rows if row.visited == visited])
+    if summary.correlations:
+        yield ""
+        yield from _correlations(summary.correlations)
+    if summary.notes:
+        yield ""
+        yield "## Notes"
+        yield ""
+        yield from (f"- {note}" for note in summary.notes)
+
+
+def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
+    initial = {
+        "first": f"the first {protocol.initial} of the capture",
+        "consecutive": f"{protocol.initial} consecutive ones from a place that the seed picks",
+        "farthest": f"{protocol.initial} far from one another, the first picked by the seed",
+    }[protocol.initial_choice]
+    radius = "a radius derived from the dataset" if protocol.radius is None else f"{protocol.radius:g} units"
+    reach = {
+        "all": "all unvisited views",
+        "radius": f"those within {radius} of the current camera",
+        "nearest": f"the {protocol.nearest} nearest to the current camera",
+    }[protocol.reach]
+    poses = {"known": "those of the dataset", "sfm": "found from the visited photographs"}[protocol.poses]
+    differs = "training and random choices differ"
+    if protocol.initial_choice != "first":
+        differs = f"initial views, {differs}"
+    facts = (
+        ("preset", protocol.name),
+        ("initial views", initial),
+        ("candidates", reach),
+        ("camera poses", poses),
+        ("images", f"long side {protocol.long_side_px} px; every {protocol.test_every}th photograph is test"),
+        (
+            "training",
+            f"{protocol.initial_iterations} iterations, and {protocol.iterations_per_view} per view added; "
+            f"at most {protocol.max_gaussians:,} Gaussians of degree 0",
+        ),
+        (
+            "seeds",
+            f"{', '.join(map(str, seeds))}: {differs}",
+        ),
+        ("±", f"half the {CONFIDENCE:.0%} confidence interval over the seeds (Student's t)"),
+    )
+    yield "| | |"
+    yield "|---|---|"
+    for name, value in facts:
+        yield f"| {name} | {value} |"
+
+
+def _table(rows: Sequence[Row]) -> Iterator[str]:
+    columns = [column for column in _COLUMNS if any(column[1](row) is not None for row in rows)]
+    best = {
+        title: pick(e.mean for row in rows if (e := value(row)) is not None)
+        for title, value, _ in columns
+        if (pick := _BEST.get(title)) is not None
+    }
+    yield "| selector | " + " | ".join(title for title, _, _ in columns) + " | runs |"
+    yield "|---|" + "---:|" * (len(columns) + 1)
+    for row in rows:
+        cells = []
+        for title, value, form in columns:
+            shown = _shown(value(row), form)
+            estimate = value(row)
+            is_best = estimate is not None and len(rows) > 1 and estimate.mean == best.get(title)
+            cells.append(f"**{shown}**" if is_best else shown)
+        yield f"| {row.method} | {' | '.join(cells)} | {row.psnr_db.count} |"
+
+
+def _correlations(rows: Sequence[CorrelationRow]) -> Iterator[str]:
+    yield "## Does the score know where the model is wrong?"
+    yield ""
+    yield (
+        "Spearman's rank correlation between what a selector says of the candidates and the true error of "
+        "their renders (−PSNR against the photographs). +1: it asks first for what is rendered worst; "
+        "0: it does not know; −1: for what is rendered best. All selectors are asked about the same models."
+    )
+    with_reach = any(row.in_reach is not None for row in rows)
+    counts = list(dict.fromkeys(row.visited for row in rows))
+    yield ""
+    heads = [f"{n} views" for n in counts]
+    if with_reach:
+        heads = [head for n in counts for head in (f"{n} views", f"{n} views, in reach")]
+    yield "| selector | " + " | ".join(heads) + " |"
+    yield "|---|" + "---:|" * len(heads)
+    for method in dict.fromkeys(row.method for row in rows):
+        cells = []
+        for visited in counts:
+            row = next((r for r in rows if r.method == method and r.visited == visited), None)
+            cells.append(_shown(row.all_candidates if row else None, "+.2f"))
+            if with_reach:
+                cells.append(_shown(row.in_reach if row else None, "+.2f"))
+        yield f"| {method} | {' | '.join(cells)} |"
+
+
+def _shown(estimate: Estimate | None, form: str) -> str:
+    if estimate is None:
+        return _NONE
+    mean = format(estimate.mean, form).replace("-", "−")
+    return (
+        mean if estimate.half_width is None else f"{mean} ± {format(estimate.half_width, form.lstrip('+'))}"
+    )
+
+
+def _gain_over(baseline: str) -> Callable[[Row], Estimate | None]:
+    return lambda row: row.gains.get(baseline)
+
+
+_COLUMNS: tuple[_Column, ...] = (
+    ("PSNR dB", lambda row: row.psnr_db, ".2f"),
+    *((f"less {baseline}", _gain_over(baseline), "+.2f") for baseline in BASELINES),
+    ("SSIM", lambda row: row.ssim, ".3f"),
+    ("LPIPS", lambda row: row.lpips, ".3f"),
+    ("travel", lambda row: row.travel, ".2f"),
+    ("s per selection", lambda row: row.selection_s, ".3f"),
+    ("registered", lambda row: row.registered, ".1f"),
+)
+_BEST: dict[str, Callable[..., float]] = {"PSNR dB": max, "SSIM": max, "LPIPS": min, "travel": min}

@@ -1,0 +1,128 @@
+"""Under which rules selectors are compared: everything that a number in the table depends on."""
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from fvs_engine.errors import InvalidInputError
+
+
+class Protocol(BaseModel):
+    """The rules of a comparison; frozen, and stored beside its results.
+
+    ``initial`` views are given: the ``first`` of the capture, ``consecutive`` ones from a place that the
+    seed picks, or the ``farthest`` from one another, beginning with one that the seed picks. Then views are
+    chosen one by one among the unvisited ones in ``reach`` of the current camera until ``budget`` are
+    visited: ``all``; those within a ``radius`` of its centre, in the dataset's unit (None: as the loop
+    derives it from the dataset); or the ``nearest`` so many. Quality is measured when the numbers in
+    ``view_counts`` are reached, on every ``test_every``-th photograph by name: no selector ever sees these.
+
+    ``poses``: ``known``, those of the dataset; ``sfm``, found from the visited photographs alone. Training
+    takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s`` ends a
+    run early, which the report then says.
+
+    What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
+    random, and the order of views and the splits of Gaussians in training. Nothing else, so that runs of
+    one seed differ by the selector alone.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str
+    initial: int = Field(ge=2)
+    initial_choice: Literal["first", "consecutive", "farthest"]
+    view_counts: tuple[int, ...] = Field(min_length=1)
+    poses: Literal["sfm", "known"]
+    reach: Literal["all", "radius", "nearest"]
+    radius: float | None = Field(default=None, gt=0)
+    nearest: int | None = Field(default=None, ge=1)
+    test_every: int = Field(default=8, ge=2)
+    long_side_px: int = Field(default=640, ge=64)
+    initial_iterations: int = Field(default=1_000, ge=1)
+    iterations_per_view: int = Field(default=100, ge=0)
+    max_gaussians: int = Field(default=300_000, ge=1)
+    time_limit_s: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _counts_rise_from_the_initial_views(self) -> Self:
+        counts = self.view_counts
+        if list(counts) != sorted(set(counts)) or counts[0] < self.initial:
+            raise ValueError(
+                f"view_counts must rise and begin at no less than the {self.initial} initial views, "
+                f"not {', '.join(map(str, counts))}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_reach(self) -> Self:
+        fits = {
+            "all": self.radius is None and self.nearest is None,
+            "radius": self.nearest is None,
+            "nearest": self.radius is None and self.nearest is not None,
+        }
+        if not fits[self.reach]:
+            raise ValueError(
+                "candidates are all, those within a radius, or the nearest few: give one of the three"
+            )
+        return self
+
+    @property
+    def budget(self) -> int:
+        """How many views are visited in all."""
+        return self.view_counts[-1]
+
+
+PRESETS: dict[str, Protocol] = {
+    "paper": Protocol(
+        name="paper",
+        initial=10,
+        initial_choice="first",
+        view_counts=(10, 20, 40, 60, 80, 100),
+        poses="sfm",
+        reach="radius",
+    ),
+    "fisherrf": Protocol(
+        name="fisherrf",
+        initial=4,
+        initial_choice="farthest",
+        view_counts=(5, 10, 15, 20),
+        poses="known",
+        reach="all",
+    ),
+    "nearest5": Protocol(
+        name="nearest5",
+        initial=4,
+        initial_choice="consecutive",
+        view_counts=(5, 10, 15, 20),
+        poses="known",
+        reach="nearest",
+        nearest=5,
+    ),
+}
+"""``paper``: the method's own setting, Algorithm 1 with its schedule. ``fisherrf``: FisherRF's 20 views on
+Mip-NeRF360, any view may be next. ``nearest5``: as on a vehicle, only the five nearest unvisited views may be
+next, and the given ones lie side by side."""
+
+
+def protocol_from_preset(preset: str, **changes: object) -> Protocol:
+    """A preset with some of its numbers changed; changes that are None leave the preset's.
+
+    ``radius`` or ``nearest`` also set the ``reach``. Raises ``InvalidInputError`` for an unknown preset and
+    for numbers that are out of range or contradict each other.
+    """
+    if preset not in PRESETS:
+        raise InvalidInputError(
+            f"There is no preset {preset!r}.", hint=f"Choose one of {', '.join(PRESETS)}."
+        )
+    given = {name: value for name, value in changes.items() if value is not None}
+    reach: dict[str, object] = {}
+    for limit in ("radius", "nearest"):
+        if limit in given:
+            reach = {"radius": None, "nearest": None, "reach": limit}
+    try:
+        return Protocol.model_validate({**PRESETS[preset].model_dump(), **reach, **given})
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "".join(f"{part}: " for part in first["loc"])
+        reason = first["msg"].removeprefix("Value error, ")
+        raise InvalidInputError(f"These settings cannot be used: {place}{reason}.") from error

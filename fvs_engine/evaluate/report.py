@@ -1,0 +1,152 @@
+"""From runs to a table: per selector and number of views, mean and confidence interval over the seeds."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from fvs_engine.evaluate.protocol import Protocol
+from fvs_engine.evaluate.results import Calibration, Evaluation, Record, Run
+from fvs_engine.evaluate.statistics import Estimate, estimate, paired_difference
+
+BASELINES = ("farthest", "random")
+"""The selectors that others have to beat: simple coverage, and no thought at all."""
+
+
+class Row(Record):
+    """One selector after ``visited`` views, over the seeds whose runs got that far.
+
+    ``gains``: its PSNR less a baseline's, seed by seed. ``selection_s``: per choice, up to here; None when
+    nothing was chosen yet.
+    """
+
+    method: str
+    visited: int
+    psnr_db: Estimate
+    ssim: Estimate
+    lpips: Estimate | None
+    gains: dict[str, Estimate]
+    travel: Estimate
+    selection_s: Estimate | None
+    registered: Estimate
+
+
+class CorrelationRow(Record):
+    """Rank correlation of one selector with the true error, over the seeds, after ``visited`` views."""
+
+    method: str
+    visited: int
+    all_candidates: Estimate | None
+    in_reach: Estimate | None
+
+
+class Summary(Record):
+    """The whole table: ``rows`` by view count, best PSNR first. ``notes`` say what is missing and why."""
+
+    dataset: str
+    protocol: Protocol
+    seeds: tuple[int, ...]
+    rows: tuple[Row, ...]
+    correlations: tuple[CorrelationRow, ...]
+    notes: tuple[str, ...]
+    runs: tuple[Run, ...]
+
+
+def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iterable[str] = ()) -> Summary:
+    """The table of finished ``runs``."""
+    ended_early = (
+        f"{run.method}, seed {run.seed}, ended at {len(run.order)} views: {run.stop}."
+        for run in runs
+        if len(run.order) < protocol.budget
+    )
+    fell_back = (
+        f"{run.method}, seed {run.seed}: {run.fallbacks} of {len(run.selection_s)} choices fell back, "
+        "because no candidate had a score that could be compared."
+        for run in runs
+        if run.fallbacks
+    )
+    unregistered = (
+        f"{run.method}, seed {run.seed}: {last.visited - last.registered} of {last.visited} visited views "
+        "could not be registered."
+        for run in runs
+        for last in run.evaluations[-1:]
+        if last.registered < last.visited
+    )
+    return Summary(
+        dataset=dataset,
+        protocol=protocol,
+        seeds=tuple(sorted({run.seed for run in runs})),
+        rows=_rows(runs),
+        correlations=_correlations(runs),
+        notes=(*notes, *ended_early, *unregistered, *fell_back),
+        runs=tuple(runs),
+    )
+
+
+def _rows(runs: Sequence[Run]) -> tuple[Row, ...]:
+    rows = []
+    for visited in sorted({evaluation.visited for run in runs for evaluation in run.evaluations}):
+        reached = [(run, evaluation) for run in runs if (evaluation := run.at(visited)) is not None]
+        psnr_by_seed: dict[str, dict[int, float]] = {}
+        for run, evaluation in reached:
+            psnr_by_seed.setdefault(run.method, {})[run.seed] = evaluation.psnr_db
+        found = [
+            _row(method, visited, [pair for pair in reached if pair[0].method == method], psnr_by_seed)
+            for method in psnr_by_seed
+        ]
+        rows += sorted(found, key=lambda row: (-row.psnr_db.mean, row.method))
+    return tuple(rows)
+
+
+def _row(
+    method: str,
+    visited: int,
+    reached: Sequence[tuple[Run, Evaluation]],
+    psnr_by_seed: dict[str, dict[int, float]],
+) -> Row:
+    def over_seeds(value: Callable[[Evaluation], float | None]) -> Estimate | None:
+        values = [value(evaluation) for _, evaluation in reached]
+        known = [number for number in values if number is not None]
+        return estimate(known) if len(known) == len(values) else None
+
+    def required(value: Callable[[Evaluation], float]) -> Estimate:
+        return estimate([value(evaluation) for _, evaluation in reached])
+
+    gains = {
+        baseline: gain
+        for baseline in BASELINES
+        if baseline != method and baseline in psnr_by_seed
+        if (gain := paired_difference(psnr_by_seed[method], psnr_by_seed[baseline])) is not None
+    }
+    choices = [run.selection_s[: visited - run.initial] for run, _ in reached]
+    return Row(
+        method=method,
+        visited=visited,
+        psnr_db=required(lambda e: e.psnr_db),
+        ssim=required(lambda e: e.ssim),
+        lpips=over_seeds(lambda e: e.lpips),
+        gains=gains,
+        travel=required(lambda e: e.travel),
+        selection_s=estimate([sum(c) / len(c) for c in choices]) if all(choices) else None,
+        registered=required(lambda e: e.registered),
+    )
+
+
+def _correlations(runs: Sequence[Run]) -> tuple[CorrelationRow, ...]:
+    calibrations: list[Calibration] = [calibration for run in runs for calibration in run.calibrations]
+    rows = []
+    for visited in sorted({calibration.visited for calibration in calibrations}):
+        found = [entry for c in calibrations if c.visited == visited for entry in c.selectors]
+        for method in dict.fromkeys(entry.method for entry in found):
+            mine = [entry for entry in found if entry.method == method]
+            rows.append(
+                CorrelationRow(
+                    method=method,
+                    visited=visited,
+                    all_candidates=_mean_of_known(entry.all_candidates for entry in mine),
+                    in_reach=_mean_of_known(entry.in_reach for entry in mine),
+                )
+            )
+    return tuple(rows)
+
+
+def _mean_of_known(values: Iterable[float | None]) -> Estimate | None:
+    known = [value for value in values if value is not None]
+    return estimate(known) if known else None

@@ -1,0 +1,112 @@
+"""What a run of one selector leaves on disk, and what a table of runs is made of."""
+
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fvs_engine.atomic_file import write_text_atomically
+from fvs_engine.errors import StorageError
+
+_AnyRecord = TypeVar("_AnyRecord", bound="Record")
+
+
+class Record(BaseModel):
+    """Base of everything that is written: immutable, unknown fields and non-finite numbers refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ViewQuality(Record):
+    """How close the render of one test view is to its photograph."""
+
+    name: str
+    psnr_db: float
+    ssim: float
+    lpips: float | None
+
+
+class Evaluation(Record):
+    """The model after ``visited`` views, on the test views.
+
+    ``registered`` of the visited views have a camera in the model. ``travel`` is the way through all
+    visited views, centre to centre, in the dataset's unit. ``aligned_only`` test views could not be localised
+    in the model, so their cameras are those of the dataset, carried over by the alignment (poses ``sfm``).
+    """
+
+    visited: int
+    registered: int
+    iterations: int
+    gaussians: int
+    travel: float
+    psnr_db: float
+    ssim: float
+    lpips: float | None
+    aligned_only: tuple[str, ...]
+    views: tuple[ViewQuality, ...]
+
+
+class RankCorrelation(Record):
+    """Whether a selector asks first for what is rendered worst.
+
+    ``all_candidates``: Spearman's rank correlation between what the selector says of every unvisited view and
+    the true error of its render; +1: it asks first for the worst. ``in_reach``: the same among those that the
+    protocol lets it choose from. None where it is not defined: all scores equal, or fewer than three.
+    ``scored`` of ``candidates`` had a score.
+    """
+
+    method: str
+    all_candidates: float | None
+    in_reach: float | None
+    candidates: int
+    scored: int
+
+
+class Calibration(Record):
+    """The rank correlations of several selectors, all at one model: that of ``visited`` views."""
+
+    visited: int
+    selectors: tuple[RankCorrelation, ...]
+
+
+class Run(Record):
+    """One selector with one seed, from its initial views to its last.
+
+    ``order``: the visited views, as they were visited; the first ``initial`` were given. ``selection_s``:
+    what each choice took, scoring included, training not. ``fallbacks``: how many choices had to be made
+    without the selector's scores. ``stop``: why the run ended. ``worst_rms``: the largest root mean square
+    distance between the dataset's camera centres and the model's after alignment, in the dataset's unit.
+    """
+
+    method: str
+    seed: int
+    initial: int
+    order: tuple[str, ...]
+    evaluations: tuple[Evaluation, ...]
+    calibrations: tuple[Calibration, ...]
+    selection_s: tuple[float, ...]
+    fallbacks: int
+    worst_rms: float | None
+    stop: str
+    seconds: float
+
+    def at(self, visited: int) -> Evaluation | None:
+        """The evaluation after so many views, if there is one."""
+        return next((evaluation for evaluation in self.evaluations if evaluation.visited == visited), None)
+
+
+def write_record(path: Path, record: Record) -> None:
+    """Put a record into ``path`` as JSON, whole or not at all; raises ``StorageError``."""
+    write_text_atomically(path, record.model_dump_json(indent=1) + "\n")
+
+
+def read_record(path: Path, kind: type[_AnyRecord]) -> _AnyRecord | None:
+    """What ``write_record`` wrote; None when there is none. Raises ``StorageError`` for a damaged file."""
+    try:
+        return kind.model_validate_json(path.read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValidationError, UnicodeDecodeError) as error:
+        raise StorageError(
+            f"{path} cannot be read: {error}", hint="Delete this file; it will be made again."
+        ) from error
