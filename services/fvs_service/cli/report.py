@@ -1,17 +1,38 @@
 """Results on stdout: tables for people, JSON for machines."""
 
+import contextlib
 import json
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.rank import Ranking
+
+_UNWRAPPED_COLUMNS = 10_000
+
+
+@contextlib.contextmanager
+def _stdout() -> Iterator[TextIO]:
+    """Where a result is printed. A reader that left (``| head``) ends ``fvs`` as it ends other programs."""
+    sigpipe = signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    try:
+        yield sys.stdout
+        sys.stdout.flush()
+    finally:
+        signal.signal(signal.SIGPIPE, sigpipe)
+
+
+def _console(stdout: TextIO) -> Console:
+    """Lines are wrapped for a terminal only: ``grep`` and logs want them whole."""
+    return Console(file=stdout, width=None if stdout.isatty() else _UNWRAPPED_COLUMNS)
 
 
 def show_folder(folder: Path, *, machine: bool) -> None:
@@ -19,13 +40,14 @@ def show_folder(folder: Path, *, machine: bool) -> None:
     from fvs_engine.pipeline.info import folder_info
 
     info = folder_info(folder)
-    if machine:
-        sys.stdout.write(info.model_dump_json() + "\n")
-        return
     table = Table.grid(padding=(0, 2))
     for name, value in _facts(info):
-        table.add_row(f"[bold]{name}", value)
-    Console().print(table)
+        table.add_row(Text(name, "bold"), Text(value))
+    with _stdout() as stdout:
+        if machine:
+            stdout.write(info.model_dump_json() + "\n")
+        else:
+            _console(stdout).print(table)
 
 
 def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: bool) -> None:
@@ -33,7 +55,8 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
     shown = ranking.candidates[:top]
     if machine:
         document = ranking.model_copy(update={"candidates": shown}).model_dump(mode="json")
-        sys.stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
+        with _stdout() as stdout:
+            stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
         return
     table = Table("rank", "id", "score", "coverage", "status", box=None, header_style="bold")
     for column in (0, 2, 3):
@@ -41,24 +64,25 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
     for place in shown:
         table.add_row(
             "" if place.rank is None else str(place.rank),
-            place.id,
+            Text(place.id),
             "" if place.score is None else f"{place.score:.3f}",
             "" if place.coverage is None else f"{place.coverage:.0%}",
             place.status.value,
         )
-    console = Console()
-    console.print(table)
-    if len(shown) < len(ranking.candidates):
-        console.print(f"… and {len(ranking.candidates) - len(shown)} more in ranking.json", highlight=False)
+    with _stdout() as stdout:
+        _console(stdout).print(table)
+        if len(shown) < len(ranking.candidates):
+            stdout.write(f"… and {len(ranking.candidates) - len(shown)} more in ranking.json\n")
     show_files([folder / "ranking.json", folder / "contact_sheet.png"], machine=False)
 
 
 def show_files(paths: Sequence[Path], *, machine: bool) -> None:
     """Print the paths of files that were written."""
-    if machine:
-        sys.stdout.write(json.dumps({"files": [str(path) for path in paths]}) + "\n")
-    else:
-        sys.stdout.writelines(f"{path}\n" for path in paths)
+    with _stdout() as stdout:
+        if machine:
+            stdout.write(json.dumps({"files": [str(path) for path in paths]}) + "\n")
+        else:
+            stdout.writelines(f"{path}\n" for path in paths)
 
 
 def _facts(info: "FolderInfo") -> list[tuple[str, str]]:

@@ -1,6 +1,7 @@
 """The program on real photographs, from start to end; small enough to run every time."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -305,6 +306,26 @@ def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
     assert run.status == 0
     for fragment in ("11 used, 3 left out", "registered", "120 of 120", "PSNR"):
         assert fragment in run.stdout
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_a_reader_that_left_ends_the_program_quietly(
+    fvs_command: FvsCommand, first_run: tuple[Path, Any], options: tuple[str, ...]
+) -> None:
+    reading_end, writing_end = os.pipe()
+    os.close(reading_end)
+    try:
+        command = fvs_command("info", first_run[0], *options)
+        run = subprocess.run(command, stdout=writing_end, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(writing_end)
+    assert run.returncode == -signal.SIGPIPE
+    assert run.stderr == ""
+
+
+def test_lines_are_whole_where_there_is_no_terminal(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
+    (training,) = [line for line in fvs("info", first_run[0]).stdout.splitlines() if "training" in line]
+    assert "iterations/s" in training
 
 
 def _images(out: Path) -> list[Any]:
