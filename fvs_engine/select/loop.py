@@ -1,16 +1,42 @@
 """The loop of the paper's Algorithm 1: learn a little, choose the next view, fly there, again."""
 
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import Cancelled, InvalidInputError
+from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.select.loop_records import AlignmentRecord, RankedRecord, StepRecord, StepSeconds, StopReason
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.score import Candidate
+from fvs_engine.select.initial_views import initial_views
+from fvs_engine.select.interface import SelectionContext, select
+from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
+from fvs_engine.select.loop_records import (
+    AlignmentRecord,
+    Choice,
+    RankedRecord,
+    StepRecord,
+    StepSeconds,
+    StopReason,
+)
 from fvs_engine.select.loop_settings import LoopSettings
+from fvs_engine.select.model_alignment import ModelAlignment, align_to_model, same_frame
+from fvs_engine.select.reach import Reach, default_radius
+from fvs_engine.select.selectors import create_selector
+from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
+from fvs_engine.select.travel import path_length
 from fvs_engine.splat.raster import Rasterizer
 
 __all__ = [
     "AlignmentRecord",
+    "Choice",
     "LoopSettings",
     "RankedRecord",
     "SelectionLoop",
@@ -19,43 +45,261 @@ __all__ = [
     "StopReason",
 ]
 
+STAGE = "select"
+
 
 class SelectionLoop:
-    """A selection of views of one dataset, on disk after every step.
+    """A selection of views of one dataset; on disk after every step, and resumed by opening it again.
 
-    ``scene`` is the growing scene, trained on what was visited; ``records`` are the steps so far.
+    Positions and distances are camera centres in the dataset's frame; candidates are rendered in the model's,
+    where ``ModelAlignment`` takes them. Held-out views are never visited and never candidates. Only what was
+    visited is learned, whatever the dataset knows of the rest.
+
+    A selection that was killed at any moment goes on as one that was not (on the CPU; see ``GrowingScene``).
     """
 
-    scene: GrowingScene
-    settings: LoopSettings
-    dataset: Dataset
-    records: tuple[StepRecord, ...]
-    test_names: tuple[str, ...]
-    """The held-out views, in order of capture."""
-    initial: tuple[str, ...]
-    """The initial views, in the order of their visit."""
+    def __init__(
+        self,
+        folder: LoopFolder,
+        manifest: SelectionManifest,
+        dataset: Dataset,
+        scene: GrowingScene,
+        settings: LoopSettings,
+        reach: Reach,
+    ) -> None:
+        self.dataset = dataset
+        self.settings = settings
+        self.scene = scene
+        """Trained on what was visited."""
+        self.reach = reach
+        self.initial = manifest.initial
+        """The initial views, in the order of their visit."""
+        self.train_names, self.test_names = split_test(dataset.names, settings.test_every)
+        """In order of capture: the views that may be visited, and those that are held out."""
+        records, self._pending = folder.read_steps()
+        self._records = records
+        self._folder = folder
+        self._manifest = manifest
+        self._selector = create_selector(settings.method)
+        self._cameras = _candidate_cameras(dataset, self.train_names, settings.scene.long_side_px)
+        self._centres = dataset.centres()
+        self._clock = Clock(settings.time_limit_s)
+        self._begun = False
 
     @classmethod
     def open(
         cls, folder: Path, dataset: Dataset, settings: LoopSettings, rasterizer: Rasterizer, monitor: Monitor
     ) -> "SelectionLoop":
-        """Begin a selection in ``folder``, or go on with the one that is there."""
-        ...
+        """Begin a selection in ``folder``, or go on with the one that is there; computes nothing yet.
+
+        Raises ``InvalidInputError`` for an unknown method, a pool that is smaller than the budget and a
+        reach in which the first step finds nothing; ``OutputExistsError`` when the folder holds something
+        else or another selection; ``StorageError``.
+        """
+        create_selector(settings.method)
+        pool, held_out = split_test(dataset.names, settings.test_every)
+        if len(pool) < settings.budget:
+            raise InvalidInputError(
+                f"The budget is {settings.budget} views, but {dataset.name} has only {len(pool)} to visit: "
+                f"{len(dataset.views)} photographs with poses, of which {len(held_out)} are held out.",
+                hint=f"Give a budget of at most {len(pool)}.",
+            )
+        centres = dataset.centres()
+        reach = Reach(settings.radius, settings.nearest)
+        if settings.radius is None and settings.nearest is None:
+            reach = Reach(radius=default_radius(np.stack([centres[name] for name in dataset.names])))
+        cameras = _candidate_cameras(dataset, pool, settings.scene.long_side_px)
+        views = [Candidate(name, cameras[name], dataset.by_name[name].camera_from_world) for name in pool]
+        initial = initial_views(views, settings.initial, settings.initial_choice, settings.seed)
+        unvisited = {name: centres[name] for name in pool if name not in initial}
+        stop = nothing_in_reach(reach, centres[initial[-1]], unvisited)
+        if stop is not None and settings.budget > settings.initial:
+            raise InvalidInputError(stop.message, hint="Choose a larger radius, or how many of the nearest.")
+
+        place = LoopFolder(folder)
+        manifest = place.open(
+            SelectionManifest(
+                dataset=dataset.name, fingerprint=fingerprint(dataset), settings=settings, initial=initial
+            )
+        )
+        scene = GrowingScene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
+        return cls(place, manifest, dataset, scene, settings, reach)
+
+    @property
+    def records(self) -> tuple[StepRecord, ...]:
+        """The steps so far."""
+        return tuple(self._records)
 
     @property
     def visited(self) -> tuple[str, ...]:
         """The initial and the chosen views, in the order of their visit."""
-        return self.initial + tuple(record.chosen for record in self.records)
+        return self.initial + tuple(record.chosen for record in self._records)
+
+    @property
+    def unvisited(self) -> tuple[str, ...]:
+        """The views that may still be visited, in order of capture."""
+        visited = set(self.visited)
+        return tuple(name for name in self.train_names if name not in visited)
 
     @property
     def travel(self) -> float:
         """The way through the visited views, centre to centre, in the dataset's unit."""
-        ...
+        return path_length([self._centres[name] for name in self.visited])
 
     def begin(self, monitor: Monitor) -> None:
-        """Learn what was visited so far; ``step`` does it too. Nothing is done twice."""
-        ...
+        """Learn the initial views, or what a resumed selection had visited. ``step`` does it if need be.
+
+        Raises ``ReconstructionError`` when the initial views do not overlap, and what training raises.
+        """
+        if self._begun:
+            return
+        monitor.report(STAGE, len(self.visited), self.settings.budget)
+        if self._pending is None:  # else the scene may already hold the chosen view, and is finished with it
+            self._learn(self.visited, monitor)
+        self._begun = True
 
     def step(self, monitor: Monitor) -> StepRecord | StopReason:
-        """Choose the next view, visit it and learn from it, or say why the selection ends here."""
-        ...
+        """Choose the next view, visit it and learn from it, or say why the selection ends here.
+
+        Raises ``InvalidInputError`` when the dataset's poses contradict the photographs, ``Cancelled`` with
+        everything on disk, and what ``begin`` raises.
+        """
+        self.begin(monitor)
+        if self._pending is None:
+            stop = self._stop_reason()
+            if stop != self._manifest.stop:
+                self._manifest = self._manifest.model_copy(update={"stop": stop})
+                self._folder.write_manifest(self._manifest)
+            if stop is not None:
+                return stop
+            self._pending = self._choose(monitor)
+            self._folder.write_step(self._pending, None)
+        record = self._visit(self._pending, monitor)
+        self._folder.write_step(self._pending, record)
+        self._records.append(record)
+        self._pending = None
+        monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
+        return record
+
+    def align(self) -> ModelAlignment:
+        """Where the dataset's frame lies in the model; raises ``InvalidInputError`` when they disagree."""
+        if self.settings.scene.poses == "known":
+            return same_frame(len(self.scene.views))
+        names = [view.name for view in self.scene.views]
+        return align_to_model(
+            [self.dataset.by_name[name].camera_from_world.inverse() for name in names],
+            [view.camera_from_model.inverse() for view in self.scene.views],
+        )
+
+    def context(self, candidates: Iterable[str], alignment: ModelAlignment) -> SelectionContext:
+        """What a selector may know now, about ``candidates`` (names of views of the dataset).
+
+        Visited views that could not be registered yet stand where the alignment puts them: they were flown
+        to, and a method that spreads views must not go there again.
+        """
+        registered = {
+            view.name: Candidate(view.name, view.camera, view.camera_from_model) for view in self.scene.views
+        }
+        return SelectionContext(
+            gaussians=self.scene.gaussians,
+            rasterizer=self.scene.rasterizer,
+            sh_degree=self.scene.sh_degree,
+            visited=tuple(registered.get(name) or self._candidate(name, alignment) for name in self.visited),
+            candidates=tuple(self._candidate(name, alignment) for name in candidates),
+            order={name: index for index, name in enumerate(self.train_names)},
+            budget=self.settings.budget,
+            seed=self.settings.seed,
+            step=len(self._records),
+        )
+
+    def _candidate(self, name: str, alignment: ModelAlignment) -> Candidate:
+        world_from_camera = self.dataset.by_name[name].camera_from_world.inverse()
+        model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
+        return Candidate(name, self._cameras[name], model_from_camera.inverse())
+
+    def _stop_reason(self) -> StopReason | None:
+        visited = self.visited
+        last_step_s = self._records[-1].seconds.total if self._records else 0.0
+        return (
+            budget_spent(len(visited), self.settings.budget)
+            or nothing_in_reach(self.reach, self._centres[visited[-1]], self._unvisited_centres())
+            or time_is_up(self._clock, last_step_s)
+        )
+
+    def _unvisited_centres(self) -> Mapping[str, NDArray[np.float64]]:
+        return {name: self._centres[name] for name in self.unvisited}
+
+    def _choose(self, monitor: Monitor) -> Choice:
+        began = time.monotonic()
+        here = self._centres[self.visited[-1]]
+        distances = self.reach.distances(here, self._unvisited_centres())
+        alignment = self.align()
+        selection = select(self.context(distances, alignment), self._selector, distances, monitor=monitor)
+        chosen = selection.chosen[0]
+        return Choice(
+            step=len(self._records) + 1,
+            method=self.settings.method,
+            chosen=chosen,
+            score=next(place.score for place in selection.ranked if place.id == chosen),
+            ranked=tuple(
+                RankedRecord(
+                    rank=place.rank,
+                    id=place.id,
+                    score=place.score,
+                    status=place.status,
+                    coverage=place.coverage,
+                    distance=distances[place.id],
+                )
+                for place in selection.ranked
+            ),
+            fallback=selection.fallback,
+            distance=distances[chosen],
+            travel=self.travel + distances[chosen],
+            alignment=alignment.record,
+            seconds=time.monotonic() - began,
+        )
+
+    def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
+        warnings, seconds = self._learn([choice.chosen], monitor)
+        return StepRecord(
+            choice=choice,
+            views=len(self.visited) + 1,
+            registered=len(self.scene.views),
+            waiting=len(self.scene.waiting),
+            iterations=self.scene.iteration,
+            gaussians=len(self.scene.gaussians),
+            warnings=warnings,
+            seconds=StepSeconds(score=choice.seconds, **seconds),
+        )
+
+    def _learn(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
+        """Add views and train as far as the schedule goes; returns warnings and seconds per part."""
+        times = [time.monotonic()]
+        update = self.scene.add(tuple(names), monitor)
+        times.append(time.monotonic())
+        try:
+            self.scene.train(monitor)
+        except Cancelled:
+            self.scene.save()  # what was trained need not be trained again
+            raise
+        times.append(time.monotonic())
+        self.scene.save()
+        times.append(time.monotonic())
+        add, train, save = np.diff(times).tolist()
+        return update.warnings, {"add": add, "train": train, "save": save}
+
+
+def _candidate_cameras(dataset: Dataset, names: Sequence[str], long_side_px: int) -> dict[str, PinholeCamera]:
+    """What views see with as candidates: their own cameras, undistorted, at the training size.
+
+    Scores of different image sizes cannot be compared, so that a view of another size than most have takes
+    the camera that most have.
+    """
+    photographs = Photographs(dataset.image_dir, long_side_px)
+    cameras = {name: photographs.pinhole(dataset.by_name[name].camera) for name in names}
+    size, _ = Counter((camera.width, camera.height) for camera in cameras.values()).most_common(1)[0]
+    fitting = [camera for camera in cameras.values() if (camera.width, camera.height) == size]
+    usual, _ = Counter(fitting).most_common(1)[0]
+    return {
+        name: camera if (camera.width, camera.height) == size else usual for name, camera in cameras.items()
+    }

@@ -7,24 +7,27 @@ from pydantic import BaseModel, ConfigDict
 from fvs_engine.score.interface import CandidateStatus
 
 
-class _Record(BaseModel):
+class Record(BaseModel):
     """Immutable; unknown fields and non-finite numbers are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class RankedRecord(_Record):
-    """One candidate's place; ``distance`` from the current camera centre in the dataset's unit."""
+class RankedRecord(Record):
+    """One candidate's place; ``distance`` from the current camera centre, in the dataset's unit.
+
+    ``coverage`` is None where the method does not render.
+    """
 
     rank: int | None
     id: str
     score: float | None
     status: CandidateStatus
-    coverage: float
+    coverage: float | None
     distance: float
 
 
-class AlignmentRecord(_Record):
+class AlignmentRecord(Record):
     """How the dataset's frame was taken into the model's: ``model_from_world``.
 
     ``source``: ``known`` when they are one frame; ``centres`` when the visited cameras' centres fixed the
@@ -41,8 +44,29 @@ class AlignmentRecord(_Record):
     inliers: int
 
 
-class StepSeconds(_Record):
-    """Wall time of a step's parts; ``train`` and ``add`` are those that the chosen image cost."""
+class Choice(Record):
+    """What was chosen at a step and why; ``step`` counts from 1.
+
+    ``ranked`` holds every candidate in reach, the first to be visited first; ``fallback`` says how the view
+    was chosen where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``:
+    the way through all visited views up to it; both in the dataset's unit. ``seconds``: wall time of
+    aligning, rendering and scoring.
+    """
+
+    step: int
+    method: str
+    chosen: str
+    score: float | None
+    ranked: tuple[RankedRecord, ...]
+    fallback: str | None
+    distance: float
+    travel: float
+    alignment: AlignmentRecord
+    seconds: float
+
+
+class StepSeconds(Record):
+    """Wall time of a step's parts: choosing, registering the image, training, writing."""
 
     score: float
     add: float
@@ -55,33 +79,39 @@ class StepSeconds(_Record):
         return self.score + self.add + self.train + self.save
 
 
-class StepRecord(_Record):
-    """One turn of the loop: what was chosen and why, and what became of it.
+class StepRecord(Record):
+    """One turn of the loop: the choice, and what became of it.
 
-    ``step`` counts from 1; ``views`` are the visited ones, the chosen included. ``ranked`` holds every
-    candidate in reach, the first choice first; ``fallback`` says why the choice is not the ranking's first.
-    ``distance`` is how far the camera flew to it, ``travel`` the way through all visited views so far, both
-    in the dataset's unit. ``registered`` of the visited views are in the model, ``waiting`` are not yet.
+    ``views`` were visited, the chosen one included; ``registered`` of them are in the model, ``waiting`` are
+    not yet. ``warnings`` are sentences about this view.
     """
 
-    step: int
-    method: str
-    chosen: str
-    score: float | None
-    ranked: tuple[RankedRecord, ...]
-    fallback: str | None
-    distance: float
-    travel: float
-    alignment: AlignmentRecord
+    choice: Choice
     views: int
     registered: int
     waiting: int
     iterations: int
     gaussians: int
+    warnings: tuple[str, ...]
     seconds: StepSeconds
 
+    @property
+    def chosen(self) -> str:
+        """The view that was visited."""
+        return self.choice.chosen
 
-class StopReason(_Record):
+    @property
+    def travel(self) -> float:
+        """The way through all visited views, in the dataset's unit."""
+        return self.choice.travel
+
+    @property
+    def alignment(self) -> AlignmentRecord:
+        """How the candidates were taken into the model."""
+        return self.choice.alignment
+
+
+class StopReason(Record):
     """Why a selection ended: ``kind`` for programs, ``message`` for people."""
 
     kind: Literal["budget", "time-limit", "nothing-in-reach"]

@@ -1,10 +1,11 @@
 """What can be chosen about a selection of views."""
 
-from typing import Literal, Self
+from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from fvs_engine.scene.growing_scene import SceneSettings
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.select.initial_views import InitialChoice
 
 
 class LoopSettings(BaseModel):
@@ -13,10 +14,11 @@ class LoopSettings(BaseModel):
     ``budget`` counts all views, the ``initial`` ones included. Candidates are the unvisited views within
     ``radius`` of the current camera centre (in the dataset's unit), or the ``nearest`` so many; a number as
     large as the dataset puts everything in reach, and without either the radius is derived from the dataset
-    (``fvs_engine.select.reach.default_radius``). ``test_every``: of the views in order of capture, those with
-    index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``: the
-    first views in order of capture, as in the paper, or views that are spread over the dataset, beginning with
-    one that ``seed`` draws. ``time_limit_s`` bounds one run, not a selection that is resumed.
+    (``fvs_engine.select.reach.default_radius``). ``test_every``: of the views in order of capture, those
+    with index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``:
+    the ``first`` views in order of capture, as in the paper; ``consecutive`` ones from a place that ``seed``
+    draws; or those ``farthest`` from one another, beginning with one that it draws. ``time_limit_s`` bounds
+    one run, not a selection that is resumed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -24,7 +26,7 @@ class LoopSettings(BaseModel):
     scene: SceneSettings
     method: str = "median-frequency"
     initial: int = Field(default=10, ge=2)
-    initial_choice: Literal["first", "farthest"] = "first"
+    initial_choice: InitialChoice = "first"
     budget: int = Field(default=100, ge=2)
     radius: float | None = Field(default=None, gt=0)
     nearest: int | None = Field(default=None, ge=1)

@@ -1,0 +1,40 @@
+"""Which views a selection begins with."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from fvs_engine.score import Candidate
+from fvs_engine.select.view_distance import view_distances
+
+InitialChoice = Literal["first", "consecutive", "farthest"]
+"""The ways to begin, see ``initial_views``."""
+
+
+def initial_views(
+    views: Sequence[Candidate], count: int, choice: InitialChoice, seed: int
+) -> tuple[str, ...]:
+    """The ids of ``count`` of ``views``, which are in order of capture, in the order of their visit.
+
+    ``first``: the first of the capture, as a vehicle takes them on its way in (the paper). ``consecutive``:
+    as many in a row, from a place that ``seed`` draws. ``farthest``: spread over position and direction from
+    a view that ``seed`` draws; each next is the one whose nearest chosen view is farthest (Gonzalez,
+    "Clustering to minimize the maximum intercluster distance", 1985), in the measure of ``view_distances``.
+    """
+    generator = np.random.default_rng(seed)
+    if choice == "farthest":
+        indices = _spread(view_distances(views, views), count, int(generator.integers(len(views))))
+    else:
+        start = int(generator.integers(len(views) - count + 1)) if choice == "consecutive" else 0
+        indices = list(range(start, start + count))
+    return tuple(views[index].id for index in indices)
+
+
+def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
+    chosen = [first]
+    while len(chosen) < count:
+        separation = distances[chosen].min(axis=0)
+        separation[chosen] = -1.0  # a view that coincides with a chosen one still comes before that one again
+        chosen.append(int(np.argmax(separation)))
+    return chosen

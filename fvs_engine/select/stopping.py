@@ -1,0 +1,69 @@
+"""When a selection ends, and how it says so."""
+
+import time
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.select.loop_records import StopReason
+from fvs_engine.select.reach import Reach
+
+
+class Clock:
+    """The time that one run of a selection may take; ``limit_s`` None is for ever."""
+
+    def __init__(self, limit_s: float | None) -> None:
+        self.limit_s = limit_s
+        self._began = time.monotonic()
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the clock was made."""
+        return time.monotonic() - self._began
+
+    def forbids(self, next_step_s: float) -> bool:
+        """Whether a step that takes ``next_step_s`` would end too late."""
+        return self.limit_s is not None and self.elapsed_s + next_step_s > self.limit_s
+
+
+def budget_spent(visited: int, budget: int) -> StopReason | None:
+    """Stop when as many views were visited as may be."""
+    if visited < budget:
+        return None
+    return StopReason(kind="budget", message=f"The budget of {budget} views is used.")
+
+
+def time_is_up(clock: Clock, last_step_s: float) -> StopReason | None:
+    """Stop when another step as long as the last would end after the limit: a battery does not wait."""
+    if not clock.forbids(last_step_s):
+        return None
+    return StopReason(
+        kind="time-limit",
+        message=f"After {clock.elapsed_s:.0f} s another step would not end within the time limit of "
+        f"{clock.limit_s:g} s.",
+    )
+
+
+def nothing_in_reach(
+    reach: Reach, here: NDArray[np.float64], unvisited: Mapping[str, NDArray[np.float64]]
+) -> StopReason | None:
+    """Stop when no unvisited view (name → centre [3]) is in reach; says which radius would reach one."""
+    if reach.distances(here, unvisited):
+        return None
+    if not unvisited:
+        return StopReason(kind="nothing-in-reach", message="Every view that may be visited was visited.")
+    nearest = next(iter(Reach(nearest=1).distances(here, unvisited).values()))
+    return StopReason(
+        kind="nothing-in-reach",
+        message=f"None of the {len(unvisited)} unvisited views is within {reach.radius:.4g} of the camera; "
+        f"a radius of {_rounded_up(nearest):.4g} would reach the nearest.",
+    )
+
+
+def _rounded_up(distance: float) -> float:
+    """To three digits, upwards: a printed radius must reach what it promises to reach."""
+    if distance == 0:
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(distance)) - 2)
+    return float(np.ceil(distance / unit) * unit)
