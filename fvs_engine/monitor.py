@@ -1,6 +1,7 @@
 """How a long computation reports progress and learns that it should stop."""
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -47,3 +48,34 @@ class Monitor:
         """Raise ``Cancelled`` if somebody asked to stop."""
         if self._cancelled.is_set():
             raise Cancelled("Stopped on request.", hint="Run the same command again to resume.")
+
+
+class SavingMonitor(Monitor):
+    """Passes on to ``outer``, and calls ``save`` every ``every_s`` seconds, at safe points."""
+
+    def __init__(self, outer: Monitor, save: Callable[[], None], every_s: float) -> None:
+        super().__init__()
+        self._outer = outer
+        self._save = save
+        self._every_s = every_s
+        self._saved = time.monotonic()
+
+    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+        """See ``Monitor``."""
+        self._outer.report(stage, done, total, **detail)
+
+    def cancel(self) -> None:
+        """See ``Monitor``."""
+        self._outer.cancel()
+
+    @property
+    def cancelled(self) -> bool:
+        """See ``Monitor``."""
+        return self._outer.cancelled
+
+    def check(self) -> None:
+        """Save when it is time; raise ``Cancelled`` if somebody asked to stop."""
+        self._outer.check()
+        if time.monotonic() - self._saved > self._every_s:
+            self._save()
+            self._saved = time.monotonic()

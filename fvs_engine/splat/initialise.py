@@ -18,11 +18,15 @@ LARGEST_SPACING = 30.0
 
 
 def initialise_from_points(
-    points: NDArray[np.float64], colors: NDArray[np.uint8], sh_degree: int
+    points: NDArray[np.float64],
+    colors: NDArray[np.uint8],
+    sh_degree: int,
+    spacing: NDArray[np.float64] | None = None,
 ) -> Gaussians:
     """Place a round Gaussian on each point, as large as the mean distance to its three neighbours.
 
     ``points`` [P, 3] in the model frame; ``colors`` [P, 3] uint8. Points that are not finite are left out.
+    ``spacing`` [P] replaces the distances to neighbours, for points whose neighbours are not among them.
     Raises ``TrainingError`` when no point remains. Source: Kerbl et al., 2023, section 5.
     """
     finite = np.isfinite(points).all(axis=1)
@@ -32,11 +36,12 @@ def initialise_from_points(
         raise TrainingError(
             "There is no sparse point to start from.", hint="Give more photographs that overlap."
         )
+    sizes = point_spacing(points) if spacing is None else spacing[finite]
     quaternions = torch.zeros(count, 4)
     quaternions[:, 0] = 1.0
     return Gaussians(
         means=torch.from_numpy(points.astype(np.float32)),
-        log_scales=torch.from_numpy(np.log(point_spacing(points)).astype(np.float32))[:, None].repeat(1, 3),
+        log_scales=torch.from_numpy(np.log(sizes).astype(np.float32))[:, None].repeat(1, 3),
         quaternions_wxyz=quaternions,
         opacity_logits=torch.full((count,), float(logit(INITIAL_OPACITY))),
         sh_dc=dc_from_color(torch.from_numpy(colors / 255)).float(),

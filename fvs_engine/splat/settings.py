@@ -27,6 +27,7 @@ class LearningRates(BaseModel):
 class Densification(BaseModel):
     """When and how Gaussians are added and removed; every interval is in iterations.
 
+    It happens at iterations that leave the remainder ``phase`` when divided by ``interval``.
     ``gradient_threshold`` is compared with the mean norm of the loss's gradient with respect to the
     projected centre, in units of half the image (normalised device coordinates). ``dense_extent`` and
     ``prune_extent`` are shares of the scene's extent: smaller Gaussians are cloned and larger ones split;
@@ -38,6 +39,7 @@ class Densification(BaseModel):
     first_iteration: int = Field(default=500, ge=0)
     last_iteration: int = Field(default=15_000, ge=0)
     interval: int = Field(default=100, gt=0)
+    phase: int = Field(default=0, ge=0)
     opacity_reset_interval: int = Field(default=3_000, gt=0)
     gradient_threshold: float = Field(default=2e-4, gt=0)
     dense_extent: float = Field(default=0.01, gt=0)

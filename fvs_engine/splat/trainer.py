@@ -2,10 +2,11 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,11 +33,16 @@ from fvs_engine.splat.views import TrainingView, scene_extent
 STAGE = "train"
 _RATE_SMOOTHING = 0.05
 _LOSS_SMOOTHING = 0.05
+_EXTENT_STEP = 0.01
+"""Share of the way, in the logarithm, that the extent goes to its goal in one iteration."""
 
 
 @dataclass
 class _ViewOrder:
-    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end."""
+    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end.
+
+    Views that were added during an epoch come before the rest of it.
+    """
 
     seed: int
     epoch: int
@@ -48,6 +54,10 @@ class _ViewOrder:
             self.epoch += 1
         return self.remaining.pop()
 
+    def prefer(self, added: range) -> None:
+        """Let the views ``added`` come next, the first of them first."""
+        self.remaining.extend(reversed(added))
+
 
 class Trainer:
     """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
@@ -58,6 +68,11 @@ class Trainer:
     ``gaussians`` are taken over (moved to the rasteriser's device, changed in place, replaced when their
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
+
+    The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``add_gaussians``. The
+    Gaussians that are there keep the optimiser's moments. ``extent``, by which learning rates and size limits
+    scale, does not jump with the cameras: it goes 1 % of the way to what they ask for (in the logarithm) per
+    iteration, so that a view far outside changes the rates within some hundred iterations.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
@@ -86,16 +101,72 @@ class Trainer:
         self.iteration = 0
         self.gaussians = _trainable(gaussians.to(rasterizer.device))
         self.views = tuple(views)
-        self.extent = scene_extent(views, gaussians.means.detach().cpu().numpy())
+        self.extent = self._extent_goal = scene_extent(views, gaussians.means.detach().cpu().numpy())
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
-        self._images = [torch.tensor(view.image, device=rasterizer.device) for view in views]
+        self._images = [self._on_device(view) for view in views]
         self._order = _ViewOrder(seed, 0, [])
 
     @property
     def sh_degree(self) -> int:
         """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
         return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
+
+    def add_views(self, views: Sequence[TrainingView]) -> None:
+        """Learn from more views: each comes once before any other, then in every epoch.
+
+        Raises ``InvalidInputError`` when a view of that name is there already.
+        """
+        repeated = {view.name for view in self.views}.intersection(view.name for view in views)
+        if repeated or len({view.name for view in views}) < len(views):
+            raise InvalidInputError(f"A view is added twice: {min(repeated, default=views[0].name)}.")
+        self._order.prefer(range(len(self.views), len(self.views) + len(views)))
+        self.views += tuple(views)
+        self._images += [self._on_device(view) for view in views]
+        self._aim_extent()
+
+    def update_views(self, views: Sequence[TrainingView]) -> None:
+        """Replace the views of the same names: their cameras moved, or their images changed with them.
+
+        Raises ``InvalidInputError`` when there is no view of a name.
+        """
+        index = {view.name: i for i, view in enumerate(self.views)}
+        unknown = [view.name for view in views if view.name not in index]
+        if unknown:
+            raise InvalidInputError(f"There is no view {unknown[0]} to update.")
+        present = list(self.views)
+        for view in views:
+            i = index[view.name]
+            if view.image is not present[i].image:
+                self._images[i] = self._on_device(view)
+            present[i] = view
+        self.views = tuple(present)
+        self._aim_extent()
+
+    def add_gaussians(self, added: Gaussians) -> None:
+        """Train more Gaussians, from rest; those that are there keep their moments and statistics.
+
+        Raises ``InvalidInputError`` when their spherical harmonics are of another degree.
+        """
+        if added.sh_degree != self.gaussians.sh_degree:
+            raise InvalidInputError(
+                f"The added Gaussians have harmonics of degree {added.sh_degree}, "
+                f"the model's are of degree {self.gaussians.sh_degree}."
+            )
+        device = self.rasterizer.device
+        everyone = torch.arange(len(self.gaussians), device=device)
+        self.optimiser.keep(everyone, added=len(added))
+        self.statistics.extend(len(added))
+        more = added.to(device).tensors()
+        self.gaussians = _trainable(
+            Gaussians(**{name: torch.cat([t, more[name]]) for name, t in self.gaussians.tensors().items()})
+        )
+
+    def _on_device(self, view: TrainingView) -> Tensor:
+        return torch.tensor(view.image, device=self.rasterizer.device)
+
+    def _aim_extent(self) -> None:
+        self._extent_goal = scene_extent(self.views, self.gaussians.means.detach().cpu().numpy())
 
     def train(self, until_iteration: int, monitor: Monitor) -> None:
         """Go on until ``until_iteration`` iterations are done in all; report each to ``monitor``.
@@ -123,6 +194,8 @@ class Trainer:
 
     def _step(self) -> float:
         """One iteration; returns the loss before it."""
+        if self.extent != self._extent_goal:
+            self.extent *= (self._extent_goal / self.extent) ** _EXTENT_STEP
         settings, gaussians = self.settings, self.gaussians
         index = self._order.next(len(self.views))
         view = self.views[index]
@@ -170,11 +243,18 @@ class Trainer:
         self.gaussians = _trainable(grown)
         self.statistics = GradientStatistics(len(grown), grown.device)
 
-    def save(self, path: Path) -> None:
+    def save(
+        self,
+        path: Path,
+        *,
+        owner_tensors: Mapping[str, Tensor] | None = None,
+        owner_state: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write a checkpoint; an earlier one at ``path`` is replaced only when this one is whole.
 
-        Raises ``StorageError`` when it cannot be written, ``TrainingError`` when the parameters are not
-        finite: a good checkpoint is never replaced by a diverged model.
+        What else belongs to this moment goes into the same file, under ``owner.`` and ``"owner"``: tensors,
+        and state as JSON has it. Raises ``StorageError`` when it cannot be written, ``TrainingError`` when
+        the parameters are not finite: a good checkpoint is never replaced by a diverged model.
         """
         for name, tensor in self.gaussians.tensors().items():
             if not bool(torch.isfinite(tensor.detach()).all()):
@@ -190,16 +270,19 @@ class Trainer:
                 **{f"second.{name}": tensor for name, tensor in self.optimiser.second.items()},
                 "gradients.total": self.statistics.total,
                 "gradients.views": self.statistics.views,
+                **{f"owner.{name}": tensor for name, tensor in (owner_tensors or {}).items()},
             },
             {
                 "settings": self.settings.model_dump(mode="json"),
                 "iteration": self.iteration,
                 "steps": self.optimiser.steps,
                 "extent": self.extent,
+                "extent_goal": self._extent_goal,
                 "seed": self.seed,
                 "epoch": self._order.epoch,
                 "remaining": self._order.remaining,
                 "views": [view.name for view in self.views],
+                "owner": dict(owner_state or {}),
             },
         )
 
@@ -224,6 +307,7 @@ class Trainer:
             )
             trainer.iteration = state["iteration"]
             trainer.extent = state["extent"]
+            trainer._extent_goal = state["extent_goal"]
             trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"])
             trainer.optimiser.steps = state["steps"]
             trainer.optimiser.first = _named(tensors, "first.", rasterizer.device)

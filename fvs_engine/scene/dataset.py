@@ -1,0 +1,212 @@
+"""A dataset: photographs with the poses that somebody gave them, in the dataset's own frame (``world``)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import Camera, RigidTransform
+from fvs_engine.images.catalog import SUFFIXES
+from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
+from fvs_engine.sfm.imports import find_colmap_model, fit_camera, import_transforms_json
+from fvs_engine.sfm.reconstruction import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
+
+_MIN_VIEWS = 2
+_NAMES_SHOWN = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetView:
+    """A photograph (``name`` is its posix path in the image folder) and where it was taken.
+
+    ``camera`` has the photograph's own size, with its distortion.
+    """
+
+    name: str
+    camera: Camera
+    camera_from_world: RigidTransform
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Where the camera stands in the world, [3]."""
+        return self.camera_from_world.inverse().translation
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Photographs in ``image_dir`` with their poses; ``views`` in order of capture, which is by name.
+
+    ``points`` are those of the dataset's model, None when it has none. ``warnings`` are sentences about what
+    was left out.
+    """
+
+    name: str
+    image_dir: Path
+    views: tuple[DatasetView, ...]
+    points: SparsePoints | None = None
+    warnings: tuple[str, ...] = field(default=())
+
+    @cached_property
+    def by_name(self) -> dict[str, DatasetView]:
+        """Name → view."""
+        return {view.name: view for view in self.views}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The views' names, in order of capture."""
+        return tuple(view.name for view in self.views)
+
+    def centres(self) -> dict[str, NDArray[np.float64]]:
+        """Name → camera centre [3] in the world frame."""
+        return {view.name: view.centre for view in self.views}
+
+
+def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | None = None) -> Dataset:
+    """The photographs in ``images`` with the poses of a COLMAP model or of a ``transforms.json``.
+
+    ``colmap`` is a folder with the model in or below it. Posed views without a photograph and photographs
+    without a pose are left out, with a warning. A photograph may have another size than its camera, at the
+    same shape. Raises ``InvalidInputError`` when none or both of the two are given, when fewer than two views
+    remain, for poses that are not finite or no rotations, for photographs of another shape than their camera,
+    and for photographs that their EXIF turns (their cameras are of the pixels as stored); ``StorageError``
+    when the model is damaged.
+    """
+    if (colmap is None) == (transforms is None):
+        raise InvalidInputError(
+            "A dataset needs its poses: one COLMAP model, or one transforms.json.",
+            hint="Give either the folder of the model or the file.",
+        )
+    if not images.is_dir():
+        raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")
+    source, posed = _posed_in_colmap(colmap) if colmap else _posed_in_transforms(transforms)  # type: ignore[arg-type]
+    names, missing = _photographs_of([view.name for view in posed], images)
+    views = sorted(
+        (
+            DatasetView(names[view.name], _camera_of(view, images / names[view.name]), view.camera_from_world)
+            for view in posed
+            if view.name in names
+        ),
+        key=lambda view: view.name,
+    )
+    if len(views) < _MIN_VIEWS:
+        raise InvalidInputError(
+            f"{len(views)} of the {len(posed)} views in {source} have their photograph in {images}.",
+            hint="Give the folder of photographs that these poses belong to.",
+        )
+    warnings = []
+    if missing:
+        warnings.append(
+            f"{len(missing)} of the {len(posed)} views in {source} have no photograph: {_some(missing)}."
+        )
+    unposed = sorted(_photograph_names(images) - {view.name for view in views})
+    if unposed:
+        warnings.append(f"{len(unposed)} photographs have no pose and are not used: {_some(unposed)}.")
+    points = points_from_pycolmap(open_colmap(find_colmap_model(colmap)), names) if colmap else None
+    title = images.resolve().parent.name if images.name == "images" else images.name
+    return Dataset(title, images, tuple(views), points, tuple(warnings))
+
+
+def split_test(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Training and test names: of the sorted ``names``, index % ``every`` == 0 is for testing.
+
+    Nothing is when ``every`` is 0, or when there are fewer names than that: too few to spare one. Source:
+    Mip-NeRF 360 and all that compare with it (every 8th). Raises ``InvalidInputError`` for ``every`` of 1 or
+    less than 0.
+    """
+    if every < 0 or every == 1:
+        raise InvalidInputError(
+            f"Every {every}th view cannot be for testing.", hint="Use 8, or 0 for no test views."
+        )
+    ordered = sorted(names)
+    test = tuple(ordered[::every]) if every and len(ordered) >= every else ()
+    held_out = set(test)
+    return tuple(name for name in ordered if name not in held_out), test
+
+
+def _posed_in_colmap(folder: Path) -> tuple[Path, list[DatasetView]]:
+    """Every posed view of the model, with the camera that the model has."""
+    found = find_colmap_model(folder)
+    model = open_colmap(found)
+    views = []
+    for image in model.images.values():
+        if not image.has_pose:
+            continue
+        try:
+            camera_from_world = rigid_from_pycolmap(image.cam_from_world())
+        except InvalidInputError as error:
+            raise InvalidInputError(
+                f"The pose of {image.name} in {found} cannot be used: {error.message}",
+                hint="Leave that image out of the model, or export it again.",
+            ) from error
+        camera = camera_from_pycolmap(model.cameras[image.camera_id])
+        views.append(DatasetView(image.name, camera, camera_from_world))
+    if not views:
+        raise InvalidInputError(
+            f"No image of the model in {found} has a pose.", hint="Give the model of a finished mapping."
+        )
+    return found, views
+
+
+def _posed_in_transforms(file: Path) -> tuple[Path, list[DatasetView]]:
+    return file, [
+        DatasetView(view.name, view.camera, view.camera_from_model)
+        for view in import_transforms_json(file).views
+    ]
+
+
+def _photographs_of(posed: Sequence[str], images: Path) -> tuple[dict[str, str], list[str]]:
+    """A posed view's name → its photograph's: the same, or its last part; and those that have none."""
+    names: dict[str, str] = {}
+    missing = []
+    for name in posed:
+        candidates = (name, PurePosixPath(name).name)
+        photograph = next((candidate for candidate in candidates if (images / candidate).is_file()), None)
+        if photograph is None:
+            missing.append(name)
+        else:
+            names[name] = photograph
+    claimed: dict[str, str] = {}
+    for name, photograph in names.items():
+        if photograph in claimed:
+            raise InvalidInputError(
+                f"Two posed views, {claimed[photograph]} and {name}, claim {images / photograph}.",
+                hint="Give the folder above, in which their names differ.",
+            )
+        claimed[photograph] = name
+    return names, sorted(missing)
+
+
+def _camera_of(view: DatasetView, photograph: Path) -> Camera:
+    """The view's camera at the photograph's size."""
+    try:
+        with Image.open(photograph) as image:
+            orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
+    except OSError as error:  # what Pillow raises for no image derives from it
+        raise InvalidInputError(
+            f"{photograph} cannot be read as an image.", hint="Replace it, or leave it out of the dataset."
+        ) from error
+    if orientation not in (0, 1):
+        raise InvalidInputError(
+            f"{photograph} is turned (EXIF orientation {orientation}): its camera may mean either way.",
+            hint="Turn the pixels upright, remove the tag, and compute the poses from those images.",
+        )
+    return fit_camera(view.camera, photograph)
+
+
+def _photograph_names(images: Path) -> set[str]:
+    return {
+        path.relative_to(images).as_posix()
+        for path in images.rglob("*")
+        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    }
+
+
+def _some(names: Iterable[str]) -> str:
+    listed = list(names)
+    more = len(listed) - _NAMES_SHOWN
+    return ", ".join(listed[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")

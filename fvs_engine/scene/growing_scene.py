@@ -1,0 +1,334 @@
+"""One scene over time: photographs come, cameras are found, Gaussians are added, training goes on."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fvs_engine.errors import Cancelled, InvalidInputError, TrainingError
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.monitor import Monitor, SavingMonitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.known_poses import KnownPoses
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.poses import PoseSource, Standing
+from fvs_engine.scene.scene_files import SceneFiles, SceneMemory, ViewMemory
+from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView
+
+MIN_POINTS = 100
+"""With fewer sparse points than this a new model starts from guesses as well."""
+
+_SAVE_EVERY_S = 60.0
+
+
+@dataclass(frozen=True)
+class SceneUpdate:
+    """What one ``add`` changed.
+
+    ``registered``: views that got their camera now, those that had waited among them; ``waiting``: all that
+    have none; ``moved``: how many views that were there changed their camera; ``iterations``: up to which
+    ``train`` will go on.
+    """
+
+    registered: tuple[str, ...]
+    waiting: tuple[str, ...]
+    moved: int
+    new_gaussians: int
+    iterations: int
+    warnings: tuple[str, ...]
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """What an addition asks for: views with their photographs, and where Gaussians start."""
+
+    added: tuple[tuple[PosedView, TrainingView], ...]
+    moved: tuple[tuple[PosedView, TrainingView], ...]
+    seeds: Seeds
+    warnings: tuple[str, ...]
+
+
+class GrowingScene:
+    """Owns a folder in which a dataset's scene grows; on disk, a whole state survives a kill at any moment.
+
+    A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins). Whoever
+    repeats the calls that followed it, after a kill, comes to the same scene bit by bit (on the CPU, with
+    ``settings.sfm.threads=1`` where poses are estimated; ADR 1 says what the process that compiles the
+    kernels does differently). One process at a time may own a folder.
+
+    The cost of an added view does not depend on how many there are, but for what structure from motion does:
+    images stay in memory, and are read again only if their camera's lens or zoom changed.
+    """
+
+    def __init__(
+        self,
+        files: SceneFiles,
+        dataset: Dataset,
+        settings: SceneSettings,
+        rasterizer: Rasterizer,
+        source: PoseSource,
+    ) -> None:
+        self.dataset = dataset
+        self.settings = settings
+        self.rasterizer = rasterizer
+        self._files = files
+        self._source = source
+        self._photographs = Photographs(dataset.image_dir, settings.long_side_px)
+        self._trainer: Trainer | None = None
+        self._visited: tuple[str, ...] = ()
+        self._posed: dict[str, PosedView] = {}  # in the order of the trainer's views, lenses and all
+        self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
+        self._initial_views = 0
+        self._generation = 0
+        self._dirty = False
+
+    @classmethod
+    def open(
+        cls, folder: Path, dataset: Dataset, settings: SceneSettings, rasterizer: Rasterizer, monitor: Monitor
+    ) -> "GrowingScene":
+        """Begin a scene in ``folder``, or go on with the one that is there.
+
+        Raises ``InvalidInputError`` when the folder holds a scene of another dataset or other settings,
+        ``StorageError`` when it cannot be read or written.
+        """
+        files = SceneFiles(folder)
+        files.claim(dataset, settings)
+        scene = cls(files, dataset, settings, rasterizer, _pose_source(files, dataset, settings, monitor))
+        if files.checkpoint.exists():
+            scene._resume(monitor)
+        return scene
+
+    @property
+    def visited(self) -> tuple[str, ...]:
+        """The names of all photographs that were added, in the order of their visit."""
+        return self._visited
+
+    @property
+    def views(self) -> tuple[TrainingView, ...]:
+        """The registered views in order of registration (that of the visit, for those that never waited).
+
+        Each has its name, its pinhole camera at the training size, ``camera_from_model``, and its photograph.
+        """
+        return self._trainer.views if self._trainer else ()
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Visited photographs without a camera, in the order of their visit."""
+        return tuple(name for name in self._visited if name not in self._posed)
+
+    @property
+    def generation(self) -> int:
+        """The pose source's count of its changes, as of the last ``add``."""
+        return self._generation
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The model; raises ``TrainingError`` before the first view is registered."""
+        return self._model().gaussians
+
+    @property
+    def sh_degree(self) -> int:
+        """The degree of spherical harmonics in use."""
+        return self._model().sh_degree
+
+    @property
+    def iteration(self) -> int:
+        """How many iterations were done."""
+        return self._trainer.iteration if self._trainer else 0
+
+    @property
+    def target_iteration(self) -> int:
+        """Up to which iteration the schedule goes with the present views; 0 before the first."""
+        if self._trainer is None:
+            return 0
+        more = len(self.views) - self._initial_views
+        return self.settings.initial_iterations + self.settings.iterations_per_view * more
+
+    def add(self, names: Sequence[str], monitor: Monitor) -> SceneUpdate:
+        """Visit the photographs ``names``: find their cameras, and seed Gaussians where new points are.
+
+        Names that were visited before change nothing. When this fails, the scene stays as it was. Raises
+        ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
+        """
+        unknown = [name for name in names if name not in self.dataset.by_name]
+        if unknown:
+            raise InvalidInputError(
+                f"{self.dataset.name} has no view {unknown[0]}.", hint="Give names of the dataset's views."
+            )
+        new = tuple(name for name in dict.fromkeys(names) if name not in self._visited)
+        if not new:
+            return SceneUpdate((), self.waiting, 0, 0, self.target_iteration, (), {})
+        if self._dirty:
+            self.save()  # the pose source may never be more than one step ahead of the checkpoint
+        began = time.monotonic()
+        visited = self._visited + new
+        standing = self._source.stand(visited, monitor)
+        found = time.monotonic()
+        change = self._change(standing, visited, monitor)
+        self._apply(change)
+        self._visited, self._generation, self._dirty = visited, standing.generation, True
+        return SceneUpdate(
+            registered=tuple(view.name for view, _ in change.added),
+            waiting=self.waiting,
+            moved=len(change.moved),
+            new_gaussians=len(change.seeds),
+            iterations=self.target_iteration,
+            warnings=standing.warnings + change.warnings,
+            seconds={"poses": found - began, "model": time.monotonic() - found},
+        )
+
+    def train(self, monitor: Monitor) -> None:
+        """Go on up to ``target_iteration``. Raises ``Cancelled``, having saved, and ``TrainingError``."""
+        trainer = self._model()
+        if trainer.iteration >= self.target_iteration:
+            return
+        self._dirty = True
+        try:
+            trainer.train(self.target_iteration, SavingMonitor(monitor, self.save, _SAVE_EVERY_S))
+        except Cancelled:
+            self.save()
+            raise
+
+    def save(self) -> None:
+        """Commit the state: whatever was done since the last time is on disk, whole, or not at all."""
+        memory = SceneMemory(
+            visited=self._visited,
+            views=tuple(ViewMemory.of(view) for view in self._posed.values()),
+            initial_views=self._initial_views,
+            generation=self._generation,
+        ).model_dump(mode="json")
+        if self._trainer is None:
+            write_checkpoint(self._files.checkpoint, {}, {"owner": memory})
+        else:
+            seeded = torch.from_numpy(self._seeded)
+            self._trainer.save(self._files.checkpoint, owner_tensors={"seeded": seeded}, owner_state=memory)
+        self._dirty = False
+
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, TrainingView]:
+        """Photographs that are not part of the scene, placed in it for comparison; it does not change.
+
+        Their cameras, in the model frame, and their images at the training size; those that cannot be placed
+        are left out. Nothing that is learnt here reaches the model.
+        """
+        posed = self._source.localise(names, monitor)
+        return {name: self._photograph(posed[name]) for name in names if name in posed}
+
+    def expected_camera(self, name: str) -> PinholeCamera:
+        """The pinhole camera, at the training size, that view ``name`` of the dataset will have.
+
+        With known poses it is the dataset's; else that of most registered views of the photograph's size,
+        because the photograph itself must not be looked at before it is visited. Where there is none such,
+        it is the dataset's.
+        """
+        expected = self.dataset.by_name[name].camera
+        if self.settings.poses == "known":
+            return self._photographs.pinhole(expected)
+        size = (expected.width, expected.height)
+        cameras = [view.camera for view in self._posed.values()]
+        alike = [camera for camera in cameras if (camera.width, camera.height) == size]
+        if not alike:
+            return self._photographs.pinhole(expected)
+        return self._photographs.pinhole(Counter(alike).most_common(1)[0][0])
+
+    def _model(self) -> Trainer:
+        if self._trainer is None:
+            raise TrainingError(
+                f"None of the {len(self._visited)} visited photographs has a camera yet.",
+                hint="Add photographs that overlap those that were visited.",
+            )
+        return self._trainer
+
+    def _change(self, standing: Standing, visited: Sequence[str], monitor: Monitor) -> _Change:
+        """What the standing poses and points ask for; reads photographs, changes nothing."""
+        order = {name: place for place, name in enumerate(visited)}
+        loaded = {} if self._trainer is None else {view.name: view for view in self._trainer.views}
+        added, moved = [], []
+        views = sorted(standing.views, key=lambda view: order[view.name])
+        for done, view in enumerate(views, start=1):
+            monitor.check()
+            before = self._posed.get(view.name)
+            if before is None:
+                added.append((view, self._photograph(view)))
+            elif not self._photographs.same_image(before.camera, view.camera):
+                moved.append((view, self._photograph(view)))
+            elif not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix):
+                kept = replace(view, camera=before.camera)
+                moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
+            monitor.report("load", done, len(views))
+        seeds, warnings = self._seeds(standing, [view for _, view in added])
+        return _Change(tuple(added), tuple(moved), seeds, warnings)
+
+    def _photograph(self, view: PosedView) -> TrainingView:
+        return self._photographs.load(view.name, view.camera, view.camera_from_model)
+
+    def _seeds(self, standing: Standing, added: Sequence[TrainingView]) -> tuple[Seeds, tuple[str, ...]]:
+        room = self.settings.training.max_gaussians
+        if self._trainer is not None:
+            means = self._trainer.gaussians.means.detach().cpu().numpy()
+            occupied = np.concatenate([means, self._seeded]).astype(np.float64)
+            return seeds_on_free_points(standing.points, occupied, room - len(means)), ()
+        seeds = seeds_on_free_points(standing.points, np.zeros((0, 3)), room)
+        if len(seeds) >= MIN_POINTS or not added:
+            return seeds, ()
+        guesses = guessed_seeds(added, self.settings.seed)
+        warning = (
+            f"The first {len(added)} views share only {len(seeds)} points: "
+            f"{len(guesses)} Gaussians start at guessed depths."
+        )
+        return seeds.and_also(guesses), (warning,)
+
+    def _apply(self, change: _Change) -> None:
+        views = [view for _, view in change.added]
+        if self._trainer is None:
+            if not views:
+                return
+            gaussians = change.seeds.gaussians(self.settings.training.sh_degree)
+            training, seed = self.settings.training, self.settings.seed
+            self._trainer = Trainer(views, gaussians, training, self.rasterizer, seed)
+            self._initial_views = len(views)
+        else:
+            self._trainer.update_views([view for _, view in change.moved])
+            self._trainer.add_views(views)
+            if len(change.seeds):
+                self._trainer.add_gaussians(change.seeds.gaussians(self.settings.training.sh_degree))
+        self._posed.update({view.name: view for view, _ in (*change.moved, *change.added)})
+        self._seeded = np.concatenate([self._seeded, change.seeds.points.xyz.astype(np.float32)])
+
+    def _resume(self, monitor: Monitor) -> None:
+        tensors, state = read_checkpoint(self._files.checkpoint)
+        memory = self._files.memory(state)
+        self._visited, self._generation = memory.visited, memory.generation
+        self._posed = {view.name: view.posed() for view in memory.views}
+        self._initial_views = memory.initial_views
+        if not self._posed:
+            return
+        self._seeded = tensors["owner.seeded"].numpy()
+        views = []
+        for done, view in enumerate(self._posed.values(), start=1):
+            monitor.check()
+            views.append(self._photograph(view))
+            monitor.report("load", done, len(self._posed))
+        self._trainer = Trainer.resume(self._files.checkpoint, views, self.rasterizer)
+
+
+def _pose_source(
+    files: SceneFiles, dataset: Dataset, settings: SceneSettings, monitor: Monitor
+) -> PoseSource:
+    if settings.poses == "known":
+        return KnownPoses(files.sfm, dataset, settings.sfm)
+    from fvs_engine.scene.sfm_poses import SfmPoses
+
+    return SfmPoses(files.sfm, dataset.image_dir, settings.sfm, monitor)

@@ -1,0 +1,84 @@
+"""Poses as the dataset gives them, with the points that the visited views support."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fvs_engine.errors import ReconstructionError
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.poses import Standing
+from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.database import verified_pair_count
+from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import SfmFolder
+from fvs_engine.sfm.triangulate import triangulate
+
+MIN_MATCH_SUPPORT = 0.5
+"""Given poses that explain less of the verified matches than this belong to other photographs."""
+
+_MIN_VIEWS = 2
+_NO_POINTS = PointCloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
+
+
+class KnownPoses:
+    """A ``PoseSource`` for a dataset whose poses are taken as they are: the model frame is the world frame.
+
+    The points are those of the dataset's model that at least two visited views saw; a dataset without points
+    has them triangulated from the visited photographs.
+    """
+
+    def __init__(self, folder: Path, dataset: Dataset, settings: SfmSettings) -> None:
+        self._folder = folder
+        self._dataset = dataset
+        self._settings = settings
+
+    def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
+        """See ``PoseSource``. Every view has its pose at once.
+
+        Raises ``ReconstructionError`` when the photographs match each other but not the given poses.
+        """
+        views = tuple(self._posed(name) for name in visited)
+        if self._dataset.points is not None:
+            return Standing(views, self._dataset.points.seen_by(visited), len(visited))
+        points, warnings = self._triangulated(views, monitor)
+        return Standing(views, points, len(visited), warnings)
+
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+        """See ``PoseSource``: what the dataset says."""
+        monitor.check()
+        return {name: self._posed(name) for name in names}
+
+    def _posed(self, name: str) -> PosedView:
+        view = self._dataset.by_name[name]
+        return PosedView(name, view.camera, view.camera_from_world)
+
+    def _triangulated(
+        self, views: Sequence[PosedView], monitor: Monitor
+    ) -> tuple[PointCloud, tuple[str, ...]]:
+        if len(views) < _MIN_VIEWS:
+            return _NO_POINTS, ()
+        given = Reconstruction(
+            tuple(sorted(views, key=lambda view: view.name)), _NO_POINTS.xyz, _NO_POINTS.colors, np.zeros(0)
+        )
+        try:
+            result = triangulate(given, self._dataset.image_dir, self._folder, self._settings, monitor)
+        except ReconstructionError as error:
+            if verified_pair_count(SfmFolder(self._folder).database, MIN_PAIR_MATCHES) > 0:
+                raise _contradiction(self._dataset.name, 0.0) from error
+            return _NO_POINTS, ()
+        evidence = result.report.candidates[0].evidence
+        if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
+            raise _contradiction(self._dataset.name, evidence.match_support)
+        cloud = PointCloud(result.reconstruction.points, result.reconstruction.point_colors)
+        return cloud, result.report.warnings
+
+
+def _contradiction(dataset: str, support: float) -> ReconstructionError:
+    return ReconstructionError(
+        f"The given poses of {dataset} contradict its photographs: {support:.0%} of the matches fit them.",
+        hint="Do the poses belong to these images? A transforms.json has OpenGL axes, camera to world.",
+    )

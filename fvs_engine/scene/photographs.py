@@ -1,0 +1,139 @@
+"""Photographs as training sees them: without distortion, at the training size, of the visited views only."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import Camera, PinholeCamera, RigidTransform
+from fvs_engine.images.pixels import load_rgb, reduced_size
+from fvs_engine.splat.views import TrainingView
+
+Array = NDArray[np.float64]
+
+MAX_SHIFT_PX = 0.1
+"""A camera whose pixels lie within this of where another's do, at the training size, shows the same image."""
+
+_ZOOMS = (0.5, 4.0)
+_ZOOM_STEPS = 30
+_BORDER_SAMPLES = 33
+
+
+class Photographs:
+    """Loads the photographs of a folder as pinhole cameras would have taken them, ``long_side_px`` long.
+
+    The maps from pinhole pixels to photographs are kept per camera: views that share a camera share one.
+    """
+
+    def __init__(self, image_dir: Path, long_side_px: int) -> None:
+        self._image_dir = image_dir
+        self._long_side_px = long_side_px
+        self._pinholes: dict[Camera, PinholeCamera] = {}
+        self._maps: dict[Camera, Array] = {}
+
+    def pinhole(self, camera: Camera) -> PinholeCamera:
+        """The camera, at the training size, of the photographs that ``camera`` took.
+
+        It looks the same way from the same place; what a lens bent is zoomed to the widest view that has no
+        empty pixel. Raises ``InvalidInputError`` when no zoom in sane bounds has none.
+        """
+        if camera not in self._pinholes:
+            size = reduced_size(camera.width, camera.height, self._long_side_px)
+            self._pinholes[camera] = (
+                camera.resized(*size) if isinstance(camera, PinholeCamera) else _filled(camera, size)
+            )
+        return self._pinholes[camera]
+
+    def load(self, name: str, camera: Camera, camera_from_model: RigidTransform) -> TrainingView:
+        """Read a photograph. Raises ``InvalidInputError`` when its size is not its camera's."""
+        pinhole = self.pinhole(camera)
+        image = load_rgb(self._image_dir / name, self._long_side_px)
+        if image.shape[:2] != (pinhole.height, pinhole.width):
+            raise InvalidInputError(
+                f"{self._image_dir / name} becomes {image.shape[1]}×{image.shape[0]} px, "
+                f"its camera {pinhole.width}×{pinhole.height} px.",
+                hint="Give the images that the cameras were computed from.",
+            )
+        if not isinstance(camera, PinholeCamera):
+            if camera not in self._maps:
+                self._maps[camera] = _source_pixels(camera, pinhole, _grid(pinhole))
+            image = _resampled(image, self._maps[camera])
+        return TrainingView(name, pinhole, camera_from_model, image)
+
+    def same_image(self, first: Camera, second: Camera) -> bool:
+        """Whether a photograph looks the same by either camera: no pixel differs by ``MAX_SHIFT_PX``."""
+        if first == second:
+            return True
+        if (first.width, first.height) != (second.width, second.height):
+            return False
+        old, new = self.pinhole(first), self.pinhole(second)
+        border = _border(old)
+        rays = old.unproject(border)
+        shift = np.abs(new.project(rays) - border).max()
+        bent = np.abs(_source_pixels(second, new, border) - _source_pixels(first, old, border)).max()
+        return bool(max(shift, bent) < MAX_SHIFT_PX)
+
+
+def _filled(camera: Camera, size: tuple[int, int]) -> PinholeCamera:
+    """The widest pinhole camera of ``size`` whose pixels are all in the photograph."""
+    low, high = _ZOOMS
+    if not _is_filled(camera, _zoomed(camera, size, high)):
+        raise InvalidInputError(
+            f"No pinhole view fits into the images of the {camera.width}×{camera.height} px camera.",
+            hint="Its distortion is wrong, or far too strong: undistort the images first.",
+        )
+    for _ in range(_ZOOM_STEPS):
+        middle = 0.5 * (low + high)
+        if _is_filled(camera, _zoomed(camera, size, middle)):
+            high = middle
+        else:
+            low = middle
+    return _zoomed(camera, size, high)
+
+
+def _zoomed(camera: Camera, size: tuple[int, int], zoom: float) -> PinholeCamera:
+    plain = PinholeCamera(
+        camera.width, camera.height, zoom * camera.fx, zoom * camera.fy, camera.cx, camera.cy
+    )
+    return plain.resized(*size)
+
+
+def _is_filled(camera: Camera, pinhole: PinholeCamera) -> bool:
+    where = _source_pixels(camera, pinhole, _border(pinhole))
+    inside = (where >= 0) & (where <= np.array([pinhole.width, pinhole.height]))
+    return bool(inside.all())
+
+
+def _border(pinhole: PinholeCamera) -> Array:
+    """Pixels [B, 2] along the outline of the image."""
+    x = np.linspace(0.5, pinhole.width - 0.5, _BORDER_SAMPLES)
+    y = np.linspace(0.5, pinhole.height - 0.5, _BORDER_SAMPLES)
+    sides = [(x, np.full_like(x, value)) for value in (y[0], y[-1])]
+    sides += [(np.full_like(y, value), y) for value in (x[0], x[-1])]
+    return np.concatenate([np.stack(side, axis=-1) for side in sides])
+
+
+def _grid(pinhole: PinholeCamera) -> Array:
+    y, x = np.mgrid[: pinhole.height, : pinhole.width] + 0.5
+    return np.stack([x, y], axis=-1)
+
+
+def _source_pixels(camera: Camera, pinhole: PinholeCamera, pixels: Array) -> Array:
+    """Where ``pixels`` [..., 2] of the pinhole image lie in the photograph reduced to the same size."""
+    scale = np.array([pinhole.width / camera.width, pinhole.height / camera.height])
+    return np.asarray(camera.project(pinhole.unproject(pixels)) * scale)
+
+
+def _resampled(image: NDArray[np.uint8], where: Array) -> NDArray[np.uint8]:
+    """The image [H, W, 3] at pixels ``where`` [H, W, 2].
+
+    By a cubic spline: the photograph was reduced already, and bilinear weights would blur it once more.
+    """
+    rows_columns = np.moveaxis(where[..., ::-1] - 0.5, -1, 0)
+    channels = [
+        map_coordinates(image[..., channel].astype(np.float32), rows_columns, order=3, mode="nearest")
+        for channel in range(3)
+    ]
+    return np.stack(channels, axis=-1).round().clip(0, 255).astype(np.uint8)

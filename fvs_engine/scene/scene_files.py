@@ -1,0 +1,128 @@
+"""What a growing scene keeps on disk, and where.
+
+scene.json               which dataset and settings the folder belongs to
+checkpoint.safetensors   the whole state: Gaussians, optimiser, views, what was visited (one file, one moment)
+sfm/                     features, matches, and the growing reconstruction
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fvs_engine.atomic_file import write_text_atomically
+from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.geometry import DistortedCamera, PinholeCamera, RigidTransform
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.reconstruction import PosedView
+
+
+class ViewMemory(BaseModel):
+    """A registered view as training knows it; ``camera_from_model`` is a matrix [4, 4]."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    camera: PinholeCamera | DistortedCamera
+    camera_from_model: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(cls, view: PosedView) -> Self:
+        """What to remember of a view."""
+        rows = tuple(tuple(float(value) for value in row) for row in view.camera_from_model.matrix)
+        return cls(name=view.name, camera=view.camera, camera_from_model=rows)
+
+    def posed(self) -> PosedView:
+        """The view again."""
+        return PosedView(self.name, self.camera, RigidTransform.from_matrix(self.camera_from_model))
+
+
+class SceneMemory(BaseModel):
+    """What a scene remembers beside its trainer, in the same checkpoint."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    visited: tuple[str, ...]
+    views: tuple[ViewMemory, ...]
+    initial_views: int
+    generation: int
+
+
+@dataclass(frozen=True)
+class SceneFiles:
+    """The paths in a scene's folder."""
+
+    root: Path
+
+    @property
+    def identity(self) -> Path:
+        """Whose scene this is."""
+        return self.root / "scene.json"
+
+    @property
+    def checkpoint(self) -> Path:
+        """The state of the last save."""
+        return self.root / "checkpoint.safetensors"
+
+    @property
+    def sfm(self) -> Path:
+        """What structure from motion keeps."""
+        return self.root / "sfm"
+
+    def claim(self, dataset: Dataset, settings: SceneSettings) -> None:
+        """Create the folder for this dataset and these settings, or check that it was made for them.
+
+        How many threads structure from motion has may change. Raises ``InvalidInputError`` when the folder
+        was made for others, ``StorageError`` when it cannot be used.
+        """
+        identity = {
+            "dataset": _fingerprint(dataset),
+            "settings": settings.model_dump(mode="json", exclude={"sfm": {"threads"}}),
+        }
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            before = json.loads(self.identity.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            write_text_atomically(self.identity, json.dumps(identity, indent=1) + "\n")
+            return
+        except (OSError, ValueError) as error:
+            raise StorageError(
+                f"{self.identity} cannot be read: {error}", hint="Choose another folder, or delete this one."
+            ) from error
+        if before != identity:
+            raise InvalidInputError(
+                f"{self.root} holds a scene of {_difference(before, identity)}.",
+                hint="Give what it was begun with, or choose another folder.",
+            )
+
+    def memory(self, state: Any) -> SceneMemory:
+        """The scene's part of a checkpoint's state; raises ``StorageError`` when there is none."""
+        try:
+            return SceneMemory.model_validate(state["owner"])
+        except (KeyError, ValidationError) as error:
+            raise StorageError(
+                f"{self.checkpoint} is not the checkpoint of a scene.",
+                hint="Delete the folder and start again.",
+            ) from error
+
+
+def _fingerprint(dataset: Dataset) -> str:
+    """A digest of the views: what they are called, and where and with which cameras they were taken."""
+    digest = hashlib.sha256()
+    for view in dataset.views:
+        digest.update(f"{view.name}\0{view.camera}\0".encode())
+        digest.update(np.ascontiguousarray(view.camera_from_world.matrix).tobytes())
+    return digest.hexdigest()
+
+
+def _difference(before: Any, now: dict[str, Any]) -> str:
+    if not isinstance(before, dict) or before.get("dataset") != now["dataset"]:
+        return "another dataset"
+    old, new = before.get("settings") or {}, now["settings"]
+    changed = sorted(key for key in {*old, *new} if old.get(key) != new.get(key))
+    return f"other settings ({', '.join(changed)})"

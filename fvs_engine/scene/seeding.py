@@ -1,0 +1,102 @@
+"""Where new Gaussians start: on sparse points that nothing stands for yet; at worst, on guesses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.initialise import initialise_from_points, point_spacing
+from fvs_engine.splat.views import TrainingView, scene_extent
+
+Array = NDArray[np.float64]
+
+FREE_SPACING = 0.5
+"""A point is new when nothing stands within this share of the distance to its neighbours."""
+
+GUESSES_PER_VIEW = 2_000
+_DEPTHS = (0.3, 4.0)
+"""Nearest and farthest guess, in typical depths of the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Places for Gaussians: ``points`` and the distance to their neighbours, ``spacing`` [P]."""
+
+    points: PointCloud
+    spacing: Array
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def and_also(self, others: "Seeds") -> "Seeds":
+        """These and ``others``."""
+        points = PointCloud(
+            np.concatenate([self.points.xyz, others.points.xyz]),
+            np.concatenate([self.points.colors, others.points.colors]),
+        )
+        return Seeds(points, np.concatenate([self.spacing, others.spacing]))
+
+    def gaussians(self, sh_degree: int) -> Gaussians:
+        """A round, faint Gaussian on each."""
+        return initialise_from_points(self.points.xyz, self.points.colors, sh_degree, self.spacing)
+
+
+def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seeds:
+    """Seeds on those of ``points`` around which none of ``occupied`` [Q, 3] stands; at most ``room``.
+
+    Only places count, never the points' numbers or their order: structure from motion renumbers its points,
+    and moves them a little, with every adjustment. When there is room for fewer, those with the most space
+    win.
+    """
+    finite = np.isfinite(points.xyz).all(axis=1)
+    xyz, colors = points.xyz[finite], points.colors[finite]
+    if len(xyz) == 0 or room <= 0:
+        return Seeds(PointCloud(xyz[:0], colors[:0]), np.zeros(0))
+    spacing = point_spacing(xyz)
+    distance = cKDTree(occupied).query(xyz)[0] if len(occupied) else np.full(len(xyz), np.inf)
+    order = np.lexsort(xyz.T)
+    free = order[distance[order] > FREE_SPACING * spacing[order]]
+    if len(free) > room:
+        free = np.sort(free[np.argsort(-spacing[free], kind="stable")[:room]])
+    return Seeds(PointCloud(xyz[free], colors[free]), spacing[free])
+
+
+def guessed_seeds(views: Sequence[TrainingView], seed: int) -> Seeds:
+    """Seeds on random rays through the photographs of ``views``, with their colours.
+
+    For views that share so few points that a model cannot start from them. The depths are uniform in their
+    logarithm, around the distance to the point that the views look at together. Nothing is used but the
+    visited photographs and their cameras. Training moves, thins out and replaces these seeds.
+    """
+    generator = np.random.default_rng([seed, len(views)])
+    look_at = _common_focus(views)
+    nearest, farthest = _DEPTHS
+    xyz, colors = [], []
+    for view in views:
+        camera = view.camera
+        pixels = generator.uniform(size=(GUESSES_PER_VIEW, 2)) * [camera.width, camera.height]
+        typical = float(np.linalg.norm(view.centre - look_at))
+        depths = typical * np.exp(generator.uniform(np.log(nearest), np.log(farthest), GUESSES_PER_VIEW))
+        xyz.append(view.camera_from_model.inverse().apply(camera.unproject(pixels, depths)))
+        columns, rows = pixels.astype(np.int64).T
+        colors.append(view.image[rows, columns])
+    points = PointCloud(np.concatenate(xyz), np.concatenate(colors))
+    return Seeds(points, point_spacing(points.xyz))
+
+
+def _common_focus(views: Sequence[TrainingView]) -> Array:
+    """The point nearest to all optical axes; ahead of the cameras by their spread when it is behind one."""
+    centres = np.stack([view.centre for view in views])
+    forward = np.stack([view.camera_from_model.rotation[2] for view in views])
+    across = np.eye(3) - forward[:, :, None] * forward[:, None, :]
+    target = (across @ centres[:, :, None]).sum(axis=0)[:, 0]
+    focus = np.linalg.lstsq(across.sum(axis=0), target, rcond=1e-6)[0]
+    ahead = ((focus - centres) * forward).sum(axis=1)
+    if (ahead > 0).all():
+        return np.asarray(focus)
+    spread = scene_extent(views, (centres + forward).astype(np.float32))
+    return np.asarray(centres.mean(axis=0) + spread * forward.mean(axis=0))

@@ -1,0 +1,51 @@
+"""What can be chosen about a scene that grows."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.settings import Densification, TrainingSettings
+
+_NEVER = 1_000_000
+
+GROWING_TRAINING = TrainingSettings(
+    iterations=30_000,
+    sh_degree=0,
+    max_gaussians=300_000,
+    densification=Densification(
+        first_iteration=100,
+        last_iteration=_NEVER,
+        interval=100,
+        phase=50,
+        opacity_reset_interval=_NEVER,
+    ),
+)
+"""The coarse model of a scene whose end nobody knows.
+
+The positions' learning rate decays over the paper's 30,000 iterations, whatever has been asked for so far:
+a horizon that ended with the present views would leave nothing to move new Gaussians with. Densification
+goes on as long as views come, and half-way between two additions of the usual schedule, so that a model that
+was just split is never judged. Opacities are not reset: the model is used after every addition, and must be
+whole then.
+"""
+
+
+class SceneSettings(BaseModel):
+    """How a scene finds its cameras and how long it learns; frozen, and stored with the scene.
+
+    ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. Training
+    lasts ``initial_iterations``, and ``iterations_per_view`` more for every view that is registered after the
+    first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the images it learns
+    from.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    poses: Literal["sfm", "known"] = "sfm"
+    long_side_px: int = Field(default=800, ge=32)
+    initial_iterations: int = Field(default=1_000, ge=0)
+    iterations_per_view: int = Field(default=100, ge=0)
+    training: TrainingSettings = GROWING_TRAINING
+    sfm: SfmSettings = SfmSettings()
+    seed: int = Field(default=0, ge=0)

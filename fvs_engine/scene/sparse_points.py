@@ -1,0 +1,78 @@
+"""Sparse points that know which views saw them, so that a model holds nothing nobody has visited."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+MIN_VIEWS = 2
+"""A point in fewer visited views could not have been triangulated from them."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points ``xyz`` [P, 3] in the model frame with ``colors`` [P, 3] uint8."""
+
+    xyz: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePoints:
+    """A dataset's points with their tracks.
+
+    Observation i says that view ``observing_view[i]`` (an index into ``view_names``) saw point
+    ``observed_point[i]`` (an index into ``cloud``); no pair occurs twice.
+    """
+
+    cloud: PointCloud
+    view_names: tuple[str, ...]
+    observing_view: NDArray[np.int64]
+    observed_point: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.cloud)
+
+    def seen_by(self, names: Iterable[str]) -> PointCloud:
+        """The points that at least two of the views ``names`` saw.
+
+        Where the dataset's model puts a point also depends on views that were not visited; which points there
+        are does not.
+        """
+        visited = set(names)
+        is_visited = np.array([name in visited for name in self.view_names], dtype=bool)
+        seen = self.observed_point[is_visited[self.observing_view]]
+        chosen = np.bincount(seen, minlength=len(self)) >= MIN_VIEWS
+        return PointCloud(self.cloud.xyz[chosen], self.cloud.colors[chosen])
+
+
+def points_from_pycolmap(model: pycolmap.Reconstruction, names: Mapping[str, str]) -> SparsePoints | None:
+    """The points of a COLMAP model that views in ``names`` saw; None when there are none.
+
+    ``names`` maps an image's name in the model to the view's. Points that are not finite are left out.
+    """
+    view_names = tuple(sorted(names.values()))
+    index = {name: i for i, name in enumerate(view_names)}
+    view_of_image = {
+        image_id: index[names[image.name]] for image_id, image in model.images.items() if image.name in names
+    }
+    points = [point for _, point in sorted(model.points3D.items()) if np.isfinite(point.xyz).all()]
+    pairs = {
+        (view_of_image[element.image_id], number)
+        for number, point in enumerate(points)
+        for element in point.track.elements
+        if element.image_id in view_of_image
+    }
+    if not pairs:
+        return None
+    observations = np.array(sorted(pairs), dtype=np.int64)
+    cloud = PointCloud(
+        np.array([point.xyz for point in points], dtype=np.float64),
+        np.array([point.color for point in points], dtype=np.uint8),
+    )
+    return SparsePoints(cloud, view_names, observations[:, 0], observations[:, 1])
