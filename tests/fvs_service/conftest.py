@@ -48,18 +48,18 @@ def fvs_command() -> Callable[..., list[str]]:
 
 @pytest.fixture(scope="session")
 def fvs_until(fvs_command: Callable[..., list[str]]) -> Callable[..., tuple[int, str]]:
-    """Run the program with --json until it reports a stage that ``wanted`` accepts, then send a signal.
+    """Run the program with --json until it writes a report that ``wanted`` accepts, then send a signal.
 
     Returns the exit status and the rest of what the program said on stderr.
     """
 
-    def call(*arguments: object, wanted: Callable[[str], bool], number: int) -> tuple[int, str]:
+    def call(*arguments: object, wanted: Callable[[dict[str, Any]], bool], number: int) -> tuple[int, str]:
         command = fvs_command(*arguments, "--json")
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True) as process:
             assert process.stderr is not None
             for line in process.stderr:
-                if wanted(json.loads(line).get("stage", "")):
+                if wanted(json.loads(line)):
                     process.send_signal(number)
                     break
             _, rest = process.communicate(timeout=120)

@@ -1,4 +1,4 @@
-"""The numbers that issue 2 asks for, on whole scenes with ground truth.
+"""Accuracy on whole scenes with ground truth, from photographs alone.
 
 Mappers do not repeat across settings and threads, so nothing here says which of them fails. Every candidate
 is measured against the truth: the kept model is right, and whatever was grossly wrong was refused.
@@ -12,7 +12,6 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
-from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry.alignment import umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import read_keypoints, read_verified_pairs
@@ -123,26 +122,9 @@ def test_fountain_without_intrinsics_is_right_to_ten_millimetres(data_dir: Path,
     assert_gross_errors_were_refused(result, truth)
 
 
-def test_castle_without_intrinsics_is_right_or_not_believed(data_dir: Path, tmp_path: Path):
+def test_castle_without_intrinsics_is_right_to_half_a_metre(data_dir: Path, tmp_path: Path):
     truth = strecha_centres(data_dir / "castle-P19")
-    try:
-        result = find_cameras(data_dir / "castle-P19", tmp_path)
-    except ReconstructionError:
-        return  # no model is no silently wrong model
+    result = find_cameras(data_dir / "castle-P19", tmp_path)
     found, _ = errors(result.reconstruction.centres(), truth)
-    if np.median(found) > 0.500:
-        assert result.report.verdict == "doubtful"
-        assert any("DOUBTFUL" in warning for warning in result.report.warnings)
+    assert np.median(found) <= 0.500
     assert_gross_errors_were_refused(result, truth)
-
-
-def test_banana_fails_clearly_or_passes_the_gate(data_dir: Path, tmp_path: Path):
-    hint = ""
-    try:
-        result = find_cameras(data_dir / "banana", tmp_path)
-    except ReconstructionError as error:
-        hint = error.hint
-    else:
-        assert result.report.verdict in ("accepted", "doubtful")
-        return
-    assert hint
