@@ -119,6 +119,21 @@ def verified_pair_count(path: Path, min_matches: int) -> int:
         return int(db.execute(query, (min_matches,)).fetchone()[0])
 
 
+def verified_matches(path: Path, min_matches: int) -> dict[tuple[str, str], int]:
+    """Pair of names → how many verified matches it has, for pairs with at least ``min_matches``."""
+    configurations = ",".join(map(str, sorted(_VERIFIED)))
+    query = (
+        f"SELECT pair_id, rows FROM two_view_geometries WHERE rows >= ? AND config IN ({configurations}) "
+        "ORDER BY pair_id"
+    )
+    names = {image_id: name for name, image_id in image_ids(path).items()}
+    with _reading(path) as db:
+        return {
+            (names[pair_id // _MAX_IMAGES], names[pair_id % _MAX_IMAGES]): rows
+            for pair_id, rows in db.execute(query, (min_matches,))
+        }
+
+
 def read_verified_pairs(path: Path, min_matches: int) -> list[VerifiedPair]:
     """The verified pairs, ordered by image ids."""
     database = pycolmap.Database.open(path)

@@ -1,6 +1,6 @@
 """Stage two: which pairs show the same thing, matched and geometrically verified."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.sfm.database import count_rows, gps_positions, image_ids, matched_pairs, read_descriptors
@@ -20,10 +20,21 @@ def match_features(stages: Stages, names: Sequence[str]) -> None:
     exhaustive = len(known) <= stages.settings.exhaustive_up_to
     with stages.timed("pairs"):
         pairs = exhaustive_pairs(len(known)) if exhaustive else _select(stages, known)
-    done = matched_pairs(database)
-    numbers = [ids[name] for name in known]
-    todo = [(i, j) for i, j in pairs if _ordered(numbers[i], numbers[j]) not in done]
     stages.pairs_matched = len(pairs)
+    _match(stages, [(known[i], known[j]) for i, j in pairs], ids, listed=not exhaustive)
+
+
+def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
+    """Match these pairs of image names; what is done is skipped."""
+    _match(stages, pairs, image_ids(stages.folder.database), listed=True)
+
+
+def _match(
+    stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int], *, listed: bool
+) -> None:
+    database = stages.folder.database
+    done = matched_pairs(database)
+    todo = [pair for pair in pairs if _ordered(ids[pair[0]], ids[pair[1]]) not in done]
     if todo:
         begun = len(done)
         with stages.timed("matching"):
@@ -31,7 +42,7 @@ def match_features(stages: Stages, names: Sequence[str]) -> None:
                 "match",
                 {
                     "database": str(database),
-                    "pair_list": None if exhaustive else _write_list(stages, known, todo),
+                    "pair_list": _write_list(stages, todo) if listed else None,
                     "block": _BLOCK_IMAGES,
                     "seed": stages.settings.seed,
                     "threads": stages.settings.threads,
@@ -66,16 +77,21 @@ def _select(stages: Stages, names: Sequence[str]) -> list[tuple[int, int]]:
     )
 
 
-def _write_list(stages: Stages, names: Sequence[str], pairs: Sequence[tuple[int, int]]) -> str:
+def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]]) -> str:
+    require_plain_names([name for pair in pairs for name in pair])
+    file = stages.folder.root / "pairs.txt"
+    file.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    return str(file)
+
+
+def require_plain_names(names: Iterable[str]) -> None:
+    """Raise ``InvalidInputError`` for a name with white space, which COLMAP's list of pairs cannot hold."""
     spaced = next((name for name in names if any(letter.isspace() for letter in name)), None)
     if spaced is not None:
         raise InvalidInputError(
             f"The image name {spaced!r} has white space, which COLMAP's list of pairs cannot hold.",
-            hint=f"Rename the images, or match every pair (exhaustive_up_to ≥ {len(names)}).",
+            hint="Rename the images, or have every pair of them matched (exhaustive_up_to).",
         )
-    file = stages.folder.root / "pairs.txt"
-    file.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in pairs), encoding="utf-8")
-    return str(file)
 
 
 def _ordered(first: int, second: int) -> tuple[int, int]:

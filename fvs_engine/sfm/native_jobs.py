@@ -13,6 +13,8 @@ from typing import Any
 
 import pycolmap
 
+from fvs_engine.sfm.native_growing import copy_features, grow, locate
+
 Report = Callable[[int], None]
 
 
@@ -204,6 +206,9 @@ JOBS: Mapping[str, Callable[..., Any]] = {
         map_global,
         triangulate,
         undistort,
+        grow,
+        locate,
+        copy_features,
     )
 }
 """Name → job, as ``native.run_native`` calls them."""

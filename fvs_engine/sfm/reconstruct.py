@@ -61,7 +61,7 @@ def reconstruct(
     extract_features(stages, image_dir, names)
     match_features(stages, names)
     witnesses = read_witnesses(stages)
-    scenes = _map(stages, image_dir, len(names), witnesses)
+    scenes = map_images(stages, image_dir, len(names), witnesses)
     decision = decide([scene.candidate for scene in scenes], settings.gate)
     return _conclude(stages, names, scenes, decision)
 
@@ -77,7 +77,7 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
     return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
 
 
-def _map(stages: Stages, image_dir: Path, count: int, witnesses: Witnesses) -> list[MappedScene]:
+def map_images(stages: Stages, image_dir: Path, count: int, witnesses: Witnesses) -> list[MappedScene]:
     """Both mappers for small sets; for large ones the second only when the first leaves doubt."""
     small = count <= stages.settings.both_mappers_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")

@@ -105,7 +105,7 @@ class Stages:
         return names
 
     def _forget_stale(self, image_dir: Path, names: Sequence[str]) -> None:
-        settings = self.settings.model_dump(mode="json", exclude={"threads"})
+        settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
         features = {
             key: settings[key] for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics")
         }
