@@ -12,7 +12,6 @@ ranking/                       ranking.json and contact_sheet.png of the last `f
 """
 
 import contextlib
-import fcntl
 import re
 import shutil
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.pipeline.folder_lock import locked_folder
 from fvs_engine.pipeline.manifest import Manifest, Metrics
 from fvs_engine.pipeline.storage import storage_errors, write_atomically
 
@@ -111,20 +111,7 @@ class Workspace:
                     f"{self.root} is not empty and was not made by fvs (it holds {min(foreign)}).",
                     hint="Choose another output folder; nothing was changed.",
                 )
-            lock = (self.root / ".lock").open("w")
-        with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise OutputExistsError(
-                    f"Another process is writing to {self.root}.",
-                    hint="Wait until it is done, or choose another output folder.",
-                ) from error
-            except OSError as error:  # some network file systems
-                raise StorageError(
-                    f"{self.root} lies on a file system that cannot lock files: {error.strerror}.",
-                    hint="Choose an output folder on a local disk.",
-                ) from error
+        with locked_folder(self.root):
             yield
 
     def read_manifest(self) -> Manifest | None:

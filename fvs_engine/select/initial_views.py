@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.scene.dataset import DatasetView
 from fvs_engine.score import Candidate
 from fvs_engine.select.view_distance import view_distances
 
@@ -13,9 +15,9 @@ InitialChoice = Literal["first", "consecutive", "farthest"]
 
 
 def initial_views(
-    views: Sequence[Candidate], count: int, choice: InitialChoice, seed: int
+    views: Sequence[DatasetView], count: int, choice: InitialChoice, seed: int
 ) -> tuple[str, ...]:
-    """The ids of ``count`` of ``views``, which are in order of capture, in the order of their visit.
+    """The names of ``count`` of ``views``, which are in order of capture, in the order of their visit.
 
     ``first``: the first of the capture, as a vehicle takes them on its way in (the paper). ``consecutive``:
     as many in a row, from a place that ``seed`` draws. ``farthest``: spread over position and direction from
@@ -24,11 +26,12 @@ def initial_views(
     """
     generator = np.random.default_rng(seed)
     if choice == "farthest":
-        indices = _spread(view_distances(views, views), count, int(generator.integers(len(views))))
+        poses = [_as_candidate(view) for view in views]
+        indices = _spread(view_distances(poses, poses), count, int(generator.integers(len(views))))
     else:
         start = int(generator.integers(len(views) - count + 1)) if choice == "consecutive" else 0
         indices = list(range(start, start + count))
-    return tuple(views[index].id for index in indices)
+    return tuple(views[index].name for index in indices)
 
 
 def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
@@ -38,3 +41,10 @@ def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
         separation[chosen] = -1.0  # a view that coincides with a chosen one still comes before that one again
         chosen.append(int(np.argmax(separation)))
     return chosen
+
+
+def _as_candidate(view: DatasetView) -> Candidate:
+    """The view in the dataset's frame; ``view_distances`` looks at nothing but its pose."""
+    camera = view.camera
+    plain = PinholeCamera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+    return Candidate(view.name, plain, view.camera_from_world)

@@ -2,18 +2,16 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.errors import Cancelled, InvalidInputError
-from fvs_engine.geometry import PinholeCamera
+from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.scene.photographs import Photographs
 from fvs_engine.score import Candidate
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
@@ -81,7 +79,6 @@ class SelectionLoop:
         self._folder = folder
         self._manifest = manifest
         self._selector = create_selector(settings.method)
-        self._cameras = _candidate_cameras(dataset, self.train_names, settings.scene.long_side_px)
         self._centres = dataset.centres()
         self._clock = Clock(settings.time_limit_s)
         self._begun = False
@@ -108,9 +105,9 @@ class SelectionLoop:
         reach = Reach(settings.radius, settings.nearest)
         if settings.radius is None and settings.nearest is None:
             reach = Reach(radius=default_radius(np.stack([centres[name] for name in dataset.names])))
-        cameras = _candidate_cameras(dataset, pool, settings.scene.long_side_px)
-        views = [Candidate(name, cameras[name], dataset.by_name[name].camera_from_world) for name in pool]
-        initial = initial_views(views, settings.initial, settings.initial_choice, settings.seed)
+        initial = initial_views(
+            [dataset.by_name[name] for name in pool], settings.initial, settings.initial_choice, settings.seed
+        )
         unvisited = {name: centres[name] for name in pool if name not in initial}
         stop = nothing_in_reach(reach, centres[initial[-1]], unvisited)
         if stop is not None and settings.budget > settings.initial:
@@ -204,18 +201,35 @@ class SelectionLoop:
             gaussians=self.scene.gaussians,
             rasterizer=self.scene.rasterizer,
             sh_degree=self.scene.sh_degree,
-            visited=tuple(registered.get(name) or self._candidate(name, alignment) for name in self.visited),
-            candidates=tuple(self._candidate(name, alignment) for name in candidates),
+            visited=tuple(
+                registered.get(view.id, view) for view in self._candidates(self.visited, alignment)
+            ),
+            candidates=self._candidates(candidates, alignment),
             order={name: index for index, name in enumerate(self.train_names)},
             budget=self.settings.budget,
             seed=self.settings.seed,
             step=len(self._records),
         )
 
-    def _candidate(self, name: str, alignment: ModelAlignment) -> Candidate:
-        world_from_camera = self.dataset.by_name[name].camera_from_world.inverse()
-        model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
-        return Candidate(name, self._cameras[name], model_from_camera.inverse())
+    def _candidates(self, names: Iterable[str], alignment: ModelAlignment) -> tuple[Candidate, ...]:
+        """Views of the dataset in the model frame.
+
+        Scores of different image sizes cannot be compared, so that a view of another size than most have sees
+        with the camera that most have.
+        """
+        cameras = {name: self.scene.expected_camera(name) for name in names}
+        if not cameras:
+            return ()
+        (size, _), *_ = Counter((camera.width, camera.height) for camera in cameras.values()).most_common()
+        fitting = [camera for camera in cameras.values() if (camera.width, camera.height) == size]
+        (usual, _), *_ = Counter(fitting).most_common()
+        candidates = []
+        for name, camera in cameras.items():
+            world_from_camera = self.dataset.by_name[name].camera_from_world.inverse()
+            model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
+            comparable = camera if (camera.width, camera.height) == size else usual
+            candidates.append(Candidate(name, comparable, model_from_camera.inverse()))
+        return tuple(candidates)
 
     def _stop_reason(self) -> StopReason | None:
         visited = self.visited
@@ -277,29 +291,15 @@ class SelectionLoop:
         times = [time.monotonic()]
         update = self.scene.add(tuple(names), monitor)
         times.append(time.monotonic())
-        try:
-            self.scene.train(monitor)
-        except Cancelled:
-            self.scene.save()  # what was trained need not be trained again
-            raise
+        if not self.scene.views:
+            raise ReconstructionError(
+                f"None of the {len(self.visited)} initial views could be registered: they do not overlap, or "
+                "not enough.",
+                hint="Begin with more views, or others (--initial, --initial-choice), or with --poses known.",
+            )
+        self.scene.train(monitor)
         times.append(time.monotonic())
         self.scene.save()
         times.append(time.monotonic())
         add, train, save = np.diff(times).tolist()
         return update.warnings, {"add": add, "train": train, "save": save}
-
-
-def _candidate_cameras(dataset: Dataset, names: Sequence[str], long_side_px: int) -> dict[str, PinholeCamera]:
-    """What views see with as candidates: their own cameras, undistorted, at the training size.
-
-    Scores of different image sizes cannot be compared, so that a view of another size than most have takes
-    the camera that most have.
-    """
-    photographs = Photographs(dataset.image_dir, long_side_px)
-    cameras = {name: photographs.pinhole(dataset.by_name[name].camera) for name in names}
-    size, _ = Counter((camera.width, camera.height) for camera in cameras.values()).most_common(1)[0]
-    fitting = [camera for camera in cameras.values() if (camera.width, camera.height) == size]
-    usual, _ = Counter(fitting).most_common(1)[0]
-    return {
-        name: camera if (camera.width, camera.height) == size else usual for name, camera in cameras.items()
-    }

@@ -1,0 +1,36 @@
+"""Where in a folder a dataset keeps its photographs and its poses."""
+
+from pathlib import Path
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.sfm.reconstruction import has_colmap_model
+
+_MODELS = ("reference", "sparse/0", "sparse", "0", ".")
+"""Where published datasets put their COLMAP model."""
+
+
+def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | None = None) -> Dataset:
+    """The dataset in ``folder``: photographs in it or in its ``images``, poses given or found there.
+
+    Poses are those of the COLMAP model ``colmap`` or of the file ``transforms``; without either those of
+    ``transforms.json``, else of a COLMAP model in ``reference``, ``sparse/0``, ``sparse`` or the folder
+    itself. Raises ``InvalidInputError`` when there are none, and what ``read_dataset`` raises.
+    """
+    if not folder.is_dir():
+        raise InvalidInputError(f"{folder} is not a folder.", hint="Give the folder of the dataset.")
+    images = folder / "images" if (folder / "images").is_dir() else folder
+    if colmap is not None and transforms is not None:
+        raise InvalidInputError("Poses come from one place.", hint="Give either --colmap or --transforms.")
+    if colmap is None and transforms is None:
+        if (folder / "transforms.json").is_file():
+            transforms = folder / "transforms.json"
+        else:
+            models = (folder / place for place in _MODELS)
+            colmap = next((model for model in models if has_colmap_model(model)), None)
+    if colmap is None and transforms is None:
+        raise InvalidInputError(
+            f"{folder} holds no poses: no transforms.json and no COLMAP model (in it, reference or sparse/0).",
+            hint="Name them with --colmap DIR or --transforms FILE; `fvs reconstruct` makes a COLMAP model.",
+        )
+    return read_dataset(images, colmap, transforms)
