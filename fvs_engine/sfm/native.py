@@ -37,7 +37,7 @@ def run_native(
     on_tick: Progress | None = None,
     on_event: Callable[[int], None] | None = None,
 ) -> Any:
-    """Run ``job`` (one of ``native_jobs.JOBS``) with JSON ``arguments`` in a child; returns its JSON result.
+    """Run ``job`` (see ``native_jobs.find_job``) with JSON ``arguments`` in a child; returns its JSON result.
 
     ``on_tick`` is called a few times a second while the child works, ``on_event`` with each number that it
     reports. Raises ``Cancelled`` when the monitor says so: the child is dead by then; and

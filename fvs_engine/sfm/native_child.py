@@ -28,9 +28,9 @@ def main() -> None:
     threading.Thread(target=_die_with_parent, daemon=True).start()
     sys.stdout = sys.stderr  # what libraries print belongs in the log
     try:
-        from fvs_engine.sfm.native_jobs import JOBS
+        from fvs_engine.sfm.native_jobs import find_job
 
-        result = JOBS[order["job"]](lambda event: _answer({"event": event}), **order["arguments"])
+        result = find_job(order["job"])(lambda event: _answer({"event": event}), **order["arguments"])
     except Exception as error:
         traceback.print_exc()
         _answer({"error": str(error) or type(error).__name__})

@@ -365,3 +365,7 @@ def _points_seen(
             if point.has_point3D():
                 seen.add((int(match[column]), int(point.point3D_id)))
     return sorted(seen)
+
+
+GROWING_JOBS: Mapping[str, Callable[..., Any]] = {job.__name__: job for job in (grow, copy_features, locate)}
+"""Name → job, as ``native.run_native`` calls them."""

@@ -13,8 +13,6 @@ from typing import Any
 
 import pycolmap
 
-from fvs_engine.sfm.native_growing import copy_features, grow, locate
-
 Report = Callable[[int], None]
 
 
@@ -206,9 +204,15 @@ JOBS: Mapping[str, Callable[..., Any]] = {
         map_global,
         triangulate,
         undistort,
-        grow,
-        locate,
-        copy_features,
     )
 }
-"""Name → job, as ``native.run_native`` calls them."""
+"""Name → job, as ``native.run_native`` calls them; but see ``find_job``."""
+
+
+def find_job(name: str) -> Callable[..., Any]:
+    """The job of that name; those of growth too, whose imports would slow the start of every other one."""
+    if name in JOBS:
+        return JOBS[name]
+    from fvs_engine.sfm.native_growing import GROWING_JOBS
+
+    return GROWING_JOBS[name]
