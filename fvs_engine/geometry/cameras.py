@@ -93,34 +93,35 @@ class DistortedCamera:
         _check_intrinsics(self.width, self.height, self.fx, self.fy, params)
 
     @cached_property
-    def _named(self) -> dict[str, float]:
+    def named_params(self) -> dict[str, float]:
+        """``params`` by their names in ``CAMERA_MODELS``."""
         return dict(zip(CAMERA_MODELS[self.model], self.params, strict=True))
 
     @property
     def fx(self) -> float:
         """Horizontal focal length in px."""
-        return self._named["fx"] if "fx" in self._named else self._named["f"]
+        return self.named_params["fx"] if "fx" in self.named_params else self.named_params["f"]
 
     @property
     def fy(self) -> float:
         """Vertical focal length in px."""
-        return self._named["fy"] if "fy" in self._named else self._named["f"]
+        return self.named_params["fy"] if "fy" in self.named_params else self.named_params["f"]
 
     @property
     def cx(self) -> float:
         """Principal point, px from the left edge."""
-        return self._named["cx"]
+        return self.named_params["cx"]
 
     @property
     def cy(self) -> float:
         """Principal point, px from the top edge."""
-        return self._named["cy"]
+        return self.named_params["cy"]
 
     @cached_property
     def distortion(self) -> Distortion:
         """The lens on the normalised image plane."""
         intrinsics = {"f", "fx", "fy", "cx", "cy"}
-        coefficients = {name: value for name, value in self._named.items() if name not in intrinsics}
+        coefficients = {name: value for name, value in self.named_params.items() if name not in intrinsics}
         if self.model == "OPENCV_FISHEYE":
             return FisheyeDistortion(**coefficients)
         return RationalDistortion(**coefficients)
@@ -129,7 +130,7 @@ class DistortedCamera:
         """The same view on another pixel grid (a single focal length takes the mean of both scales)."""
         sx, sy = width / self.width, height / self.height
         scales = {"f": 0.5 * (sx + sy), "fx": sx, "fy": sy, "cx": sx, "cy": sy}
-        params = tuple(value * scales.get(name, 1.0) for name, value in self._named.items())
+        params = tuple(value * scales.get(name, 1.0) for name, value in self.named_params.items())
         return DistortedCamera(self.model, width, height, params)
 
     def project(self, points: ArrayLike) -> Array:

@@ -74,7 +74,7 @@ class RationalDistortion:
         """Pull points back onto the disc where the model is one-to-one."""
         limit = 0.999999 * np.sqrt(self._fold_r2)
         radius = np.linalg.norm(points, axis=-1, keepdims=True)
-        return np.where(radius > limit, points * (limit / np.maximum(radius, 1e-300)), points)
+        return np.asarray(points * np.minimum(1.0, limit / np.maximum(radius, 1e-300)))
 
     def _value_and_jacobian(self, points: Array) -> tuple[Array, Array]:
         u, v = points[..., 0], points[..., 1]

@@ -1,0 +1,79 @@
+"""A folder of simulated photographs, with the truth beside it in a ``transforms.json``."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from fvs_engine.atomic_file import replacing, write_text_atomically
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import OPENGL_FROM_OPENCV, DistortedCamera, RigidTransform
+from fvs_engine.monitor import Monitor
+from fvs_engine.simulate.camera import SimulatedCamera
+from fvs_engine.simulate.tracing import PackedWorld
+from fvs_engine.simulate.world import World
+
+STAGE = "photographs"
+_JPEG_QUALITY = 95
+_COEFFICIENTS = ("k1", "k2", "p1", "p2")
+_EXIF_IFD, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
+
+
+def write_photographs(
+    folder: Path,
+    world: World,
+    camera: SimulatedCamera,
+    world_from_cameras: Sequence[RigidTransform],
+    monitor: Monitor,
+    seed: int = 0,
+) -> list[Path]:
+    """Photograph ``world`` from every pose into ``folder/images`` and write ``folder/transforms.json``.
+
+    Files are JPEGs named in order, with the focal length in EXIF as phones write it; the truth uses
+    instant-ngp's conventions (OpenGL axes, ``k1 k2 p1 p2``). The same arguments give the same bytes.
+    Raises ``StorageError`` when a file cannot be written and ``Cancelled`` between two of them.
+    """
+    images = folder / "images"
+    images.mkdir(parents=True, exist_ok=True)
+    packed = PackedWorld(world)
+    exif = Image.Exif()
+    exif.get_ifd(_EXIF_IFD)[_FOCAL_LENGTH_35MM] = round(36.0 * camera.camera.fx / camera.camera.width)
+    paths = []
+    for index, world_from_camera in enumerate(world_from_cameras):
+        monitor.check()
+        path = images / f"{index:04d}.jpg"
+        photograph = Image.fromarray(camera.photograph(packed, world_from_camera, seed * 1_000_003 + index))
+        with replacing(path) as temporary:
+            photograph.save(temporary, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, exif=exif)
+        paths.append(path)
+        monitor.report(STAGE, index + 1, len(world_from_cameras))
+    truth = _transforms(camera, paths, world_from_cameras)
+    write_text_atomically(folder / "transforms.json", json.dumps(truth, indent=1))
+    return paths
+
+
+def _transforms(
+    camera: SimulatedCamera, paths: Sequence[Path], world_from_cameras: Sequence[RigidTransform]
+) -> dict[str, Any]:
+    lens = camera.camera
+    coefficients = lens.named_params if isinstance(lens, DistortedCamera) else {}
+    if set(coefficients) - {"f", "fx", "fy", "cx", "cy", *_COEFFICIENTS}:
+        raise InvalidInputError("A transforms.json holds only the coefficients k1, k2, p1 and p2.")
+    return {
+        "w": lens.width,
+        "h": lens.height,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        **{name: coefficients.get(name, 0.0) for name in _COEFFICIENTS},
+        "frames": [
+            {
+                "file_path": f"images/{path.name}",
+                "transform_matrix": (world_from_camera @ OPENGL_FROM_OPENCV).matrix.tolist(),
+            }
+            for path, world_from_camera in zip(paths, world_from_cameras, strict=True)
+        ],
+    }
