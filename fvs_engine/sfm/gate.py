@@ -115,10 +115,10 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     evidence = candidate.evidence
     if evidence is None:
         return Judgement("refused", ("No verified pair of images speaks for it.",))
+    support = f"{evidence.match_support:.1%} of the verified matches fit its cameras."
     refusals = []
-    support = f"{evidence.match_support:.1%} of the verified matches fit its cameras"
     if evidence.match_support < settings.min_doubtful_match_support:
-        refusals.append(f"Only {support}.")
+        refusals.append(f"Only {support}")
     if evidence.rotation_support is not None and evidence.rotation_support < settings.min_rotation_support:
         refusals.append(
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
@@ -133,15 +133,22 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         and evidence.prior_residual_share > settings.max_prior_disagreement
     ):
         refusals.append(f"Its cameras are {evidence.prior_residual_share:.0%} of the track away from GPS.")
-    confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
-    weak = evidence.match_support < settings.min_match_support
-    if weak and confirmation is None and not refusals:
-        refusals.append(f"Only {support}, and neither another mapper nor GPS confirms them.")
     if refusals:
         return Judgement("refused", tuple(refusals))
-    if weak:
-        return Judgement("doubtful", (f"Only {support}, but {confirmation} them.",))
-    return Judgement("accepted", (f"{support[0].upper()}{support[1:]}.",))
+    weaknesses = []
+    if evidence.match_support < settings.min_match_support:
+        weaknesses.append(f"Only {support}")
+    directions = evidence.translation_support
+    if directions is not None and directions < settings.min_translation_support:
+        weaknesses.append(
+            f"Only {directions:.1%} of the independent directions between cameras agree with it."
+        )
+    if not weaknesses:
+        return Judgement("accepted", (support,))
+    confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
+    if confirmation is None:
+        return Judgement("refused", (*weaknesses, "Neither another mapper nor GPS confirms it."))
+    return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
 
 
 def _confirmation(

@@ -46,10 +46,13 @@ class GateSettings(BaseModel):
     """Share of the verified matches that the model's poses must explain."""
 
     min_doubtful_match_support: float = Field(default=0.85, ge=0, le=1)
-    """Between this and ``min_match_support`` a model is used, with a warning, if two mappers agree on it."""
+    """Between this and ``min_match_support`` a model is used, with a warning, if something confirms it."""
 
     min_rotation_support: float = Field(default=0.80, ge=0, le=1)
     """Share of the independent relative rotations, weighted by matches, that the model must keep."""
+
+    min_translation_support: float = Field(default=0.80, ge=0, le=1)
+    """Share of the independent directions from camera to camera; with less a model must be confirmed, too."""
 
     max_disagreement: float = Field(default=0.05, gt=0)
     """Median distance between two mappers' camera centres, in shares of the scene's spread."""

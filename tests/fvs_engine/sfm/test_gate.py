@@ -77,6 +77,25 @@ def test_weak_support_needs_a_second_mapper_and_warns_loudly():
     assert "DOUBTFUL" in both.warnings[0]
 
 
+def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions():
+    """Evidence that incremental mapping of a real orbit had with a focal length a third too short."""
+    squeezed = {"match_support": 0.901, "rotation_support": 0.941, "translation_support": 0.215}
+    alone = decide([candidate("incremental", **squeezed)], SETTINGS)
+    assert alone.chosen is None
+    assert any("21.5% of the independent directions" in reason for reason in alone.judgements[0].reasons)
+    beside_the_right_one = decide([candidate("incremental", **squeezed), candidate("global", 1)], SETTINGS)
+    assert [judged.verdict for judged in beside_the_right_one.judgements] == ["refused", "accepted"]
+    assert beside_the_right_one.warnings == ()
+
+
+def test_weak_directions_are_usable_when_another_mapper_confirms_the_model():
+    both = [candidate(mapper, translation_support=0.7) for mapper in ("incremental", "global")]
+    decision = decide(both, SETTINGS)
+    assert decision.chosen is not None
+    assert decision.judgements[decision.chosen].verdict == "doubtful"
+    assert "two mappers agree" in decision.warnings[0]
+
+
 def test_gps_confirms_as_another_mapper_does_but_saves_nobody():
     near = decide([candidate("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
     assert near.judgements[0].verdict == "doubtful"
