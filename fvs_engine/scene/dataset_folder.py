@@ -30,7 +30,7 @@ def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | No
             colmap = next((model for model in models if has_colmap_model(model)), None)
     if colmap is None and transforms is None:
         raise InvalidInputError(
-            f"{folder} holds no poses: no transforms.json and no COLMAP model (in it, reference or sparse/0).",
+            f"{folder} holds no poses: neither transforms.json nor a COLMAP model.",
             hint="Name them with --colmap DIR or --transforms FILE; `fvs reconstruct` makes a COLMAP model.",
         )
     return read_dataset(images, colmap, transforms)

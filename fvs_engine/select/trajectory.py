@@ -1,0 +1,133 @@
+"""The way that a selection took, drawn from above: the paper's figure of trajectories, in one panel."""
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from fvs_engine.atomic_file import replacing
+from fvs_engine.scene.dataset import Dataset
+
+Array = NDArray[np.float64]
+
+_COLOR_MAP = "plasma"
+_DPI = 140
+_CAPTURE, _UNVISITED, _TEST = "#D5D7DB", "#9BA0A8", "#3B7DD8"
+_MIN_UPRIGHT = 0.3
+"""Length of the cameras' mean up vector under which they do not agree on one (they look down, or turn)."""
+
+
+def draw_trajectory(
+    path: Path,
+    dataset: Dataset,
+    *,
+    initial: Sequence[str],
+    chosen: Sequence[str],
+    test: Sequence[str],
+    title: str,
+) -> None:
+    """Write a PNG: all views of ``dataset`` and their capture in grey, test views hollow, initial ones black.
+
+    ``chosen`` views, and the way to each, have the colour of its turn. Seen along the cameras' common up
+    direction. Raises ``StorageError`` when it cannot be written.
+    """
+    plane = top_view(dataset)
+    turns = Normalize(len(initial) + 1, len(initial) + max(len(chosen), 2))
+    figure = Figure(figsize=(8.6, 7.6), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_capture(axes, dataset, plane, (*initial, *chosen), test)
+    _draw_way(axes, plane, initial, chosen, turns)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(title, loc="left", fontsize=12)
+    axes.set_xlabel("from above, in the dataset's unit")
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    if chosen:
+        colors = ScalarMappable(turns, _COLOR_MAP)
+        ticks = MaxNLocator(integer=True)
+        figure.colorbar(colors, ax=axes, label="view number", ticks=ticks, shrink=0.7, pad=0.02)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=_DPI)
+    with replacing(path) as temporary:
+        temporary.write_bytes(picture.getvalue())
+
+
+def top_view(dataset: Dataset) -> dict[str, Array]:
+    """View → where it stands on a map [2]: its centre, seen along the direction that cameras call up.
+
+    Where the cameras do not agree on one (a nadir block), along the direction in which their centres vary
+    least, from the side that they look from.
+    """
+    names = dataset.names
+    centres = np.stack([dataset.by_name[name].centre for name in names])
+    rotations = np.stack([dataset.by_name[name].camera_from_world.rotation for name in names])
+    up = -rotations[:, 1].mean(axis=0)
+    middle = centres - centres.mean(axis=0)
+    _, _, axes = np.linalg.svd(middle, full_matrices=True)
+    if np.linalg.norm(up) < _MIN_UPRIGHT:
+        up = axes[2] if rotations[:, 2].mean(axis=0) @ axes[2] < 0 else -axes[2]
+    up = up / np.linalg.norm(up)
+    # The longest direction of the capture runs to the right; the picture is not mirrored.
+    right = axes[0] - (axes[0] @ up) * up
+    if np.linalg.norm(right) < 1e-6:
+        right = axes[1] - (axes[1] @ up) * up
+    right /= np.linalg.norm(right)
+    across = np.stack([right, np.cross(up, right)])
+    return dict(zip(names, middle @ across.T, strict=True))
+
+
+def _draw_capture(
+    axes: Axes, dataset: Dataset, plane: Mapping[str, Array], visited: Sequence[str], test: Sequence[str]
+) -> None:
+    """The capture as a thin line, and what was not visited."""
+    capture = np.stack([plane[name] for name in dataset.names])
+    axes.plot(*capture.T, color=_CAPTURE, linewidth=0.7, zorder=1)
+    known = {*visited, *test}
+    rest = [plane[name] for name in dataset.names if name not in known]
+    if rest:
+        x, y = np.stack(rest).T
+        axes.scatter(x, y, s=9, color=_UNVISITED, zorder=2, label=f"not visited ({len(rest)})")
+    if test:
+        x, y = np.stack([plane[name] for name in test]).T
+        axes.scatter(x, y, s=20, facecolors="white", edgecolors=_TEST, zorder=3, label=f"test ({len(test)})")
+
+
+def _draw_way(
+    axes: Axes, plane: Mapping[str, Array], initial: Sequence[str], chosen: Sequence[str], turns: Normalize
+) -> None:
+    """The initial views, and every chosen one with the way that led to it."""
+    x, y = np.stack([plane[name] for name in initial]).T
+    axes.plot(x, y, color="black", linewidth=1.2, zorder=4)
+    axes.scatter(x, y, s=26, color="black", zorder=6, label=f"initial ({len(initial)})")
+    if not chosen:
+        return
+    stops = np.stack([plane[name] for name in (initial[-1], *chosen)])
+    numbers = np.arange(len(initial) + 1, len(initial) + len(chosen) + 1)
+    legs = LineCollection(
+        list(np.stack([stops[:-1], stops[1:]], axis=1)), cmap=_COLOR_MAP, norm=turns, linewidths=1.4, zorder=4
+    )
+    legs.set_array(numbers)
+    axes.add_collection(legs)
+    axes.scatter(
+        stops[1:, 0],
+        stops[1:, 1],
+        c=numbers,
+        cmap=_COLOR_MAP,
+        norm=turns,
+        s=34,
+        edgecolors="white",
+        linewidths=0.6,
+        zorder=7,
+        label=f"chosen ({len(chosen)})",
+    )
+    axes.annotate(
+        str(numbers[-1]), stops[-1], xytext=(6, 6), textcoords="offset points", fontsize=9, zorder=8
+    )
