@@ -47,9 +47,9 @@ def reconstruct_folder(
     """Reconstruct ``photographs`` into the folder ``out``, going on from what is finished there.
 
     The same call on the same folder resumes it; with more ``iterations`` it trains on. What else may differ
-    is the backend and the number of threads; for anything else ``OutputExistsError`` says what differs.
-    ``overwrite`` deletes an earlier result first. Files that cannot be used are told to ``warn`` and the
-    rest is used.
+    is the backend and the number of threads; for anything else ``OutputExistsError`` says what differs. As
+    long as no cameras were found, all settings may differ and photographs may be added. ``overwrite`` deletes
+    an earlier result first. Files that cannot be used are told to ``warn`` and the rest is used.
 
     Raises ``NoImagesError`` for fewer than two photographs, ``ReconstructionError`` when they support no
     model, ``TrainingError``, ``StorageError`` (``DiskFullError``, ``OutputExistsError``), ``Cancelled``;
@@ -160,7 +160,7 @@ def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, image
         manifest = Manifest(settings=settings, images=images)
     else:
         _require_compatible(workspace, earlier, settings, images)
-        manifest = earlier.model_copy(update={"settings": settings})
+        manifest = earlier.model_copy(update={"settings": settings, "images": images})
     workspace.write_manifest(manifest)
     return manifest
 
@@ -168,24 +168,33 @@ def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, image
 def _require_compatible(
     workspace: Workspace, earlier: Manifest, settings: ReconstructionSettings, images: ImagesRecord
 ) -> None:
+    # Until there are cameras, other settings and more photographs are what a refusal asks for; structure from
+    # motion itself forgets what no longer fits.
+    settled = earlier.cameras is not None
     differences = [
         f"{name} was {_shown(old)} and is {_shown(new)}"
         for name in _LASTING
-        if (old := getattr(earlier.settings, name)) != (new := getattr(settings, name))
+        if settled and (old := getattr(earlier.settings, name)) != (new := getattr(settings, name))
     ]
     known = {record.sha256: record.name for record in earlier.images.photographs}
     given = {record.sha256: record.name for record in images.photographs}
     added = sorted(name for sha256, name in given.items() if known.get(sha256) != name)
     removed = sorted(name for sha256, name in known.items() if given.get(sha256) != name)
-    if added:
-        differences.append(f"{len(added)} photographs are new ({added[0]}{', …' if len(added) > 1 else ''})")
+    if added and (settled or removed):
+        differences.append(_counted(added, "new"))
     if removed:
-        differences.append(f"{len(removed)} are gone ({removed[0]}{', …' if len(removed) > 1 else ''})")
+        differences.append(_counted(removed, "gone"))
     if differences:
         raise OutputExistsError(
             f"{workspace.root} holds another reconstruction: {'; '.join(differences)}.",
             hint="Give another --out, or start again there with --overwrite.",
         )
+
+
+def _counted(names: list[str], what: str) -> str:
+    if len(names) == 1:
+        return f"1 photograph is {what} ({names[0]})"
+    return f"{len(names)} photographs are {what} ({names[0]}, …)"
 
 
 def _shown(value: object) -> str:

@@ -177,7 +177,8 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
         f"Every model that was found contradicts the photographs. {reasons}",
-        hint="Repeated patterns do this, and images stretched unevenly. Add photographs in between, "
+        hint="Repeated patterns do this, and a lens that is not as assumed. Add photographs in between; give "
+        "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
         f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.refused}.",
     )
 

@@ -72,6 +72,18 @@ def test_two_that_do_not_overlap(fvs: Fvs, folder: Path, out: Path) -> None:
     _expect(run, "reconstruction-failed", "overlap")
 
 
+def test_after_a_refusal_the_remedies_need_no_other_folder(fvs: Fvs, folder: Path, out: Path) -> None:
+    _noise(folder / "here.jpg", 1)
+    _noise(folder / "there.jpg", 2)
+    _expect(fvs("reconstruct", folder, "--out", out), "reconstruction-failed", "overlap")
+    _noise(folder / "in between.jpg", 3)
+    run = fvs("reconstruct", folder, "--out", out, "--camera-model", "opencv", "--long-side", 300)
+    _expect(run, "reconstruction-failed", "No two of the 3 images")
+    (folder / "here.jpg").unlink()
+    run = fvs("reconstruct", folder, "--out", out)
+    _expect(run, "output-exists", "1 photograph is gone (here.jpg)", "--overwrite")
+
+
 def test_a_wall_without_texture(fvs: Fvs, folder: Path, out: Path) -> None:
     for index in range(4):
         # A wall is not a constant: light falls off across it, and the camera adds no detail.
