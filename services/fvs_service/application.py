@@ -1,0 +1,108 @@
+"""The service core, wired: what the gateway and the workers both stand on."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from fvs_service.auth import Keys
+from fvs_service.images.inspection import InspectionLimits
+from fvs_service.images.inspector import Inspector
+from fvs_service.images.service import Images
+from fvs_service.images.staging import StagingArea
+from fvs_service.jobs.ledger import Ledger
+from fvs_service.jobs.port import JobEngine
+from fvs_service.jobs.service import Jobs
+from fvs_service.rankings.port import SceneRunners
+from fvs_service.rankings.service import Rankings
+from fvs_service.scenes.lease import Leases
+from fvs_service.scenes.service import Scenes
+from fvs_service.settings import Settings
+from fvs_service.snapshots.service import Snapshots
+from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.database import Database
+
+
+@dataclass(frozen=True)
+class Storage:
+    """What every process of the service opens: the gateway, the workers, the command line."""
+
+    settings: Settings
+    database: Database
+    blobs: Blobs
+    keys: Keys
+    leases: Leases
+    ledger: Ledger
+    snapshots: Snapshots
+
+
+@dataclass(frozen=True)
+class Application:
+    """Everything that a request can reach."""
+
+    storage: Storage
+    engine: JobEngine
+    runners: SceneRunners
+    staging: StagingArea
+    scenes: Scenes
+    images: Images
+    jobs: Jobs
+    rankings: Rankings
+
+
+@dataclass(frozen=True)
+class Backend:
+    """What computes: made of the storage, so that whoever opens the application chooses it."""
+
+    engine: Callable[[Storage], JobEngine]
+    runners: Callable[[Storage], SceneRunners]
+
+
+@contextmanager
+def open_storage(settings: Settings) -> Iterator[Storage]:
+    """Open the database (and bring its schema up to date) and the blobs; close them at the end."""
+    settings.root.mkdir(parents=True, exist_ok=True)
+    database = Database(settings.database)
+    try:
+        database.migrate()
+        blobs = Blobs(settings.root / "blobs", settings.blobs_url)
+        yield Storage(
+            settings=settings,
+            database=database,
+            blobs=blobs,
+            keys=Keys(database, required=settings.keys_required),
+            leases=Leases(database, settings.lease_s),
+            ledger=Ledger(database),
+            snapshots=Snapshots(database, blobs),
+        )
+    finally:
+        database.close()
+
+
+@contextmanager
+def open_application(settings: Settings, backend: Backend) -> Iterator[Application]:
+    """Open the storage and the services on top of it."""
+    limits = settings.limits
+    with open_storage(settings) as storage:
+        engine, runners = backend.engine(storage), backend.runners(storage)
+        inspector = Inspector(
+            InspectionLimits(limits.image_pixels, limits.image_min_side_px),
+            children=settings.inspectors,
+            cpu_s=settings.inspection_s,
+            memory_bytes=settings.inspection_bytes,
+        )
+        try:
+            jobs = Jobs(storage.database, engine, limits)
+            yield Application(
+                storage=storage,
+                engine=engine,
+                runners=runners,
+                staging=StagingArea(
+                    settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
+                ),
+                scenes=Scenes(storage.database, limits),
+                images=Images(storage.database, storage.blobs, inspector, jobs, limits),
+                jobs=jobs,
+                rankings=Rankings(storage.database, storage.blobs, storage.snapshots, runners, limits),
+            )
+        finally:
+            inspector.close()

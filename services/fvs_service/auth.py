@@ -1,0 +1,160 @@
+"""Who asks: API keys with scopes, and the single user of a machine who needs none.
+
+A key reads ``fvs_<id>_<secret>``. It is shown once; the database keeps the SHA-256 of the secret, which has
+256 bits of chance in it, so a slow hash would protect nothing. A key may be bound to one scene: a device's
+key.
+"""
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+from sqlalchemy import select, update
+
+from fvs_service.errors import ForbiddenError, NotFoundError, UnauthenticatedError
+from fvs_service.model import now
+from fvs_service.storage.database import Database
+from fvs_service.storage.tables import ApiKeyRow
+
+LOCAL_TENANT = "local"
+_PREFIX = "fvs"
+_NO_HASH = hashlib.sha256(b"").hexdigest()
+
+
+class Scope(StrEnum):
+    """What a key may do."""
+
+    READ = "read"
+    UPLOAD = "upload"
+    """Send images; all that a device needs."""
+    OPERATE = "operate"
+    """Make scenes, start and stop jobs, ask for rankings."""
+
+
+ALL_SCOPES = frozenset(Scope)
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who asks, and what they may do; ``scene_id`` limits a device's key to its scene."""
+
+    tenant_id: str
+    scopes: frozenset[Scope]
+    scene_id: str | None = None
+
+    def require(self, scope: Scope, scene_id: str | None = None) -> None:
+        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` for a scene the key is not for."""
+        if self.scene_id is not None and scene_id is not None and scene_id != self.scene_id:
+            raise NotFoundError("There is no such scene.")
+        if scope not in self.scopes or (self.scene_id is not None and scene_id is None):
+            raise ForbiddenError(
+                f"This needs a key with the scope {scope.value!r}"
+                + (" that is not bound to one scene." if self.scene_id is not None else "."),
+                hint="Ask for another key: fvs keys create --scope …",
+            )
+
+
+LOCAL_USER = Principal(LOCAL_TENANT, ALL_SCOPES)
+"""Whoever sits at a machine that serves only itself."""
+
+
+@dataclass(frozen=True)
+class ApiKey:
+    """A key as it can be listed: without its secret."""
+
+    id: str
+    tenant_id: str
+    name: str
+    scopes: frozenset[Scope]
+    scene_id: str | None
+    created_at: datetime
+    expires_at: datetime | None
+    revoked_at: datetime | None
+
+
+class Keys:
+    """Makes, lists, revokes and checks API keys."""
+
+    def __init__(self, database: Database, *, required: bool) -> None:
+        self._database = database
+        self._required = required
+
+    def create(
+        self,
+        name: str,
+        *,
+        tenant_id: str = LOCAL_TENANT,
+        scopes: frozenset[Scope] = ALL_SCOPES,
+        scene_id: str | None = None,
+        valid_for: timedelta | None = None,
+    ) -> str:
+        """Make a key and return it: the only time that it can be read."""
+        key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(32)
+        with self._database.writing() as session:
+            session.add(
+                ApiKeyRow(
+                    id=key_id,
+                    tenant_id=tenant_id,
+                    name=name,
+                    sha256=_hash(secret),
+                    scopes=sorted(scope.value for scope in scopes),
+                    scene_id=scene_id,
+                    created_at=now(),
+                    expires_at=None if valid_for is None else now() + valid_for,
+                    revoked_at=None,
+                )
+            )
+        return f"{_PREFIX}_{key_id}_{secret}"
+
+    def all(self) -> tuple[ApiKey, ...]:
+        """Every key, the oldest first."""
+        with self._database.reading() as session:
+            return tuple(map(_key, session.scalars(select(ApiKeyRow).order_by(ApiKeyRow.created_at))))
+
+    def revoke(self, key_id: str) -> None:
+        """Make a key useless at once; raises ``NotFoundError``."""
+        with self._database.writing() as session:
+            if session.get(ApiKeyRow, key_id) is None:
+                raise NotFoundError(f"There is no key {key_id}.", hint="fvs keys list shows them.")
+            session.execute(update(ApiKeyRow).where(ApiKeyRow.id == key_id).values(revoked_at=now()))
+
+    def authenticate(self, key: str | None) -> Principal:
+        """Who shows ``key``; raises ``UnauthenticatedError``.
+
+        Without a key it is the local user, unless keys are required.
+        """
+        if key is None:
+            if self._required:
+                raise UnauthenticatedError(
+                    "No API key was given.", hint="Send it as: Authorization: Bearer fvs_…"
+                )
+            return LOCAL_USER
+        _, _, rest = key.partition("_")
+        key_id, _, secret = rest.partition("_")
+        with self._database.reading() as session:
+            row = session.get(ApiKeyRow, key_id)
+            # Unknown keys cost the same comparison as known ones.
+            matches = hmac.compare_digest(_hash(secret), row.sha256 if row else _NO_HASH)
+            if row is None or not matches or row.revoked_at or (row.expires_at and row.expires_at <= now()):
+                raise UnauthenticatedError("The API key is not known, expired or revoked.")
+            return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id)
+
+
+def _hash(secret: str) -> str:
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def _key(row: ApiKeyRow) -> ApiKey:
+    return ApiKey(
+        id=row.id,
+        tenant_id=row.tenant_id,
+        name=row.name,
+        scopes=frozenset(map(Scope, row.scopes)),
+        scene_id=row.scene_id,
+        created_at=row.created_at,
+        expires_at=row.expires_at,
+        revoked_at=row.revoked_at,
+    )

@@ -1,0 +1,52 @@
+"""Events in the database, written in the transaction of what they tell."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import delete, func, select
+from sqlalchemy.orm import Session
+
+from fvs_service.events.model import Event, EventKind
+from fvs_service.model import now
+from fvs_service.storage.tables import EventRow
+
+
+def publish(
+    session: Session, scene_id: str, kind: EventKind, data: Mapping[str, Any], *, subject: str | None = None
+) -> None:
+    """Record an event; watchers see it once the transaction of ``session`` is committed."""
+    session.add(
+        EventRow(scene_id=scene_id, kind=kind.value, subject=subject, data=dict(data), created_at=now())
+    )
+
+
+def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:
+    """The events of a scene that follow ``number``, the oldest first."""
+    rows = session.scalars(
+        select(EventRow)
+        .where(EventRow.scene_id == scene_id, EventRow.number > number)
+        .order_by(EventRow.number)
+        .limit(limit)
+    )
+    return tuple(
+        Event(
+            number=row.number,
+            scene_id=row.scene_id,
+            kind=EventKind(row.kind),
+            data=row.data,
+            created_at=row.created_at,
+        )
+        for row in rows
+    )
+
+
+def last_number(session: Session) -> int:
+    """The number of the newest event of all scenes, 0 before the first."""
+    return session.scalar(select(func.max(EventRow.number))) or 0
+
+
+def forget_progress(session: Session, job_id: str) -> None:
+    """Drop a finished job's progress reports: nobody resumes into the middle of them."""
+    session.execute(
+        delete(EventRow).where(EventRow.subject == job_id, EventRow.kind == EventKind.JOB_PROGRESS.value)
+    )

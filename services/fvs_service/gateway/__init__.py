@@ -1,0 +1,1 @@
+"""The transports: thin adapters over the same services."""

@@ -1,0 +1,1 @@
+"""Images: content-addressed photographs of a scene, each with a verdict."""

@@ -1,0 +1,194 @@
+"""What an image is."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from fvs_service.model import Count, Digest, Model, Number, PositiveNumber, Timestamp
+from fvs_service.scenes.model import AltitudeDatum
+
+ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[^/\\\x00-\x1f\x7f]+$")]
+"""What the sender calls the image. It names nothing on our disk."""
+
+
+class Verdict(StrEnum):
+    """Whether an image can be used."""
+
+    ACCEPTED = "accepted"
+    DUPLICATE = "duplicate"
+    """Another image of the scene has the same pixels."""
+    UNREADABLE = "unreadable"
+    TOO_SMALL = "too-small"
+    TOO_LARGE = "too-large"
+
+
+class Registration(StrEnum):
+    """Whether structure from motion has found the image's place."""
+
+    PENDING = "pending"
+    """No update has taken it up yet."""
+    REGISTERED = "registered"
+    NO_OVERLAP = "no-overlap"
+    """It overlaps with nothing so far; it is tried again with every update."""
+    UNUSED = "unused"
+    """Not accepted, so never tried."""
+
+
+class ImageWarning(StrEnum):
+    """What is doubtful about an accepted image."""
+
+    BLURRED = "blurred"
+    NO_FIX = "position-ignored"
+    """It tells a position that cannot be true, or that cannot be read."""
+
+
+class PriorSource(StrEnum):
+    """Who told where an image was taken."""
+
+    REQUEST = "request"
+    METADATA = "metadata"
+
+
+class Prior(Model):
+    """Where an image was taken, as far as it was told.
+
+    Either geodetic, or in the scene's local frame; angles as vehicles have them (yaw clockwise from north,
+    pitch up, roll with the right side down).
+    """
+
+    source: PriorSource
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    altitude_m: float | None = None
+    altitude_datum: AltitudeDatum | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+
+    @property
+    def geodetic(self) -> bool:
+        """Whether it tells a place on earth."""
+        return self.latitude_deg is not None
+
+    @property
+    def local(self) -> bool:
+        """Whether it tells a place in the scene's frame."""
+        return self.x_m is not None
+
+
+class ImageMetadata(Model):
+    """What the sender knows of an image; it wins over what the file says. All of it is optional."""
+
+    name: ImageName | None = None
+    captured_at: Timestamp | None = None
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    altitude_m: Annotated[float, Field(ge=-12_000, le=100_000)] | None = None
+    altitude_datum: AltitudeDatum | None = None
+    x_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
+    y_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
+    z_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    pitch_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _no_folder(cls, name: str | None) -> str | None:
+        if name in (".", ".."):
+            raise ValueError("a name, not a folder")
+        return name
+
+    @model_validator(mode="after")
+    def _whole_positions(self) -> Self:
+        geodetic = (self.latitude_deg, self.longitude_deg, self.altitude_m)
+        local = (self.x_m, self.y_m, self.z_m)
+        for names, values in (
+            ("latitude_deg, longitude_deg and altitude_m", geodetic),
+            ("x_m, y_m and z_m", local),
+        ):
+            if any(value is None for value in values) and any(value is not None for value in values):
+                raise ValueError(f"{names} belong together")
+        if geodetic[0] is not None and local[0] is not None:
+            raise ValueError("a position is geodetic or local, not both")
+        return self
+
+    def prior(self) -> Prior | None:
+        """The pose that the sender told, None when it told none."""
+        told = self.model_dump(exclude={"name", "captured_at"}, exclude_none=True)
+        if self.latitude_deg is not None:
+            told.setdefault("altitude_datum", AltitudeDatum.SEA_LEVEL)
+        return Prior(source=PriorSource.REQUEST, **told) if told else None
+
+
+class Image(Model):
+    """One photograph of a scene, and what became of it."""
+
+    digest: Digest
+    scene_id: str
+    number: Count
+    """Its place in the order of arrival."""
+    name: str
+    verdict: Verdict
+    reason: str
+    """Why it is not accepted; empty when it is."""
+    hint: str
+    warnings: tuple[ImageWarning, ...]
+    duplicate_of: Digest | None
+    registration: Registration
+    size_bytes: Count
+    format: str | None
+    width_px: Count | None
+    height_px: Count | None
+    focal_length_px: PositiveNumber | None
+    sharpness: Number | None
+    prior: Prior | None
+    captured_at: Timestamp | None
+    received_at: Timestamp
+
+
+class ImageList(Model):
+    """Images of a scene in the order of arrival."""
+
+    items: tuple[Image, ...]
+    next: str | None
+
+
+class DigestCheck(Model):
+    """Digests of images that could be sent."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {"digests": ["sha256:e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"]}
+            ]
+        }
+    )
+
+    digests: Annotated[tuple[Digest, ...], Field(min_length=1, max_length=10_000)]
+
+
+class DigestAnswer(Model):
+    """Which of the digests are here, and which are worth sending."""
+
+    known: tuple[Digest, ...]
+    missing: tuple[Digest, ...]
+
+
+class UploadItem(Model):
+    """What became of one file of a multipart upload: an image, or why it is none."""
+
+    name: str
+    created: bool
+    """Whether it was new."""
+    image: Image
+
+
+class UploadAnswer(Model):
+    """What became of the files of a multipart upload, in their order."""
+
+    items: tuple[UploadItem, ...]

@@ -1,0 +1,115 @@
+"""Images in the database."""
+
+from collections.abc import Collection, Iterable
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from fvs_service.images.model import Image, Registration, Verdict
+from fvs_service.storage.tables import ImageRow
+
+_HEX = len("sha256:")
+_VARIABLES = 500
+"""Values in one query: databases limit them."""
+
+
+def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None:
+    """A new image."""
+    session.add(
+        ImageRow(
+            scene_id=image.scene_id,
+            sha256=image.digest[_HEX:],
+            number=image.number,
+            name=image.name,
+            verdict=image.verdict.value,
+            registration=image.registration.value,
+            pixels_sha256=pixels_sha256,
+            document=image.model_dump(mode="json", exclude={"registration"}),
+            received_at=image.received_at,
+        )
+    )
+    session.flush()
+
+
+def find_image(session: Session, scene_id: str, digest: str) -> Image | None:
+    """The image with this digest, None when the scene has none."""
+    row = session.get(ImageRow, (scene_id, digest[_HEX:]))
+    return None if row is None else _image(row)
+
+
+def same_pixels(session: Session, scene_id: str, pixels_sha256: str | None) -> Image | None:
+    """The accepted image that has these pixels; None when there is none or they are not known."""
+    if pixels_sha256 is None:
+        return None
+    row = session.scalar(
+        select(ImageRow).where(
+            ImageRow.scene_id == scene_id,
+            ImageRow.pixels_sha256 == pixels_sha256,
+            ImageRow.verdict == Verdict.ACCEPTED.value,
+        )
+    )
+    return None if row is None else _image(row)
+
+
+def images_after(session: Session, scene_id: str, number: int, limit: int) -> tuple[Image, ...]:
+    """Images of a scene that arrived after the one with ``number``."""
+    rows = session.scalars(
+        select(ImageRow)
+        .where(ImageRow.scene_id == scene_id, ImageRow.number > number)
+        .order_by(ImageRow.number)
+        .limit(limit)
+    )
+    return tuple(map(_image, rows))
+
+
+def accepted_images(session: Session, scene_id: str) -> tuple[Image, ...]:
+    """All images of a scene that can be used, in the order of arrival."""
+    rows = session.scalars(
+        select(ImageRow)
+        .where(ImageRow.scene_id == scene_id, ImageRow.verdict == Verdict.ACCEPTED.value)
+        .order_by(ImageRow.number)
+    )
+    return tuple(map(_image, rows))
+
+
+def known_digests(session: Session, scene_id: str, digests: Collection[str]) -> frozenset[str]:
+    """Those of ``digests`` that the scene has."""
+    found: set[str] = set()
+    wanted = [digest[_HEX:] for digest in digests]
+    for start in range(0, len(wanted), _VARIABLES):
+        rows = session.scalars(
+            select(ImageRow.sha256).where(
+                ImageRow.scene_id == scene_id, ImageRow.sha256.in_(wanted[start : start + _VARIABLES])
+            )
+        )
+        found.update(f"sha256:{digest}" for digest in rows)
+    return frozenset(found)
+
+
+def next_number(session: Session, scene_id: str) -> int:
+    """The number that the next image gets."""
+    return (session.scalar(select(func.max(ImageRow.number)).where(ImageRow.scene_id == scene_id)) or 0) + 1
+
+
+def register(
+    session: Session, scene_id: str, registered: Iterable[str], without_overlap: Iterable[str]
+) -> None:
+    """Write down what structure from motion found of accepted images, by digest."""
+    for registration, digests in (
+        (Registration.REGISTERED, list(registered)),
+        (Registration.NO_OVERLAP, list(without_overlap)),
+    ):
+        for start in range(0, len(digests), _VARIABLES):
+            session.execute(
+                update(ImageRow)
+                .where(
+                    ImageRow.scene_id == scene_id,
+                    ImageRow.verdict == Verdict.ACCEPTED.value,
+                    ImageRow.sha256.in_(digest[_HEX:] for digest in digests[start : start + _VARIABLES]),
+                )
+                .values(registration=registration.value)
+            )
+
+
+def _image(row: ImageRow) -> Image:
+    return Image.model_validate({**row.document, "registration": row.registration})

@@ -1,0 +1,235 @@
+"""What can be done with images.
+
+An upload is staged first (``staging``): its bytes are on disk, whole, with a known digest. ``store`` then
+judges them and commits the image: the bytes first, the row after, so that a crash between the two loses
+nothing that was answered for, and sending it again stores it once.
+"""
+
+from pathlib import Path
+
+from sqlalchemy.orm import Session
+
+from fvs_service.auth import Principal, Scope
+from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
+from fvs_service.events.model import EventKind
+from fvs_service.events.repository import publish
+from fvs_service.images import repository
+from fvs_service.images.inspection import Inspection
+from fvs_service.images.inspector import Inspector
+from fvs_service.images.model import (
+    DigestAnswer,
+    DigestCheck,
+    Image,
+    ImageList,
+    ImageMetadata,
+    Prior,
+    PriorSource,
+    Registration,
+    Verdict,
+)
+from fvs_service.images.staging import StagedFile
+from fvs_service.jobs.service import Jobs
+from fvs_service.model import Page, now
+from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
+from fvs_service.scenes.repository import scene_of, set_origin
+from fvs_service.settings import Limits
+from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.database import Database
+
+
+class Images:
+    """Checks, stores and shows images."""
+
+    def __init__(
+        self, database: Database, blobs: Blobs, inspector: Inspector, jobs: Jobs, limits: Limits
+    ) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._inspector = inspector
+        self._jobs = jobs
+        self._limits = limits
+
+    def check(self, principal: Principal, scene_id: str, request: DigestCheck) -> DigestAnswer:
+        """Which of these digests the scene has already."""
+        principal.require(Scope.UPLOAD, scene_id)
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            known = repository.known_digests(session, scene_id, request.digests)
+        return DigestAnswer(
+            known=tuple(digest for digest in request.digests if digest in known),
+            missing=tuple(digest for digest in request.digests if digest not in known),
+        )
+
+    def known(self, principal: Principal, scene_id: str, digest: str) -> Image | None:
+        """The image with this digest, None when it is still to be sent."""
+        principal.require(Scope.UPLOAD, scene_id)
+        with self._database.reading() as session:
+            scene = scene_of(session, principal, scene_id)
+            found = repository.find_image(session, scene_id, digest)
+        if found is None and scene.images.received >= self._limits.images_per_scene:
+            raise ConflictError(
+                f"The scene has {self._limits.images_per_scene} images, and no more are allowed.",
+                hint="Make another scene.",
+            )
+        return found
+
+    def store(
+        self, principal: Principal, scene_id: str, staged: StagedFile, metadata: ImageMetadata
+    ) -> tuple[Image, bool]:
+        """Judge a staged file and keep it; returns the image, and whether it is new to the scene."""
+        found = self.known(principal, scene_id, staged.digest)
+        if found is not None:
+            return found, False
+        inspection = self._inspector.inspect(staged.path)
+        if inspection.verdict is Verdict.ACCEPTED and not self._has_twin(scene_id, inspection):
+            self._blobs.adopt(staged.path, blob_key(scene_id, staged.digest))
+        with self._database.writing() as session:
+            scene = scene_of(session, principal, scene_id)
+            found = repository.find_image(session, scene_id, staged.digest)
+            if found is not None:  # the same bytes, sent twice at once
+                return found, False
+            _require_frame(scene, metadata)
+            twin = repository.same_pixels(session, scene_id, inspection.pixels_sha256)
+            number = repository.next_number(session, scene_id)
+            image = _image(scene, staged, metadata, inspection, twin, number)
+            repository.add_image(session, image, inspection.pixels_sha256)
+            self._fix_origin(session, scene, image)
+            told = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
+            publish(session, scene_id, EventKind.IMAGE_RECEIVED, told, subject=image.digest)
+            session.flush()
+            self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
+        self._jobs.submit_waiting()
+        return image, True
+
+    def get(self, principal: Principal, scene_id: str, digest: str) -> Image:
+        """One image; raises ``NotFoundError``."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            found = repository.find_image(session, scene_id, digest)
+        if found is None:
+            raise NotFoundError("The scene has no such image.")
+        return found
+
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> ImageList:
+        """The images of a scene in the order of arrival."""
+        principal.require(Scope.READ, scene_id)
+        if page.after is not None and not (
+            page.after.isascii() and page.after.isdigit() and len(page.after) < 10
+        ):
+            raise InvalidRequestError("`after` must be what `next` of the page before said.")
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            images = repository.images_after(session, scene_id, int(page.after or 0), page.limit + 1)
+        items = images[: page.limit]
+        return ImageList(items=items, next=str(items[-1].number) if len(images) > page.limit else None)
+
+    def _has_twin(self, scene_id: str, inspection: Inspection) -> bool:
+        with self._database.reading() as session:
+            return repository.same_pixels(session, scene_id, inspection.pixels_sha256) is not None
+
+    def _fix_origin(self, session: Session, scene: Scene, image: Image) -> None:
+        prior = image.prior
+        wanted = isinstance(scene.world, AutomaticWorld) and scene.origin is None
+        if not wanted or image.verdict is not Verdict.ACCEPTED or prior is None:
+            return
+        if prior.latitude_deg is None or prior.longitude_deg is None or prior.altitude_m is None:
+            return
+        set_origin(
+            session,
+            scene.id,
+            Origin(
+                latitude_deg=prior.latitude_deg,
+                longitude_deg=prior.longitude_deg,
+                altitude_m=prior.altitude_m,
+                altitude_datum=prior.altitude_datum or AltitudeDatum.SEA_LEVEL,
+            ),
+        )
+
+
+def blob_key(scene_id: str, digest: str) -> str:
+    """Where an image's bytes are."""
+    return f"scenes/{scene_id}/images/{digest.removeprefix('sha256:')}"
+
+
+def fill_folder(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
+    """Put accepted images into ``folder`` for the engine; returns file name → image, in the order of arrival.
+
+    Names sort in that order (``000017-3fa9c2d41b7e.jpg``). Files that are there already are kept.
+    """
+    named = {file_name(image): image for image in images}
+    for name, image in named.items():
+        if not (folder / name).exists():
+            blobs.place(blob_key(image.scene_id, image.digest), folder / name)
+    return named
+
+
+def file_name(image: Image) -> str:
+    """What an image is called in the engine's folders."""
+    suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
+    return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
+
+
+def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
+    if metadata.latitude_deg is not None and isinstance(scene.world, LocalWorld):
+        raise InvalidRequestError(
+            "The scene's world is local, and has no place for a latitude.", hint="Give x_m, y_m and z_m."
+        )
+    if metadata.x_m is not None and not isinstance(scene.world, LocalWorld):
+        raise InvalidRequestError(
+            "Only a scene with a local world takes x_m, y_m and z_m.",
+            hint='Make the scene with {"world": {"kind": "local"}}, or give a latitude and a longitude.',
+        )
+
+
+def _image(
+    scene: Scene,
+    staged: StagedFile,
+    metadata: ImageMetadata,
+    inspection: Inspection,
+    twin: Image | None,
+    number: int,
+) -> Image:
+    verdict, reason, hint = inspection.verdict, inspection.reason, inspection.hint
+    if twin is not None:
+        verdict, reason = Verdict.DUPLICATE, f"{twin.name} has the same pixels."
+        hint = "It adds nothing, and is not used."
+    accepted = verdict is Verdict.ACCEPTED
+    return Image(
+        digest=staged.digest,
+        scene_id=scene.id,
+        number=number,
+        name=metadata.name or f"{staged.digest.removeprefix('sha256:')[:12]}",
+        verdict=verdict,
+        reason=reason,
+        hint=hint,
+        warnings=inspection.warnings,
+        duplicate_of=None if twin is None else twin.digest,
+        registration=Registration.PENDING if accepted else Registration.UNUSED,
+        size_bytes=staged.size_bytes,
+        format=inspection.format,
+        width_px=inspection.width_px,
+        height_px=inspection.height_px,
+        focal_length_px=inspection.focal_length_px,
+        sharpness=inspection.sharpness,
+        prior=metadata.prior() or _prior_of(inspection, scene),
+        captured_at=metadata.captured_at or inspection.captured_at,
+        received_at=now(),
+    )
+
+
+def _prior_of(inspection: Inspection, scene: Scene) -> Prior | None:
+    """What the file itself says; its GPS is of no use in a local frame."""
+    told = inspection.priors
+    values = {"yaw_deg": told.yaw_deg, "pitch_deg": told.pitch_deg, "roll_deg": told.roll_deg}
+    if not isinstance(scene.world, LocalWorld) and told.latitude_deg is not None:
+        values |= {
+            "latitude_deg": told.latitude_deg,
+            "longitude_deg": told.longitude_deg,
+            "altitude_m": told.altitude_m,
+        }
+    given = {name: value for name, value in values.items() if value is not None}
+    if not given:
+        return None
+    datum = AltitudeDatum.SEA_LEVEL if "altitude_m" in given else None
+    return Prior(source=PriorSource.METADATA, altitude_datum=datum, **given)

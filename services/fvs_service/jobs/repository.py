@@ -1,0 +1,144 @@
+"""Jobs in the database."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from fvs_service.auth import Principal
+from fvs_service.errors import NotFoundError
+from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
+from fvs_service.jobs.port import JobTicket
+from fvs_service.storage.tables import JobRow
+
+_OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
+
+
+def add_job(
+    session: Session, job_id: str, scene_id: str, tenant_id: str, request: JobRequest, at: datetime
+) -> Job:
+    """A new job, queued and not yet submitted."""
+    row = JobRow(
+        id=job_id,
+        scene_id=scene_id,
+        tenant_id=tenant_id,
+        kind=request.kind.value,
+        request=request.model_dump(mode="json"),
+        state=JobState.QUEUED.value,
+        stage=None,
+        progress=0.0,
+        eta_s=None,
+        attempt=1,
+        submitted=False,
+        cancel_requested=False,
+        warnings=[],
+        error=None,
+        snapshot_id=None,
+        created_at=at,
+        started_at=None,
+        finished_at=None,
+    )
+    session.add(row)
+    session.flush()
+    return to_job(row)
+
+
+def job_of(session: Session, principal: Principal, job_id: str) -> Job:
+    """A job of the principal's tenant; raises ``NotFoundError``."""
+    row = session.get(JobRow, job_id)
+    if row is None or row.tenant_id != principal.tenant_id or principal.scene_id not in (None, row.scene_id):
+        raise NotFoundError("There is no such job.")
+    return to_job(row)
+
+
+def find_job(session: Session, job_id: str) -> Job:
+    """Any job, for whoever works on it; raises ``NotFoundError``."""
+    row = session.get(JobRow, job_id, populate_existing=True)
+    if row is None:
+        raise NotFoundError("There is no such job.")
+    return to_job(row)
+
+
+def jobs_of_scene(session: Session, scene_id: str, after: str | None, limit: int) -> tuple[Job, ...]:
+    """The jobs of a scene, the oldest first."""
+    rows = session.scalars(
+        select(JobRow)
+        .where(JobRow.scene_id == scene_id, JobRow.id > (after or ""))
+        .order_by(JobRow.id)
+        .limit(limit)
+    )
+    return tuple(map(to_job, rows))
+
+
+def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:
+    """The job of this kind that waits for its turn; a scene has at most one."""
+    row = session.scalar(
+        select(JobRow).where(
+            JobRow.scene_id == scene_id, JobRow.kind == kind.value, JobRow.state == JobState.QUEUED.value
+        )
+    )
+    return None if row is None else to_job(row)
+
+
+def open_jobs(session: Session, tenant_id: str) -> int:
+    """How many jobs of a tenant are queued or running."""
+    query = select(func.count()).where(JobRow.tenant_id == tenant_id, JobRow.state.in_(_OPEN))
+    return session.scalar(query) or 0
+
+
+def unsubmitted(session: Session) -> tuple[JobTicket, ...]:
+    """The attempts that wait and that the job engine does not have yet."""
+    rows = session.scalars(
+        select(JobRow).where(JobRow.state == JobState.QUEUED.value, JobRow.submitted.is_(False))
+    )
+    return tuple(ticket_of(to_job(row)) for row in rows)
+
+
+def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **values: Any) -> Job | None:
+    """Change a job if it is in one of the states; None if it is not."""
+    states = [state.value for state in in_state]
+    row = session.scalar(
+        update(JobRow)
+        .where(JobRow.id == job_id, JobRow.state.in_(states))
+        .values(**values)
+        .returning(JobRow)
+        .execution_options(populate_existing=True)
+    )
+    return None if row is None else to_job(row)
+
+
+def mark_submitted(session: Session, ticket: JobTicket) -> None:
+    """Remember that the job engine has this attempt."""
+    session.execute(
+        update(JobRow)
+        .where(JobRow.id == ticket.job_id, JobRow.attempt == ticket.attempt)
+        .values(submitted=True)
+    )
+
+
+def ticket_of(job: Job) -> JobTicket:
+    """What the job engine is given of a job."""
+    return JobTicket(job.id, job.scene_id, job.kind, job.attempt)
+
+
+def to_job(row: JobRow) -> Job:
+    """The domain model of a row."""
+    return Job(
+        id=row.id,
+        scene_id=row.scene_id,
+        kind=JobKind(row.kind),
+        request=JobRequest.model_validate(row.request),
+        state=JobState(row.state),
+        stage=row.stage,
+        progress=row.progress,
+        eta_s=row.eta_s,
+        attempt=row.attempt,
+        cancel_requested=row.cancel_requested,
+        warnings=tuple(row.warnings),
+        error=None if row.error is None else JobError.model_validate(row.error),
+        snapshot_id=row.snapshot_id,
+        created_at=row.created_at,
+        started_at=row.started_at,
+        finished_at=row.finished_at,
+    )

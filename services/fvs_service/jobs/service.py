@@ -1,0 +1,160 @@
+"""What can be done with jobs from outside."""
+
+from sqlalchemy.orm import Session
+
+from fvs_service.auth import Principal, Scope
+from fvs_service.errors import ConflictError, LimitExceededError, UnavailableError
+from fvs_service.events.model import EventKind
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.jobs import repository
+from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
+from fvs_service.jobs.port import JobEngine
+from fvs_service.model import Page, now
+from fvs_service.scenes.model import Scene, Trigger
+from fvs_service.scenes.repository import scene_of
+from fvs_service.settings import Limits
+from fvs_service.storage.database import Database
+from fvs_service.storage.idempotency import IdempotencyKey
+from fvs_service.storage.tables import JobRow
+
+
+class Jobs:
+    """Queues, shows, cancels and retries jobs.
+
+    A job is first written down and then given to the job engine; what a crash leaves in between is given to
+    it by ``submit_waiting``.
+    """
+
+    def __init__(self, database: Database, engine: JobEngine, limits: Limits) -> None:
+        self._database = database
+        self._engine = engine
+        self._limits = limits
+
+    def create(self, principal: Principal, scene_id: str, request: JobRequest, key: str | None = None) -> Job:
+        """Queue a job. While one of its kind waits for its turn in the scene, that one is returned."""
+        principal.require(Scope.OPERATE, scene_id)
+        remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
+        with self._database.writing() as session:
+            scene = scene_of(session, principal, scene_id)
+            known = remembered.resource_id(session)
+            if known is not None:
+                return repository.job_of(session, principal, known)
+            if request.kind is JobKind.FINE and scene.snapshot_id is None:
+                raise ConflictError(
+                    "A fine model is trained from the cameras of an update, and there is none yet.",
+                    hint='Run a job {"kind": "update"} first.',
+                )
+            job = self._queue(session, principal.tenant_id, scene, request)
+            remembered.remember(session, job.id)
+        self.submit_waiting()
+        return job
+
+    def get(self, principal: Principal, job_id: str) -> Job:
+        """One job; raises ``NotFoundError``."""
+        principal.require(Scope.READ, principal.scene_id)
+        with self._database.reading() as session:
+            return repository.job_of(session, principal, job_id)
+
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> JobList:
+        """The jobs of a scene, the oldest first."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            jobs = repository.jobs_of_scene(session, scene_id, page.after, page.limit + 1)
+        items = jobs[: page.limit]
+        return JobList(items=items, next=items[-1].id if len(jobs) > page.limit else None)
+
+    def cancel(self, principal: Principal, job_id: str) -> Job:
+        """Stop a job: at once while it is queued, at its next safe point while it runs."""
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            job = repository.job_of(session, principal, job_id)
+            stopped = repository.change(
+                session,
+                job_id,
+                in_state=(JobState.QUEUED,),
+                state=JobState.CANCELED.value,
+                finished_at=now(),
+            )
+            if stopped is not None:
+                publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
+                job = stopped
+            else:
+                asked = repository.change(
+                    session, job_id, in_state=(JobState.RUNNING,), cancel_requested=True
+                )
+                job = asked or job
+        self._engine.request_cancel(repository.ticket_of(job))
+        return job
+
+    def retry(self, principal: Principal, job_id: str) -> Job:
+        """Queue a failed or canceled job again; the stages that it finished are not repeated."""
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            job = repository.job_of(session, principal, job_id)
+            if job.state not in (JobState.FAILED, JobState.CANCELED):
+                raise ConflictError(
+                    f"The job is {job.state.value}; only failed and canceled jobs can be retried."
+                )
+            if repository.queued_job(session, job.scene_id, job.kind) is not None:
+                raise ConflictError(f"Another {job.kind.value} job of the scene is queued: it does the same.")
+            again = repository.change(
+                session,
+                job_id,
+                in_state=(JobState.FAILED, JobState.CANCELED),
+                state=JobState.QUEUED.value,
+                attempt=JobRow.attempt + 1,
+                submitted=False,
+                progress=0.0,
+                eta_s=None,
+                error=None,
+                cancel_requested=False,
+                started_at=None,
+                finished_at=None,
+            )
+            told = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
+            publish(session, job.scene_id, EventKind.JOB_QUEUED, told)
+        self.submit_waiting()
+        return again or job
+
+    def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
+        """Queue an update if the scene's policy wants one for the images that it has by now.
+
+        Called in the transaction that stores an image; ``submit_waiting`` must follow it.
+        """
+        policy, counts = scene.policy, scene.images
+        if policy.trigger is Trigger.ON_REQUEST or counts.accepted < policy.first:
+            return
+        due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k
+        if counts.pending >= due:
+            self._queue(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
+
+    def submit_waiting(self) -> None:
+        """Give the job engine what it does not have yet; what it cannot take now stays for the next call."""
+        with self._database.reading() as session:
+            tickets = repository.unsubmitted(session)
+        for ticket in tickets:
+            try:
+                self._engine.submit(ticket)
+            except UnavailableError:
+                return
+            with self._database.writing() as session:
+                repository.mark_submitted(session, ticket)
+
+    def _queue(
+        self, session: Session, tenant_id: str, scene: Scene, request: JobRequest, *, limited: bool = True
+    ) -> Job:
+        waiting = repository.queued_job(session, scene.id, request.kind)
+        if waiting is not None:
+            return waiting
+        if limited and repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
+            raise LimitExceededError(
+                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, and no more are allowed.",
+                hint="Wait for one to end, or cancel one.",
+                retry_after_s=30,
+            )
+        job = repository.add_job(session, new_id("job"), scene.id, tenant_id, request, now())
+        told = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
+        publish(session, scene.id, EventKind.JOB_QUEUED, told)
+        return job

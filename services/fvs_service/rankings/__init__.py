@@ -1,0 +1,1 @@
+"""Rankings: which of these poses should be photographed next."""

@@ -1,0 +1,170 @@
+"""What a ranking is."""
+
+from enum import StrEnum
+from typing import Annotated, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp
+from fvs_service.scenes.model import Alignment, Coordinate, Vector
+from fvs_service.scenes.poses import FramePose, Pose
+
+CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
+CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
+_PlaceCount = Annotated[int, Field(strict=True, ge=1, le=2_000)]
+_Distance = Annotated[PositiveNumber, Field(le=1e9)]
+
+
+class CandidateStatus(StrEnum):
+    """Whether a candidate takes part."""
+
+    RANKED = "ranked"
+    VISITED = "visited"
+    """An image was taken there already."""
+    OUT_OF_RANGE = "out-of-range"
+    """Farther from the current pose than the radius."""
+    OUT_OF_MODEL = "out-of-model"
+    """Nothing of the model is in view."""
+    LOW_COVERAGE = "low-coverage"
+    """The model fills so little of the view that its score describes the void around it."""
+
+
+class CandidateRequest(Model):
+    """A pose that could be photographed next."""
+
+    id: CandidateId
+    pose: Pose
+
+
+class Orbit(Model):
+    """Poses on a circle around the middle of the model, looking at it."""
+
+    kind: Literal["orbit"]
+    count: _PlaceCount = 24
+    radius_m: _Distance | None = None
+    """By default as far away as the images were taken."""
+    height_m: Coordinate | None = None
+    """Above the middle of the model; by default as high as the images were taken."""
+    centre: Vector | None = None
+
+
+class Grid(Model):
+    """Poses on a level grid above the model, looking straight down or at its middle."""
+
+    kind: Literal["grid"]
+    columns: Annotated[int, Field(strict=True, ge=1, le=100)] = 6
+    rows: Annotated[int, Field(strict=True, ge=1, le=100)] = 6
+    height_m: Coordinate | None = None
+    """Above the middle of the model; by default as high as the highest image."""
+    look: Literal["centre", "down"] = "centre"
+
+
+class Dataset(Model):
+    """Poses halfway between neighbouring images."""
+
+    kind: Literal["dataset"]
+
+
+class AroundCurrent(Model):
+    """Poses spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
+
+    kind: Literal["around-current"]
+    count: _PlaceCount = 32
+
+
+Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminator="kind")]
+
+
+class RankingRequest(Model):
+    """The question: which of these poses should be photographed next.
+
+    Lengths are in the unit of the scene's world: metres once it is georeferenced.
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
+                {
+                    "candidates": [
+                        {
+                            "id": "north",
+                            "pose": {
+                                "frame": "world",
+                                "position": [0.0, 0.0, -3.0],
+                                "orientation_wxyz": [1.0, 0.0, 0.0, 0.0],
+                            },
+                        }
+                    ],
+                    "method": "median-frequency",
+                },
+            ]
+        }
+    )
+
+    candidates: Annotated[tuple[CandidateRequest, ...], Field(min_length=1)] | None = None
+    generator: Generator | None = None
+    current_pose: Pose | None = None
+    radius_m: _Distance | None = None
+    """How far the vehicle can go from the current pose."""
+    top_k: Annotated[int, Field(strict=True, ge=1, le=100_000)] | None = None
+    """Return only the first so many candidates."""
+    method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
+    snapshot_id: str | None = None
+    """By default the newest state of the model."""
+    budget: Annotated[int, Field(strict=True, ge=1, le=10_000)] = 1
+    """How many photographs are still to be taken; some methods plan ahead."""
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1)] = 0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.candidates is None) == (self.generator is None):
+            raise ValueError("give either candidates or a generator")
+        if self.radius_m is not None and self.current_pose is None:
+            raise ValueError("radius_m needs a current_pose to be measured from")
+        if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
+            raise ValueError("around-current needs current_pose and radius_m")
+        ids = [candidate.id for candidate in self.candidates or ()]
+        repeated = (
+            next((name for name in ids if ids.count(name) > 1), None) if len(set(ids)) < len(ids) else None
+        )
+        if repeated is not None:
+            raise ValueError(f"two candidates have the id {repeated}")
+        return self
+
+
+class RankedCandidate(Model):
+    """One candidate's place; `rank` is null for what cannot be compared (see `status`)."""
+
+    id: str
+    rank: Count | None
+    score: Number | None
+    """The lower, the less is known of what the view shows."""
+    status: CandidateStatus
+    coverage: Number | None
+    """The share of the view that the model fills; null when it was not rendered."""
+    distance_m: Number | None
+    """From the current pose; null without one."""
+    pose: FramePose
+
+
+class Ranking(Model):
+    """An immutable answer, with all that is needed to ask the same again."""
+
+    id: str
+    scene_id: str
+    snapshot_id: str
+    request: RankingRequest
+    alignment: Alignment
+    iterations: Count
+    """How long the model had been trained."""
+    gaussians: Count
+    fallback: str | None
+    """The rule that chose when the method could not."""
+    candidates: tuple[RankedCandidate, ...]
+    """The first to be photographed first."""
+    total: Count
+    """How many candidates there were before `top_k`."""
+    seconds: Number
+    """What the runner took."""
+    created_at: Timestamp

@@ -1,0 +1,35 @@
+"""Rankings in the database."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from fvs_service.auth import Principal
+from fvs_service.errors import NotFoundError
+from fvs_service.rankings.model import Ranking
+from fvs_service.storage.tables import RankingRow, SceneRow
+
+
+def add_ranking(session: Session, ranking: Ranking) -> None:
+    """A new ranking."""
+    session.add(
+        RankingRow(
+            id=ranking.id,
+            scene_id=ranking.scene_id,
+            snapshot_id=ranking.snapshot_id,
+            document=ranking.model_dump(mode="json"),
+            created_at=ranking.created_at,
+        )
+    )
+    session.flush()
+
+
+def ranking_of(session: Session, principal: Principal, ranking_id: str) -> Ranking:
+    """A ranking of the principal's tenant; raises ``NotFoundError``."""
+    found = session.execute(
+        select(RankingRow, SceneRow)
+        .join(SceneRow, SceneRow.id == RankingRow.scene_id)
+        .where(RankingRow.id == ranking_id, SceneRow.tenant_id == principal.tenant_id)
+    ).one_or_none()
+    if found is None or principal.scene_id not in (None, found[1].id):
+        raise NotFoundError("There is no such ranking.")
+    return Ranking.model_validate(found[0].document)

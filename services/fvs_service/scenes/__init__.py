@@ -1,0 +1,1 @@
+"""A scene: one capture of one place, its world frame, and who works on it."""

@@ -1,0 +1,132 @@
+"""Who works on a scene: a lease with a fencing token.
+
+A worker takes the lease, extends it while it works, and writes nothing without its token: every commit checks
+in its own transaction that the token is still the newest. A worker that was frozen and woken finds its token
+stale (``StaleLeaseError``) and must exit. Times are the database's, so workers' clocks do not matter.
+"""
+
+from dataclasses import dataclass
+
+from sqlalchemy import CursorResult, or_, select, update
+from sqlalchemy.orm import Session
+
+from fvs_service.errors import StaleLeaseError
+from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.tables import SceneLeaseRow
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The right to work on a scene; ``endpoint`` is where its runner answers (None while it has none)."""
+
+    scene_id: str
+    worker_id: str
+    token: int
+    endpoint: str | None = None
+
+
+class Leases:
+    """Takes, extends, gives back and looks up leases."""
+
+    def __init__(self, database: Database, duration_s: float) -> None:
+        self._database = database
+        self._duration_ms = round(duration_s * 1000)
+
+    def acquire(self, scene_id: str, worker_id: str) -> Lease | None:
+        """Take the lease if it is free, has run out, or is this worker's own; None when another holds it.
+
+        Every successful call makes a new token, and so shuts out whoever had the lease before.
+        """
+        with self._database.writing() as session:
+            expires = now_ms() + self._duration_ms
+            row = session.get(SceneLeaseRow, scene_id, with_for_update=True)
+            if row is None:
+                session.add(
+                    SceneLeaseRow(
+                        scene_id=scene_id, worker_id=worker_id, endpoint=None, token=1, expires_at_ms=expires
+                    )
+                )
+                return Lease(scene_id, worker_id, 1)
+            token = row.token + 1
+            taken = session.execute(
+                update(SceneLeaseRow)
+                .where(
+                    SceneLeaseRow.scene_id == scene_id,
+                    SceneLeaseRow.token == row.token,
+                    or_(SceneLeaseRow.worker_id == worker_id, SceneLeaseRow.expires_at_ms <= now_ms()),
+                )
+                .values(worker_id=worker_id, endpoint=None, token=token, expires_at_ms=expires)
+                .execution_options(synchronize_session=False)
+            )
+            return Lease(scene_id, worker_id, token) if _changed(taken) else None
+
+    def extend(self, lease: Lease, endpoint: str | None = None) -> Lease:
+        """Hold on for another period, and say where the runner answers; raises ``StaleLeaseError``."""
+        endpoint = endpoint or lease.endpoint
+        self._update(lease, endpoint=endpoint, expires_at_ms=now_ms() + self._duration_ms)
+        return Lease(lease.scene_id, lease.worker_id, lease.token, endpoint)
+
+    def release(self, lease: Lease) -> None:
+        """Give the lease back; without effect when it is somebody else's by now."""
+        with self._database.writing() as session:
+            session.execute(
+                update(SceneLeaseRow)
+                .where(SceneLeaseRow.scene_id == lease.scene_id, SceneLeaseRow.token == lease.token)
+                .values(endpoint=None, expires_at_ms=0)
+            )
+
+    def holder(self, scene_id: str) -> Lease | None:
+        """The lease that is in force, None when nobody holds the scene."""
+        with self._database.reading() as session:
+            row = session.scalar(
+                select(SceneLeaseRow).where(
+                    SceneLeaseRow.scene_id == scene_id, SceneLeaseRow.expires_at_ms > now_ms()
+                )
+            )
+            return None if row is None else Lease(row.scene_id, row.worker_id, row.token, row.endpoint)
+
+    def held_by(self, worker_id: str) -> tuple[Lease, ...]:
+        """The leases in force of one worker: how loaded it is."""
+        with self._database.reading() as session:
+            rows = session.scalars(
+                select(SceneLeaseRow).where(
+                    SceneLeaseRow.worker_id == worker_id, SceneLeaseRow.expires_at_ms > now_ms()
+                )
+            )
+            return tuple(Lease(row.scene_id, row.worker_id, row.token, row.endpoint) for row in rows)
+
+    def _update(self, lease: Lease, **values: object) -> None:
+        with self._database.writing() as session:
+            done = session.execute(
+                update(SceneLeaseRow)
+                .where(SceneLeaseRow.scene_id == lease.scene_id, SceneLeaseRow.token == lease.token)
+                .values(**values)
+            )
+            if not _changed(done):
+                raise _stale(lease)
+
+
+def require_lease(session: Session, lease: Lease) -> None:
+    """Make the transaction of ``session`` depend on ``lease``; raises ``StaleLeaseError``.
+
+    The row is written, so that no other worker can take the lease before this transaction ends. A lease that
+    has run out but that nobody else took is still good: its token is the newest.
+    """
+    fenced = session.execute(
+        update(SceneLeaseRow)
+        .where(SceneLeaseRow.scene_id == lease.scene_id, SceneLeaseRow.token == lease.token)
+        .values(token=lease.token)
+    )
+    if not _changed(fenced):
+        raise _stale(lease)
+
+
+def _changed(result: object) -> bool:
+    return isinstance(result, CursorResult) and result.rowcount == 1
+
+
+def _stale(lease: Lease) -> StaleLeaseError:
+    return StaleLeaseError(
+        f"Worker {lease.worker_id} no longer holds scene {lease.scene_id} (token {lease.token}).",
+        hint="Stop: another worker goes on with it.",
+    )

@@ -1,0 +1,108 @@
+"""Scenes in the database."""
+
+from datetime import datetime
+
+from pydantic import TypeAdapter
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from fvs_service.auth import Principal
+from fvs_service.errors import NotFoundError
+from fvs_service.scenes.model import Alignment, EnuWorld, ImageCounts, Origin, Scene, SceneRequest
+from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotRow
+
+_ALIGNMENT = TypeAdapter(Alignment)
+
+
+def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneRequest, at: datetime) -> None:
+    """A new scene."""
+    origin = request.world.origin if isinstance(request.world, EnuWorld) else None
+    session.add(
+        SceneRow(
+            id=scene_id,
+            tenant_id=tenant_id,
+            request=request.model_dump(mode="json"),
+            origin=None if origin is None else origin.model_dump(mode="json"),
+            snapshot_id=None,
+            created_at=at,
+        )
+    )
+    session.flush()
+
+
+def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
+    """A scene of the principal's tenant; raises ``NotFoundError``."""
+    row = session.get(SceneRow, scene_id)
+    if row is None or row.tenant_id != principal.tenant_id or principal.scene_id not in (None, scene_id):
+        raise NotFoundError("There is no such scene.")
+    return _scene(session, row)
+
+
+def find_scene(session: Session, scene_id: str) -> Scene:
+    """Any scene, for whoever works on it; raises ``NotFoundError``."""
+    row = session.get(SceneRow, scene_id)
+    if row is None:
+        raise NotFoundError("There is no such scene.")
+    return _scene(session, row)
+
+
+def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit: int) -> tuple[Scene, ...]:
+    """The scenes of a tenant, the oldest first."""
+    rows = session.scalars(
+        select(SceneRow)
+        .where(SceneRow.tenant_id == tenant_id, SceneRow.id > (after or ""))
+        .order_by(SceneRow.id)
+        .limit(limit)
+    )
+    return tuple(_scene(session, row) for row in rows)
+
+
+def count_scenes(session: Session, tenant_id: str) -> int:
+    """How many scenes a tenant has."""
+    return session.scalar(select(func.count()).where(SceneRow.tenant_id == tenant_id)) or 0
+
+
+def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
+    """Fix the origin of the scene's ENU frame, unless it is fixed already."""
+    row = session.get(SceneRow, scene_id)
+    if row is not None and row.origin is None:
+        row.origin = origin.model_dump(mode="json")
+
+
+def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
+    """Move the pointer to the latest snapshot."""
+    row = session.get(SceneRow, scene_id)
+    if row is not None:
+        row.snapshot_id = snapshot_id
+
+
+def _scene(session: Session, row: SceneRow) -> Scene:
+    request = SceneRequest.model_validate(row.request)
+    alignment = None
+    if row.snapshot_id is not None:
+        document = session.scalar(select(SnapshotRow.document).where(SnapshotRow.id == row.snapshot_id))
+        alignment = _ALIGNMENT.validate_python((document or {}).get("alignment"))
+    return Scene(
+        id=row.id,
+        name=request.name,
+        world=request.world,
+        origin=None if row.origin is None else Origin.model_validate(row.origin),
+        camera=request.camera,
+        policy=request.policy,
+        images=_counts(session, row.id),
+        snapshot_id=row.snapshot_id,
+        alignment=alignment,
+        created_at=row.created_at,
+    )
+
+
+def _counts(session: Session, scene_id: str) -> ImageCounts:
+    rows = session.execute(
+        select(ImageRow.verdict, ImageRow.registration, func.count())
+        .where(ImageRow.scene_id == scene_id)
+        .group_by(ImageRow.verdict, ImageRow.registration)
+    ).all()
+    received = sum(count for _, _, count in rows)
+    accepted = sum(count for verdict, _, count in rows if verdict == "accepted")
+    pending = sum(count for _, registration, count in rows if registration == "pending")
+    return ImageCounts(received=received, accepted=accepted, rejected=received - accepted, pending=pending)

@@ -1,0 +1,53 @@
+"""What can be done with scenes."""
+
+from fvs_service.auth import Principal, Scope
+from fvs_service.errors import LimitExceededError
+from fvs_service.events.model import EventKind
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.model import Page, now
+from fvs_service.scenes import repository
+from fvs_service.scenes.model import Scene, SceneList, SceneRequest
+from fvs_service.settings import Limits
+from fvs_service.storage.database import Database
+from fvs_service.storage.idempotency import IdempotencyKey
+
+
+class Scenes:
+    """Makes and shows scenes."""
+
+    def __init__(self, database: Database, limits: Limits) -> None:
+        self._database = database
+        self._limits = limits
+
+    def create(self, principal: Principal, request: SceneRequest, key: str | None = None) -> Scene:
+        """Make a scene; under an idempotency key that was used before, return the one it made."""
+        principal.require(Scope.OPERATE)
+        remembered = IdempotencyKey(principal.tenant_id, key, "scenes.create", request)
+        with self._database.writing() as session:
+            scene_id = remembered.resource_id(session)
+            if scene_id is None:
+                if repository.count_scenes(session, principal.tenant_id) >= self._limits.scenes_per_tenant:
+                    raise LimitExceededError(
+                        f"There are {self._limits.scenes_per_tenant} scenes, and no more are allowed.",
+                        retry_after_s=3600,
+                    )
+                scene_id = new_id("scn")
+                repository.add_scene(session, scene_id, principal.tenant_id, request, now())
+                publish(session, scene_id, EventKind.SCENE_CREATED, {"name": request.name})
+                remembered.remember(session, scene_id)
+            return repository.scene_of(session, principal, scene_id)
+
+    def get(self, principal: Principal, scene_id: str) -> Scene:
+        """One scene; raises ``NotFoundError``."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            return repository.scene_of(session, principal, scene_id)
+
+    def all(self, principal: Principal, page: Page) -> SceneList:
+        """The tenant's scenes, the oldest first."""
+        principal.require(Scope.READ)
+        with self._database.reading() as session:
+            scenes = repository.scenes_of_tenant(session, principal.tenant_id, page.after, page.limit + 1)
+        items = scenes[: page.limit]
+        return SceneList(items=items, next=items[-1].id if len(scenes) > page.limit else None)

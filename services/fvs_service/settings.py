@@ -1,0 +1,87 @@
+"""Every setting of the service, in one frozen object that is read once and passed down."""
+
+import ipaddress
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MEGABYTE = 1_000_000
+
+
+class Limits(BaseModel):
+    """What one request, scene or tenant may use; published by ``GET /v1/capabilities``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    image_bytes: PositiveInt = 64 * MEGABYTE
+    image_pixels: PositiveInt = Field(default=128_000_000, le=256_000_000)
+    image_min_side_px: PositiveInt = 32
+    multipart_files: PositiveInt = 200
+    multipart_bytes: PositiveInt = 1024 * MEGABYTE
+    json_bytes: PositiveInt = 4 * MEGABYTE
+    digests_per_check: PositiveInt = 10_000
+    images_per_scene: PositiveInt = 10_000
+    scenes_per_tenant: PositiveInt = 1_000
+    open_jobs_per_tenant: PositiveInt = 32
+    open_uploads_per_tenant: PositiveInt = 32
+    rankings_at_once_per_tenant: PositiveInt = 64
+    event_streams_per_tenant: PositiveInt = 64
+    candidates_per_ranking: PositiveInt = 2_000
+    page_items: PositiveInt = 1_000
+
+
+class Settings(BaseSettings):
+    """Read from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or given in code.
+
+    ``root`` holds everything that the service keeps on one machine. ``database_url`` and ``blobs_url`` move
+    the database and the blobs elsewhere; by default they are SQLite and a folder in ``root``.
+    """
+
+    model_config = SettingsConfigDict(
+        env_prefix="FVS_", env_nested_delimiter="__", frozen=True, extra="forbid"
+    )
+
+    root: Path = Path("fvs-service")
+    database_url: str | None = None
+    blobs_url: str | None = None
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65_535)
+    require_keys: bool = False
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    tls_client_ca: Path | None = None
+    reserve_bytes: int = Field(default=500 * MEGABYTE, ge=0)
+    lease_s: PositiveFloat = 20.0
+    event_poll_s: PositiveFloat = 0.2
+    event_heartbeat_s: PositiveFloat = 15.0
+    upload_idle_s: PositiveFloat = 30.0
+    inspectors: PositiveInt = 2
+    inspection_s: PositiveFloat = 60.0
+    inspection_bytes: PositiveInt = 4096 * MEGABYTE
+    limits: Limits = Limits()
+
+    @property
+    def database(self) -> str:
+        """The database's URL, as SQLAlchemy spells it."""
+        return self.database_url or f"sqlite:///{self.root.absolute() / 'fvs.sqlite3'}"
+
+    @property
+    def staging(self) -> Path:
+        """Where uploads are written until they are whole; on the disk of ``root``."""
+        return self.root / "staging"
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only programs on this machine can reach the gateway."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def keys_required(self) -> bool:
+        """Whether requests without an API key are refused."""
+        return self.require_keys or not self.loopback

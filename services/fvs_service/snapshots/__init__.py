@@ -1,0 +1,1 @@
+"""Snapshots: immutable models of a scene, with their artefacts."""

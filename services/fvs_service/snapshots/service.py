@@ -1,0 +1,150 @@
+"""What can be done with snapshots: show them, read their artefacts, and, for workers, commit them."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_service.auth import Principal, Scope
+from fvs_service.errors import NotFoundError
+from fvs_service.events.model import EventKind
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.images.repository import register
+from fvs_service.jobs.ledger import attach_snapshot, record_stage
+from fvs_service.jobs.model import Job
+from fvs_service.model import Page, now
+from fvs_service.scenes.lease import Lease, require_lease
+from fvs_service.scenes.model import Alignment
+from fvs_service.scenes.repository import scene_of, set_snapshot
+from fvs_service.snapshots import repository
+from fvs_service.snapshots.model import (
+    MEDIA_TYPES,
+    Artifact,
+    Snapshot,
+    SnapshotCameras,
+    SnapshotList,
+    SnapshotMetrics,
+)
+from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.database import Database
+from fvs_service.storage.tables import JobStageRow
+
+CAMERAS = "cameras.json"
+"""The artefact that every snapshot has: see ``SnapshotCameras``."""
+GAUSSIANS = "point_cloud.ply"
+"""The artefact that every snapshot has: the Gaussians in the layout of 3DGS."""
+
+
+@dataclass(frozen=True)
+class NewSnapshot:
+    """What a worker has made: ``files`` are artefact names → files on its disk, which are moved away.
+
+    ``registered`` and ``without_overlap`` are the digests of the images that were taken up.
+    """
+
+    metrics: SnapshotMetrics
+    alignment: Alignment
+    files: Mapping[str, Path]
+    registered: Iterable[str]
+    without_overlap: Iterable[str]
+
+
+class Snapshots:
+    """Shows, reads and commits snapshots."""
+
+    def __init__(self, database: Database, blobs: Blobs) -> None:
+        self._database = database
+        self._blobs = blobs
+
+    def get(self, principal: Principal, snapshot_id: str) -> Snapshot:
+        """One snapshot; raises ``NotFoundError``."""
+        principal.require(Scope.READ, principal.scene_id)
+        with self._database.reading() as session:
+            return repository.snapshot_of(session, principal, snapshot_id)
+
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> SnapshotList:
+        """The snapshots of a scene, the oldest first."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            found = repository.snapshots_of_scene(session, scene_id, page.after, page.limit + 1)
+        items = found[: page.limit]
+        return SnapshotList(items=items, next=items[-1].id if len(found) > page.limit else None)
+
+    def artifact(self, principal: Principal, snapshot_id: str, name: str) -> Artifact:
+        """One file of a snapshot; raises ``NotFoundError``."""
+        for artifact in self.get(principal, snapshot_id).artifacts:
+            if artifact.name == name:
+                return artifact
+        raise NotFoundError("The snapshot has no such artefact.", hint="The snapshot lists its artefacts.")
+
+    def read(self, snapshot: Snapshot, name: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
+        """The bytes of an artefact, in pieces."""
+        return self._blobs.chunks(artifact_key(snapshot.scene_id, snapshot.id, name), start, stop)
+
+    def cameras(self, snapshot: Snapshot) -> SnapshotCameras:
+        """Where the snapshot's images were taken."""
+        return SnapshotCameras.model_validate_json(
+            self._blobs.read(artifact_key(snapshot.scene_id, snapshot.id, CAMERAS))
+        )
+
+    def commit(self, lease: Lease, job: Job, stage: str, made: NewSnapshot) -> Snapshot:
+        """Keep what a worker has made and point the scene at it, in one step and once per job and stage.
+
+        The artefacts are in the store before the row is written; the row, the scene's pointer, the images'
+        registrations and the stage's record are one transaction that the lease's token fences. Raises
+        ``StaleLeaseError``; then nothing has changed.
+        """
+        earlier = self._committed(job.id, stage)
+        if earlier is not None:
+            return earlier
+        snapshot_id = new_id("snp")
+        artifacts = []
+        for name, file in sorted(made.files.items()):
+            size, digest = _measure(file)
+            media_type = MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
+            artifacts.append(Artifact(name=name, media_type=media_type, size_bytes=size, sha256=digest))
+            self._blobs.adopt(file, artifact_key(lease.scene_id, snapshot_id, name))
+        snapshot = Snapshot(
+            id=snapshot_id,
+            scene_id=lease.scene_id,
+            job_id=job.id,
+            kind=job.kind,
+            metrics=made.metrics,
+            alignment=made.alignment,
+            artifacts=tuple(artifacts),
+            created_at=now(),
+        )
+        with self._database.writing() as session:
+            require_lease(session, lease)
+            repository.add_snapshot(session, snapshot)
+            register(session, lease.scene_id, made.registered, made.without_overlap)
+            set_snapshot(session, lease.scene_id, snapshot_id)
+            attach_snapshot(session, job.id, snapshot_id)
+            record_stage(session, job.id, stage, {"snapshot_id": snapshot_id})
+            told = {
+                "snapshot_id": snapshot_id,
+                "job_id": job.id,
+                "metrics": made.metrics.model_dump(mode="json"),
+                "alignment": made.alignment.model_dump(mode="json"),
+            }
+            publish(session, lease.scene_id, EventKind.SNAPSHOT_CREATED, told, subject=snapshot_id)
+        return snapshot
+
+    def _committed(self, job_id: str, stage: str) -> Snapshot | None:
+        with self._database.reading() as session:
+            row = session.get(JobStageRow, (job_id, stage))
+            if row is None:
+                return None
+            return repository.find_snapshot(session, row.document["snapshot_id"])
+
+
+def artifact_key(scene_id: str, snapshot_id: str, name: str) -> str:
+    """Where an artefact's bytes are."""
+    return f"scenes/{scene_id}/snapshots/{snapshot_id}/{name}"
+
+
+def _measure(file: Path) -> tuple[int, str]:
+    with file.open("rb") as content:
+        return file.stat().st_size, hashlib.file_digest(content, "sha256").hexdigest()

@@ -1,0 +1,48 @@
+"""Idempotency keys: the same request under the same key makes its resource once."""
+
+import hashlib
+from datetime import timedelta
+
+from sqlalchemy import delete
+from sqlalchemy.orm import Session
+
+from fvs_service.errors import KeyReusedError
+from fvs_service.model import Model, now
+from fvs_service.storage.tables import IdempotencyRow
+
+KEPT_FOR = timedelta(days=2)
+
+
+class IdempotencyKey:
+    """A tenant's key for one operation with one content."""
+
+    def __init__(self, tenant_id: str, key: str | None, operation: str, request: Model) -> None:
+        self._tenant_id, self._key = tenant_id, key
+        content = f"{operation}\n{request.model_dump_json()}"
+        self._fingerprint = hashlib.sha256(content.encode()).hexdigest()
+
+    def resource_id(self, session: Session) -> str | None:
+        """What a request with this key made; raises ``KeyReusedError`` if it asked for something else."""
+        row = None if self._key is None else session.get(IdempotencyRow, (self._tenant_id, self._key))
+        if row is None:
+            return None
+        if row.fingerprint != self._fingerprint:
+            raise KeyReusedError(
+                "This Idempotency-Key was used with another request.", hint="Make a new key for each request."
+            )
+        return row.resource_id
+
+    def remember(self, session: Session, resource_id: str) -> None:
+        """Keep what was made, in the transaction that made it."""
+        if self._key is None:
+            return
+        session.execute(delete(IdempotencyRow).where(IdempotencyRow.created_at < now() - KEPT_FOR))
+        session.add(
+            IdempotencyRow(
+                tenant_id=self._tenant_id,
+                key=self._key,
+                fingerprint=self._fingerprint,
+                resource_id=resource_id,
+                created_at=now(),
+            )
+        )

@@ -1,0 +1,195 @@
+"""All tables, on one page. Rows never leave the repositories: these give domain models."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import JSON, BigInteger, DateTime, ForeignKey, Index, Integer, String, text
+from sqlalchemy.engine import Dialect
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.types import TypeDecorator
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A time in UTC, also where the database (SQLite) forgets time zones."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Store UTC."""
+        return None if value is None else value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Return UTC."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Table(DeclarativeBase):
+    """Base of all tables."""
+
+    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[Any]: JSON}  # noqa: RUF012
+
+
+class ApiKeyRow(Table):
+    """An API key; of its secret only the SHA-256."""
+
+    __tablename__ = "api_keys"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(String(64), index=True)
+    name: Mapped[str] = mapped_column(String(200))
+    sha256: Mapped[str] = mapped_column(String(64))
+    scopes: Mapped[list[Any]]
+    scene_id: Mapped[str | None] = mapped_column(String(40))
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+
+
+class IdempotencyRow(Table):
+    """Which resource a tenant's idempotency key made; ``fingerprint`` is of the request's content."""
+
+    __tablename__ = "idempotency_keys"
+
+    tenant_id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    key: Mapped[str] = mapped_column(String(255), primary_key=True)
+    fingerprint: Mapped[str] = mapped_column(String(64))
+    resource_id: Mapped[str] = mapped_column(String(40))
+    created_at: Mapped[datetime]
+
+
+class SceneRow(Table):
+    """A scene; ``snapshot_id`` points to the latest snapshot."""
+
+    __tablename__ = "scenes"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(String(64), index=True)
+    request: Mapped[dict[str, Any]]
+    origin: Mapped[dict[str, Any] | None]
+    snapshot_id: Mapped[str | None] = mapped_column(String(40))
+    created_at: Mapped[datetime]
+
+
+class SceneLeaseRow(Table):
+    """Who works on a scene. ``token`` only grows; times are the database's, in ms since 1970."""
+
+    __tablename__ = "scene_leases"
+
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), primary_key=True)
+    worker_id: Mapped[str] = mapped_column(String(128), index=True)
+    endpoint: Mapped[str | None] = mapped_column(String(255))
+    token: Mapped[int] = mapped_column(BigInteger)
+    expires_at_ms: Mapped[int] = mapped_column(BigInteger)
+
+
+class ImageRow(Table):
+    """An image of a scene; ``number`` is its place in the order of arrival."""
+
+    __tablename__ = "images"
+
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    number: Mapped[int]
+    name: Mapped[str] = mapped_column(String(255))
+    verdict: Mapped[str] = mapped_column(String(32))
+    registration: Mapped[str] = mapped_column(String(16))
+    pixels_sha256: Mapped[str | None] = mapped_column(String(64))
+    document: Mapped[dict[str, Any]]
+    received_at: Mapped[datetime]
+
+    __table_args__ = (
+        Index("ix_images_number", "scene_id", "number", unique=True),
+        Index("ix_images_pixels", "scene_id", "pixels_sha256"),
+    )
+
+
+class JobRow(Table):
+    """``submitted`` tells whether the job engine has it; a row without is submitted again."""
+
+    __tablename__ = "jobs"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
+    tenant_id: Mapped[str] = mapped_column(String(64), index=True)
+    kind: Mapped[str] = mapped_column(String(16))
+    request: Mapped[dict[str, Any]]
+    state: Mapped[str] = mapped_column(String(16), index=True)
+    stage: Mapped[str | None] = mapped_column(String(64))
+    progress: Mapped[float]
+    eta_s: Mapped[float | None]
+    attempt: Mapped[int] = mapped_column(Integer)
+    submitted: Mapped[bool]
+    cancel_requested: Mapped[bool]
+    warnings: Mapped[list[Any]]
+    error: Mapped[dict[str, Any] | None]
+    snapshot_id: Mapped[str | None] = mapped_column(String(40))
+    created_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        Index(
+            "ix_jobs_one_queued",
+            "scene_id",
+            "kind",
+            unique=True,
+            sqlite_where=text("state = 'queued'"),
+            postgresql_where=text("state = 'queued'"),
+        ),
+    )
+
+
+class JobStageRow(Table):
+    """A stage of a job that is finished, and what the next ones need to know of it."""
+
+    __tablename__ = "job_stages"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    document: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+
+class SnapshotRow(Table):
+    """An immutable model of a scene."""
+
+    __tablename__ = "snapshots"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), index=True)
+    document: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+
+class RankingRow(Table):
+    """An immutable ranking."""
+
+    __tablename__ = "rankings"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
+    snapshot_id: Mapped[str] = mapped_column(ForeignKey("snapshots.id"))
+    document: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+
+class EventRow(Table):
+    """Something that happened to a scene; ``number`` grows in the order of commits."""
+
+    __tablename__ = "events"
+
+    number: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"))
+    kind: Mapped[str] = mapped_column(String(32))
+    subject: Mapped[str | None] = mapped_column(String(80))
+    data: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        Index("ix_events_scene", "scene_id", "number"),
+        {"sqlite_autoincrement": True},
+    )
