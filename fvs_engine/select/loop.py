@@ -102,9 +102,10 @@ class SelectionLoop:
                 hint=f"Give a budget of at most {len(pool)}.",
             )
         centres = dataset.centres()
-        reach = Reach(settings.radius, settings.nearest)
-        if settings.radius is None and settings.nearest is None:
-            reach = Reach(radius=default_radius(np.stack([centres[name] for name in dataset.names])))
+        radius, nearest = settings.radius, settings.nearest
+        if radius is None and nearest is None:
+            radius = default_radius(np.stack([centres[name] for name in dataset.names]))
+        reach = Reach(radius, nearest)
         initial = initial_views(
             [dataset.by_name[name] for name in pool], settings.initial, settings.initial_choice, settings.seed
         )

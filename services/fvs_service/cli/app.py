@@ -5,12 +5,21 @@ mistakes in the arguments must not wait for.
 """
 
 import importlib.metadata
-import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from fvs_service.cli.options import (
+    Backend,
+    BackendOption,
+    JsonOption,
+    Quality,
+    ThreadsOption,
+    limit_threads,
+)
+from fvs_service.cli.select import select
 
 if TYPE_CHECKING:
     from fvs_engine.monitor import Monitor
@@ -25,22 +34,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-class Quality(StrEnum):
-    """The training presets."""
-
-    COARSE = "coarse"
-    FINE = "fine"
-
-
-class Backend(StrEnum):
-    """The rasterisers."""
-
-    AUTO = "auto"
-    CPU = "cpu"
-    CUDA = "cuda"
-    REFERENCE = "reference"
 
 
 class CameraModel(StrEnum):
@@ -62,13 +55,6 @@ class Views(StrEnum):
 
 
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")]
-_Json = Annotated[
-    bool, typer.Option("--json", help="The result as JSON on stdout, progress as JSON lines on stderr.")
-]
-_Threads = Annotated[
-    int | None, typer.Option(min=1, help="Threads to compute with.", show_default="one per core")
-]
-_Backend = Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")]
 _Candidates = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Poses in the model frame as JSON, or a transforms.json."),
@@ -132,22 +118,22 @@ def reconstruct(
     test_every: Annotated[
         int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
     ] = 8,
-    backend: _Backend = Backend.AUTO,
+    backend: BackendOption = Backend.AUTO,
     seed: Annotated[
         int, typer.Option(min=0, help="The same cameras and seed train the same model on the CPU.")
     ] = 0,
-    threads: _Threads = None,
+    threads: ThreadsOption = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
     ] = False,
-    as_json: _Json = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Photographs in; cameras and a trained splat out. After a stop, the same command goes on."""
     from fvs_service.cli import report
     from fvs_service.cli.jobs import run_job
 
     def job(monitor: "Monitor", say: "Say") -> None:
-        _limit_threads(threads)
+        limit_threads(threads)
         from fvs_engine.pipeline.manifest import ReconstructionSettings
         from fvs_engine.pipeline.reconstruct import reconstruct_folder
         from fvs_engine.sfm.intrinsics import read_intrinsics
@@ -183,9 +169,9 @@ def rank(
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
     ] = None,
-    backend: _Backend = Backend.AUTO,
-    threads: _Threads = None,
-    as_json: _Json = False,
+    backend: BackendOption = Backend.AUTO,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Rank candidate poses: the lowest median frequency, the least well known view, comes first.
 
@@ -196,7 +182,7 @@ def rank(
     from fvs_service.cli.jobs import run_job
 
     def job(monitor: "Monitor", say: "Say") -> "tuple[Ranking, Path]":  # noqa: ARG001
-        _limit_threads(threads)
+        limit_threads(threads)
         from fvs_engine.pipeline.rank import rank_candidates
 
         return rank_candidates(folder, candidates, out=out, top=top, backend=backend.value, monitor=monitor)
@@ -215,16 +201,16 @@ def render(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
     ] = None,
-    backend: _Backend = Backend.AUTO,
-    threads: _Threads = None,
-    as_json: _Json = False,
+    backend: BackendOption = Backend.AUTO,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Render views of the model, candidates or a path through the views to PNG files."""
     from fvs_service.cli import report
     from fvs_service.cli.jobs import run_job
 
     def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
-        _limit_threads(threads)
+        limit_threads(threads)
         from fvs_engine.pipeline.render import ViewGroup, render_views
 
         return render_views(
@@ -241,7 +227,7 @@ def render(
 
 
 @app.command()
-def info(folder: _Folder, as_json: _Json = False) -> None:
+def info(folder: _Folder, as_json: JsonOption = False) -> None:
     """What an output folder holds: photographs, cameras, training, quality."""
     from fvs_engine.errors import EngineError
     from fvs_service.cli import report
@@ -253,8 +239,4 @@ def info(folder: _Folder, as_json: _Json = False) -> None:
         fail(error, machine=as_json)
 
 
-def _limit_threads(threads: int | None) -> None:
-    """Give the process's pools their budget, before the libraries that own them are imported."""
-    if threads is not None:
-        for pool in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ[pool] = str(threads)
+app.command()(select)

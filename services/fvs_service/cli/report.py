@@ -15,6 +15,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.rank import Ranking
+    from fvs_engine.pipeline.select import SelectionResult
 
 _UNWRAPPED_COLUMNS = 10_000
 
@@ -74,6 +75,38 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
         if len(shown) < len(ranking.candidates):
             stdout.write(f"… and {len(ranking.candidates) - len(shown)} more in ranking.json\n")
     show_files([folder / "ranking.json", folder / "contact_sheet.png"], machine=False)
+
+
+def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) -> None:
+    """Print the views in the order of their visit, why the selection ended, and where the files are."""
+    if machine:
+        document = result.model_dump(mode="json")
+        with _stdout() as stdout:
+            stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
+        return
+    table = Table("view", "name", "score", "distance", "travel", "", box=None, header_style="bold")
+    for column in (0, 2, 3, 4):
+        table.columns[column].justify = "right"
+    for view in result.views:
+        notes = ["initial"] if view.initial else []
+        notes += [f"fallback: {view.fallback}"] if view.fallback else []
+        notes += [] if view.registered else ["not registered"]
+        table.add_row(
+            str(view.order),
+            Text(view.name),
+            "" if view.score is None else f"{view.score:.4g}",
+            f"{view.distance:.3f}",
+            f"{view.travel:.3f}",
+            ", ".join(notes),
+        )
+    with _stdout() as stdout:
+        _console(stdout).print(table)
+        stdout.write(
+            f"{result.stop.message} Travel {result.travel:.4g}; all views in order of capture: "
+            f"{result.travel_of_capture:.4g}.\n"
+        )
+        for name in ("result.json", "trajectory.png", "point_cloud.ply"):
+            stdout.write(f"{folder / name}\n")
 
 
 def show_files(paths: Sequence[Path], *, machine: bool) -> None:

@@ -1,0 +1,224 @@
+"""Choosing views of a dataset into an output folder; resumable.
+
+selection.json    settings, the initial views, why it stopped
+steps/            one file per step: the ranking, the choice, what was learned
+scene/            the scene as it grew: features, cameras, the training state
+result.json       the views in the order of their visit, with score, distance and travel
+trajectory.png    the way of the camera, from above
+point_cloud.ply   the Gaussians, in the layout that splat viewers read
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.folder_lock import locked_folder
+from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX, Record
+from fvs_engine.pipeline.storage import storage_errors, write_atomically
+from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord, StopReason
+from fvs_engine.select.trajectory import draw_trajectory
+from fvs_engine.select.travel import path_length
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.ply import write_ply
+from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.settings import PRESETS, TrainingSettings
+
+DEFAULT_BUDGET = 100
+"""The paper's."""
+
+
+class SelectedView(Record):
+    """A visited view; ``distance`` from the one before and ``travel`` up to it are in the dataset's unit.
+
+    ``score`` is None for initial views, and for choices that no score could make (``fallback`` says how).
+    """
+
+    order: int
+    name: str
+    initial: bool
+    registered: bool
+    score: float | None
+    fallback: str | None
+    distance: float
+    travel: float
+
+
+class SelectionResult(Record):
+    """``result.json``: what was visited, in order, and why the selection ended.
+
+    ``travel_of_capture`` is the way through all views that could be visited, in order of capture.
+    ``worst_rms``: of the alignments between dataset and model, in the dataset's unit.
+    """
+
+    dataset: str
+    method: str
+    poses: Literal["sfm", "known"]
+    views: tuple[SelectedView, ...]
+    test: tuple[str, ...]
+    stop: StopReason
+    radius: float | None
+    nearest: int | None
+    travel: float
+    travel_of_capture: float
+    worst_rms: float
+    iterations: int
+    gaussians: int
+    seconds: float
+
+
+def scene_settings(
+    *,
+    poses: Literal["sfm", "known"],
+    quality: Literal["coarse", "fine"] = "coarse",
+    long_side_px: int | None = None,
+    initial_iterations: int = 1_000,
+    iterations_per_view: int = 100,
+    max_gaussians: int | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> SceneSettings:
+    """How a selection learns: the coarse or fine preset on the paper's growing schedule.
+
+    Structure from motion works in one thread unless ``threads`` says otherwise: only then are the cameras,
+    and with them all choices, the same in every run.
+    """
+    preset = PRESETS[quality]
+    training = GROWING_TRAINING.model_dump() | {
+        "sh_degree": preset.sh_degree,
+        "max_gaussians": max_gaussians or preset.max_gaussians,
+    }
+    return SceneSettings(
+        poses=poses,
+        long_side_px=long_side_px or DEFAULT_LONG_SIDE_PX[quality],
+        initial_iterations=initial_iterations,
+        iterations_per_view=iterations_per_view,
+        training=TrainingSettings.model_validate(training),
+        sfm=SfmSettings(seed=seed, threads=threads or 1),
+        seed=seed,
+    )
+
+
+def loop_settings(dataset: Dataset, *, budget: int | None, test_every: int, **others: Any) -> LoopSettings:
+    """``LoopSettings`` for ``dataset``.
+
+    A ``budget`` of None is the paper's, or all views where there are fewer. Raises ``InvalidInputError`` for
+    settings that contradict each other or are out of range.
+    """
+    if test_every == 1:
+        raise InvalidInputError(
+            "Every view would be held out (--test-every 1), and none be left to visit.",
+            hint="Hold out every 8th, or none with 0.",
+        )
+    pool, _ = split_test(dataset.names, test_every)
+    try:
+        return LoopSettings(budget=budget or min(DEFAULT_BUDGET, len(pool)), test_every=test_every, **others)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = " ".join(str(part) for part in first["loc"])
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InvalidInputError(f"{where}: {problem}." if where else f"{problem.capitalize()}.") from error
+
+
+def select_views(
+    folder: Path,
+    out: Path,
+    settings: Callable[[Dataset], LoopSettings],
+    *,
+    colmap: Path | None = None,
+    transforms: Path | None = None,
+    backend: str = "auto",
+    monitor: Monitor | None = None,
+    warn: Callable[[str], None] = lambda _sentence: None,
+) -> SelectionResult:
+    """Choose views of the dataset in ``folder`` until the selection ends; results go to the folder ``out``.
+
+    ``settings`` are made for the dataset once it is read. The same call on the same ``out`` goes on where an
+    earlier one stopped. Raises what ``open_dataset``, ``SelectionLoop`` and the parts below them raise;
+    ``out`` then holds the last good state.
+    """
+    monitor = monitor or Monitor()
+    for given in (folder, colmap, transforms):
+        if given is not None and given.resolve().is_relative_to(out.resolve()):
+            raise InvalidInputError(
+                f"{given} lies inside the output folder {out}.", hint="Choose an output folder outside."
+            )
+    dataset = open_dataset(folder, colmap, transforms)
+    for warning in dataset.warnings:
+        warn(warning)
+    chosen_settings = settings(dataset)
+    rasterizer = create_rasterizer(backend)
+    with storage_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+    with locked_folder(out), storage_errors(out):
+        loop = SelectionLoop.open(out, dataset, chosen_settings, rasterizer, monitor)
+        return _run(loop, out, monitor, warn)
+
+
+def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str], None]) -> SelectionResult:
+    loop.begin(monitor)
+    if loop.scene.waiting and not loop.records:
+        warn(
+            f"{len(loop.scene.waiting)} of the {len(loop.initial)} initial views could not be registered "
+            f"yet: {', '.join(loop.scene.waiting)}."
+        )
+    while isinstance(step := loop.step(monitor), StepRecord):
+        for warning in step.warnings:
+            warn(warning)
+    result = _result(loop, step)
+    draw_trajectory(
+        out / "trajectory.png",
+        loop.dataset,
+        initial=loop.initial,
+        chosen=[record.chosen for record in loop.records],
+        test=loop.test_names,
+        title=f"{result.dataset} · {result.method} · {len(result.views)} views · "
+        f"travel {result.travel:.1f} of {result.travel_of_capture:.1f}",
+    )
+    write_ply(out / "point_cloud.ply", loop.scene.gaussians)
+    write_atomically(out / "result.json", result.model_dump_json(indent=1).encode() + b"\n")
+    return result
+
+
+def _result(loop: SelectionLoop, stop: StopReason) -> SelectionResult:
+    centres = loop.dataset.centres()
+    way = [centres[name] for name in loop.visited]
+    registered = {view.name for view in loop.scene.views}
+    choices = {record.chosen: record.choice for record in loop.records}
+    views = []
+    for index, name in enumerate(loop.visited):
+        choice = choices.get(name)
+        views.append(
+            SelectedView(
+                order=index + 1,
+                name=name,
+                initial=choice is None,
+                registered=name in registered,
+                score=choice.score if choice else None,
+                fallback=choice.fallback if choice else None,
+                distance=path_length(way[max(0, index - 1) : index + 1]),
+                travel=path_length(way[: index + 1]),
+            )
+        )
+    return SelectionResult(
+        dataset=loop.dataset.name,
+        method=loop.settings.method,
+        poses=loop.settings.scene.poses,
+        views=tuple(views),
+        test=loop.test_names,
+        stop=stop,
+        radius=loop.reach.radius,
+        nearest=loop.reach.nearest,
+        travel=loop.travel,
+        travel_of_capture=path_length([centres[name] for name in loop.train_names]),
+        worst_rms=max((record.alignment.rms for record in loop.records), default=0.0),
+        iterations=loop.scene.iteration,
+        gaussians=len(loop.scene.gaussians),
+        seconds=sum(record.seconds.total for record in loop.records),
+    )
