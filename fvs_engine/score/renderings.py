@@ -80,7 +80,7 @@ def _batches(candidates: Sequence[Candidate], device: torch.device) -> Iterator[
             "Scores of images of different sizes cannot be compared: "
             + ", ".join(f"{width} × {height}" for width, height in sorted(sizes))
             + ".",
-            hint="Give all candidates one image size (PinholeCamera.resized).",
+            hint="Give all candidates one image size (width and height of their camera), or rank them apart.",
         )
     size = 1
     if device.type != "cpu" and sizes:

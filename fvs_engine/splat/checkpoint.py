@@ -39,7 +39,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             if metadata.get("format") != FORMAT:
                 raise StorageError(
                     f"{path} is not a training checkpoint of this version.",
-                    hint="Train again from the start.",
+                    hint="Train again: delete it, or start again with --overwrite.",
                 )
             return {name: file.get_tensor(name) for name in file.keys()}, json.loads(metadata["state"])  # noqa: SIM118
     except (OSError, SafetensorError, KeyError, ValueError) as error:

@@ -36,6 +36,11 @@ _LOSS_SMOOTHING = 0.05
 _EXTENT_STEP = 0.01
 """Share of the way, in the logarithm, that the extent goes to its goal in one iteration."""
 
+_DIVERGED_HINT = (
+    "The last checkpoint is still good. Look whether the cameras are right; if they are, train anew with "
+    "another seed (--seed) or more views."
+)
+
 
 @dataclass
 class _ViewOrder:
@@ -86,9 +91,11 @@ class Trainer:
         seed: int = 0,
     ) -> None:
         if not views:
-            raise TrainingError("There is no view to train on.", hint="Give at least one registered image.")
+            raise TrainingError("There is no view to train on.", hint="Hold out fewer views, or none.")
         if len(gaussians) == 0:
-            raise TrainingError("There is no Gaussian to train.", hint="Initialise from sparse points.")
+            raise TrainingError(
+                "There is no Gaussian to train.", hint="The cameras need sparse points to start from."
+            )
         if settings.sh_degree != gaussians.sh_degree:
             raise InvalidInputError(
                 f"The settings ask for spherical harmonics of degree {settings.sh_degree}, "
@@ -208,7 +215,7 @@ class Trainer:
         if not math.isfinite(value):
             raise TrainingError(
                 f"Training diverged at iteration {self.iteration}: the loss on {view.name} is {value}.",
-                hint="Resume from the last checkpoint with lower learning rates, or check the cameras.",
+                hint=_DIVERGED_HINT,
             )
         if loss.requires_grad:
             loss.backward()  # type: ignore[no-untyped-call]
@@ -260,7 +267,7 @@ class Trainer:
             if not bool(torch.isfinite(tensor.detach()).all()):
                 raise TrainingError(
                     f"The model has diverged: {name} holds numbers that are not finite.",
-                    hint="Resume from the last checkpoint with lower learning rates.",
+                    hint=_DIVERGED_HINT,
                 )
         write_checkpoint(
             path,

@@ -141,8 +141,9 @@ def test_divergence_keeps_the_last_good_checkpoint(
     good = path.read_bytes()
     with torch.no_grad():
         trainer.gaussians.sh_dc.fill_(float("inf"))
-    with pytest.raises(TrainingError, match="diverged at iteration 3"):
+    with pytest.raises(TrainingError, match="diverged at iteration 3") as caught:
         trainer.train(10, Monitor())
+    assert "--seed" in caught.value.hint
     with pytest.raises(TrainingError, match="sh_dc"):
         trainer.save(path)
     assert path.read_bytes() == good

@@ -297,6 +297,19 @@ def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any],
     assert "candidates.json, candidate 0, orientation_wxyz: its length is 2, not 1." in run.stderr
 
 
+def test_candidates_of_two_sizes_cannot_be_compared(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    pose = {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}
+    camera = {"width": 64, "height": 48, "fx": 70, "fy": 70, "cx": 32, "cy": 24}
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text(json.dumps([{"id": "a", **pose}, {"id": "b", **pose, "camera": camera}]))
+    run = fvs("rank", first_run[0], "--candidates", candidates, "--out", tmp_path / "ranking")
+    assert run.status == EXIT_CODES["invalid-input"]
+    assert "64 × 48" in run.stderr
+    assert "width and height of their camera" in run.stderr
+
+
 def test_rendering(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
     run = fvs(
         "render", first_run[0], "--views", "path", "--frames", 3, "--out", tmp_path / "frames", "--json"
