@@ -1,0 +1,48 @@
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fvs_engine.select.reach import Reach
+from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
+
+HERE = np.zeros(3)
+
+
+def test_the_budget_counts_all_views() -> None:
+    assert budget_spent(9, 10) is None
+    reason = budget_spent(10, 10)
+    assert reason is not None
+    assert reason.kind == "budget"
+
+
+def test_a_step_that_would_end_late_is_not_begun() -> None:
+    clock = Clock(1_000.0)
+    assert time_is_up(clock, 900.0) is None
+    reason = time_is_up(clock, 1_001.0)
+    assert reason is not None
+    assert reason.kind == "time-limit"
+
+
+def test_without_a_limit_there_is_always_time() -> None:
+    assert time_is_up(Clock(None), 1e12) is None
+
+
+def test_there_is_nothing_in_reach_when_all_was_visited() -> None:
+    reason = nothing_in_reach(Reach(nearest=3), HERE, {})
+    assert reason is not None
+    assert reason.kind == "nothing-in-reach"
+
+
+@given(st.floats(1e-6, 1e6))
+def test_the_radius_that_it_advises_reaches_something(distance: float) -> None:
+    unvisited = {"only": np.array([0.0, distance, 0.0])}
+    reason = nothing_in_reach(Reach(radius=distance / 2), HERE, unvisited)
+    assert reason is not None
+    found = re.search(r"a radius of (\S+) would reach", reason.message)
+    assert found is not None
+    advised = float(found[1])
+    assert nothing_in_reach(Reach(radius=advised), HERE, unvisited) is None
+    assert advised == pytest.approx(distance, rel=0.02)

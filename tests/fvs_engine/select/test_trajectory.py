@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
+from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.select.trajectory import draw_trajectory, top_view
+
+CAMERA = PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0)
+TILT = RigidTransform(np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0], np.array([5.0, -3.0, 9.0]))
+
+
+def dataset(poses: list[RigidTransform]) -> Dataset:
+    views = [DatasetView(f"{i:02d}", CAMERA, pose.inverse()) for i, pose in enumerate(poses)]
+    return Dataset("made up", Path("nowhere"), tuple(views))
+
+
+def ring(count: int = 12) -> list[RigidTransform]:
+    """About the z axis, at two heights."""
+    angles = 2 * np.pi * np.arange(count) / count
+    return [look_at([3 * np.cos(a), 2 * np.sin(a), i % 2], [0, 0, 0.5], [0, 0, 1]) for i, a in enumerate(angles)]
+
+
+def on_map(data: Dataset) -> np.ndarray:
+    return np.stack(list(top_view(data).values()))
+
+
+def test_from_above_heights_vanish_and_distances_stay_in_any_frame() -> None:
+    rotation = TILT.rotation * np.sign(np.linalg.det(TILT.rotation))
+    tilted = RigidTransform(rotation, TILT.translation)
+    flat = np.stack([pose.translation[:2] for pose in ring()])
+    expected = np.linalg.norm(flat[:, None] - flat[None], axis=-1)
+    for frame in (RigidTransform.identity(), tilted):
+        seen = on_map(dataset([frame @ pose for pose in ring()]))
+        np.testing.assert_allclose(np.linalg.norm(seen[:, None] - seen[None], axis=-1), expected, atol=1e-9)
+
+
+def _turn(points: np.ndarray) -> float:
+    """Twice the signed area that points [N, 2] go round: positive when they turn left."""
+    x, y = (points - points.mean(axis=0)).T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+def test_the_map_is_not_mirrored() -> None:
+    assert _turn(on_map(dataset(ring()))) > 0
+    assert _turn(on_map(dataset(ring()[::-1]))) < 0
+
+
+def test_a_block_of_cameras_that_look_down_is_seen_from_above() -> None:
+    down = [np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0])]  # flown there and back
+    corners = np.array([[0, 0], [4, 0], [4, 1], [0, 1]])
+    poses = [RigidTransform(down[i % 2], np.array([x, y, 50.0])) for i, (x, y) in enumerate(corners)]
+    seen = on_map(dataset(poses))
+    assert _turn(seen) == pytest.approx(8.0)
+
+
+def test_the_picture_shows_what_was_chosen(tmp_path: Path) -> None:
+    data = dataset(ring())
+    pictures = []
+    for chosen in ((), ("05",), ("05", "07", "09")):
+        path = tmp_path / f"{len(chosen)}.png"
+        draw_trajectory(path, data, initial=("01", "02"), chosen=chosen, test=("00", "08"), title="A title")
+        with Image.open(path) as picture:
+            picture.load()
+            assert min(picture.size) > 600
+            pictures.append(picture.tobytes())
+    assert len(set(pictures)) == 3
