@@ -12,6 +12,7 @@ from fvs_service.images.staging import StagingArea
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.port import JobEngine
 from fvs_service.jobs.service import Jobs
+from fvs_service.limiter import AtOnce
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
 from fvs_service.scenes.lease import Leases
@@ -43,6 +44,7 @@ class Application:
     engine: JobEngine
     runners: SceneRunners
     staging: StagingArea
+    uploads_at_once: AtOnce
     scenes: Scenes
     images: Images
     jobs: Jobs
@@ -99,6 +101,7 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
                 staging=StagingArea(
                     settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
                 ),
+                uploads_at_once=AtOnce("uploads", limits.open_uploads_per_tenant),
                 scenes=Scenes(storage.database, limits),
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 jobs=jobs,

@@ -60,17 +60,25 @@ class Images:
             missing=tuple(digest for digest in request.digests if digest not in known),
         )
 
-    def known(self, principal: Principal, scene_id: str, digest: str) -> Image | None:
-        """The image with this digest, None when it is still to be sent."""
+    def require_open(self, principal: Principal, scene_id: str) -> None:
+        """Raise unless the principal may send images to the scene, and it takes more."""
         principal.require(Scope.UPLOAD, scene_id)
         with self._database.reading() as session:
             scene = scene_of(session, principal, scene_id)
-            found = repository.find_image(session, scene_id, digest)
-        if found is None and scene.images.received >= self._limits.images_per_scene:
+        if scene.images.received >= self._limits.images_per_scene:
             raise ConflictError(
                 f"The scene has {self._limits.images_per_scene} images, and no more are allowed.",
                 hint="Make another scene.",
             )
+
+    def known(self, principal: Principal, scene_id: str, digest: str) -> Image | None:
+        """The image with this digest, None when it is still to be sent."""
+        principal.require(Scope.UPLOAD, scene_id)
+        with self._database.reading() as session:
+            scene_of(session, principal, scene_id)
+            found = repository.find_image(session, scene_id, digest)
+        if found is None:
+            self.require_open(principal, scene_id)
         return found
 
     def store(

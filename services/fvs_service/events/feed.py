@@ -1,0 +1,86 @@
+"""Watching events: one look at the database serves every watcher of this process."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import TypeVar
+
+from fvs_service.auth import Principal, Scope
+from fvs_service.events.model import Event
+from fvs_service.events.repository import events_after, last_number
+from fvs_service.limiter import AtOnce
+from fvs_service.storage.database import Database
+
+_BATCH = 256
+_Result = TypeVar("_Result")
+
+
+class EventFeed:
+    """Hands committed events on, also those that other processes wrote.
+
+    ``require`` raises unless the principal may watch the scene; it is given, because events lie below scenes.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        require: Callable[[Principal, str], object],
+        *,
+        poll_s: float,
+        heartbeat_s: float,
+        streams_per_tenant: int,
+    ) -> None:
+        self._database = database
+        self._require = require
+        self._poll_s, self._heartbeat_s = poll_s, heartbeat_s
+        self.at_once = AtOnce("event streams", streams_per_tenant)
+        self._newest = 0
+        self._watchers = 0
+        self._grown = asyncio.Condition()
+
+    def check(self, principal: Principal, scene_id: str) -> None:
+        """Raise unless the principal may watch the scene."""
+        principal.require(Scope.READ, scene_id)
+        self._require(principal, scene_id)
+
+    async def watch(self) -> None:
+        """Look for new events while somebody watches, until cancelled."""
+        while True:
+            await asyncio.sleep(self._poll_s)
+            if self._watchers == 0:
+                continue
+            newest = await self._read(last_number)
+            if newest > self._newest:
+                async with self._grown:
+                    self._newest = newest
+                    self._grown.notify_all()
+
+    async def follow(self, scene_id: str, after: int) -> AsyncIterator[Event | None]:
+        """The events of a scene after number ``after``, for ever; None when nothing came for a while."""
+        self._watchers += 1
+        try:
+            while True:
+                seen = self._newest
+                events = await self._read(lambda session: events_after(session, scene_id, after, _BATCH))  # noqa: B023
+                for event in events:
+                    after = event.number
+                    yield event
+                if not events and not await self._wait(seen):
+                    yield None
+        finally:
+            self._watchers -= 1
+
+    async def _wait(self, seen: int) -> bool:
+        """Wait until there is an event newer than ``seen``; False when none came within a heartbeat."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(self._heartbeat_s), self._grown:
+                await self._grown.wait_for(lambda: self._newest > seen)
+                return True
+        return False
+
+    async def _read(self, query: Callable[..., _Result]) -> _Result:
+        def run() -> _Result:
+            with self._database.reading() as session:
+                return query(session)
+
+        return await asyncio.to_thread(run)

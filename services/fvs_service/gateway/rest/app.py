@@ -1,0 +1,71 @@
+"""The REST gateway as an ASGI application."""
+
+import asyncio
+import contextlib
+import importlib.metadata
+from collections.abc import AsyncIterator
+
+import anyio.to_thread
+from fastapi import FastAPI
+
+from fvs_service.application import Backend, open_application
+from fvs_service.events.feed import EventFeed
+from fvs_service.gateway.rest import (
+    events,
+    images,
+    jobs,
+    openapi,
+    problems,
+    rankings,
+    scenes,
+    service,
+    snapshots,
+)
+from fvs_service.gateway.rest.middleware import BodyGuard, RequestContext
+from fvs_service.settings import Settings
+from fvs_service.telemetry import Metrics
+
+_THREADS = 160
+"""Handlers that may wait at once, each in a thread of its own: for the database, or for a runner's answer."""
+
+
+def create_app(settings: Settings, backend: Backend) -> FastAPI:
+    """The gateway; it opens the storage when it starts and closes it when it stops."""
+    metrics = Metrics()
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
+        with open_application(settings, backend) as application:
+            application.staging.clear()
+            application.jobs.submit_waiting()
+            feed = EventFeed(
+                application.storage.database,
+                application.scenes.get,
+                poll_s=settings.event_poll_s,
+                heartbeat_s=settings.event_heartbeat_s,
+                streams_per_tenant=settings.limits.event_streams_per_tenant,
+            )
+            app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
+            watching = asyncio.create_task(feed.watch())
+            try:
+                yield
+            finally:
+                watching.cancel()
+                await asyncio.gather(watching, return_exceptions=True)
+
+    app = FastAPI(
+        title="Frequency View Selection",
+        version=importlib.metadata.version("fvs"),
+        lifespan=lifespan,
+        docs_url=None,  # these pages load their scripts from elsewhere
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
+    app.add_middleware(RequestContext, metrics=metrics)
+    problems.install(app)
+    for module in (scenes, images, jobs, events, rankings, snapshots, service):
+        app.include_router(module.router)
+    openapi.describe(app)
+    return app

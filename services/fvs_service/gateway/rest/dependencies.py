@@ -1,0 +1,74 @@
+"""What handlers are given: the application, who asks, and the parts of a request that many routes share."""
+
+from typing import Annotated
+
+from fastapi import Depends, Header, Path, Query, Request, Response
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from fvs_service.application import Application
+from fvs_service.auth import Principal
+from fvs_service.events.feed import EventFeed
+from fvs_service.ids import new_id
+from fvs_service.model import Page
+from fvs_service.telemetry import Metrics
+
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="ApiKey",
+    description="`fvs keys create` makes one. Not needed while the service is bound to loopback.",
+)
+
+
+def _application(request: Request) -> Application:
+    application: Application = request.app.state.application
+    return application
+
+
+def _feed(request: Request) -> EventFeed:
+    feed: EventFeed = request.app.state.feed
+    return feed
+
+
+def _metrics(request: Request) -> Metrics:
+    metrics: Metrics = request.app.state.metrics
+    return metrics
+
+
+App = Annotated[Application, Depends(_application)]
+Feed = Annotated[EventFeed, Depends(_feed)]
+Counters = Annotated[Metrics, Depends(_metrics)]
+
+
+def _caller(
+    app: App, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+) -> Principal:
+    return app.storage.keys.authenticate(None if credentials is None else credentials.credentials)
+
+
+Caller = Annotated[Principal, Depends(_caller)]
+Paging = Annotated[Page, Query()]
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        min_length=1,
+        max_length=255,
+        pattern=r"^[\x21-\x7e]+$",
+        description="The same request under the same key makes its resource once.",
+    ),
+]
+
+
+def _id(prefix: str, what: str) -> object:
+    return Path(description=f"The {what}'s id.", max_length=64, examples=[new_id(prefix)])
+
+
+SceneId = Annotated[str, _id("scn", "scene")]
+JobId = Annotated[str, _id("job", "job")]
+SnapshotId = Annotated[str, _id("snp", "snapshot")]
+RankingId = Annotated[str, _id("rnk", "ranking")]
+
+
+def located(response: Response, path: str) -> None:
+    """Say where the resource is that was made."""
+    response.headers["Location"] = path

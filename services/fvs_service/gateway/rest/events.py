@@ -1,0 +1,50 @@
+"""Events over REST, as server-sent events (WHATWG HTML, section 9.2)."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import ExitStack
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query
+from fastapi.responses import StreamingResponse
+
+from fvs_service.events.feed import EventFeed
+from fvs_service.events.model import Event
+from fvs_service.gateway.rest.dependencies import Caller, Counters, Feed, SceneId
+from fvs_service.telemetry import Metrics
+
+router = APIRouter(prefix="/v1/scenes", tags=["events"])
+
+_RECONNECT = "retry: 1000\n\n"
+_HEARTBEAT = ": nothing new\n\n"
+_STREAM = {200: {"description": "Events as they come.", "content": {"text/event-stream": {}}}}
+
+
+@router.get("/{scene_id}/events", response_class=StreamingResponse, responses=_STREAM)  # type: ignore[arg-type]
+async def watch_events(
+    feed: Feed,
+    caller: Caller,
+    metrics: Counters,
+    scene_id: SceneId,
+    after: Annotated[int, Query(ge=0, le=2**53, description="Begin after this event.")] = 0,
+    last: Annotated[int | None, Header(alias="Last-Event-ID", ge=0, le=2**53)] = None,
+) -> StreamingResponse:
+    """Watch a scene: past events after `Last-Event-ID` (or `after`), then new ones as they come."""
+    await asyncio.to_thread(feed.check, caller, scene_id)
+    place = ExitStack()
+    place.enter_context(feed.at_once.use(caller.tenant_id))
+    stream = _stream(feed, metrics, place, scene_id, after if last is None else last)
+    return StreamingResponse(stream, media_type="text/event-stream")
+
+
+async def _stream(
+    feed: EventFeed, metrics: Metrics, place: ExitStack, scene_id: str, after: int
+) -> AsyncIterator[str]:
+    with place, metrics.streams.track_inprogress():
+        yield _RECONNECT
+        async for event in feed.follow(scene_id, after):
+            yield _HEARTBEAT if event is None else _message(event)
+
+
+def _message(event: Event) -> str:
+    return f"id: {event.number}\nevent: {event.kind.value}\ndata: {event.model_dump_json()}\n\n"

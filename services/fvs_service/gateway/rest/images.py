@@ -1,0 +1,171 @@
+"""Images over REST."""
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Path, Query, Request, Response
+from pydantic import ValidationError
+
+from fvs_service.application import Application
+from fvs_service.auth import Principal
+from fvs_service.errors import (
+    FieldError,
+    InvalidRequestError,
+    MalformedRequestError,
+    UnsupportedMediaTypeError,
+)
+from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Paging, SceneId
+from fvs_service.gateway.rest.digests import promised_digest, repr_digest, require_digest
+from fvs_service.gateway.rest.multipart import receive_files
+from fvs_service.images.model import (
+    DigestAnswer,
+    DigestCheck,
+    Image,
+    ImageList,
+    ImageMetadata,
+    UploadAnswer,
+    UploadItem,
+)
+from fvs_service.telemetry import Metrics
+
+router = APIRouter(prefix="/v1/scenes/{scene_id}", tags=["images"])
+
+Hex = Annotated[
+    str, Path(pattern=r"^[0-9a-f]{64}$", description="The SHA-256 of the image's bytes.", examples=["0" * 64])
+]
+_BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+_PUT: dict[str, Any] = {
+    "requestBody": {"required": True, "content": {"application/octet-stream": _BINARY, "image/jpeg": _BINARY}}
+}
+_FORM: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "properties": {"file": {"type": "array", "items": _BINARY["schema"]}},
+                    "required": ["file"],
+                }
+            }
+        },
+    }
+}
+_KNOWN: dict[int | str, dict[str, Any]] = {200: {"model": Image, "description": "The scene had it already."}}
+
+
+@router.post("/images:check")
+def check_images(app: App, caller: Caller, scene_id: SceneId, request: DigestCheck) -> DigestAnswer:
+    """Ask which images the scene has already, so that none is sent twice."""
+    return app.images.check(caller, scene_id, request)
+
+
+@router.put("/images/sha256:{hexadecimal}", status_code=201, responses=_KNOWN, openapi_extra=_PUT)
+async def put_image(
+    app: App,
+    caller: Caller,
+    metrics: Counters,
+    scene_id: SceneId,
+    hexadecimal: Hex,
+    metadata: Annotated[ImageMetadata, Query()],
+    request: Request,
+    response: Response,
+    digest_header: Annotated[str | None, Header(alias="Repr-Digest")] = None,
+) -> Image:
+    """Send an image's bytes; the answer has its verdict. Sending it again changes nothing."""
+    digest = f"sha256:{hexadecimal}"
+    require_digest(digest, promised_digest(digest_header))
+    image, created = await _receive(app, caller, scene_id, digest, metadata, request, metrics)
+    response.status_code = 201 if created else 200
+    response.headers["Location"] = f"/v1/scenes/{scene_id}/images/{digest}"
+    response.headers["Repr-Digest"] = repr_digest(digest)
+    return image
+
+
+@router.post("/images", openapi_extra=_FORM)
+async def post_images(
+    app: App, caller: Caller, metrics: Counters, scene_id: SceneId, request: Request
+) -> UploadAnswer:
+    """Send one or many images as a form. What has arrived when the connection breaks is kept."""
+    await asyncio.to_thread(app.images.require_open, caller, scene_id)
+    items = []
+    with app.uploads_at_once.use(caller.tenant_id):
+        async for file in receive_files(request, app.staging, app.storage.settings.limits.multipart_files):
+            metadata = _named(file.name)
+            image, new = await asyncio.to_thread(app.images.store, caller, scene_id, file.staged, metadata)
+            _count(metrics, image, created=new)
+            items.append(UploadItem(name=file.name, created=new, image=image))
+    return UploadAnswer(items=tuple(items))
+
+
+@router.get("/images")
+def list_images(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> ImageList:
+    """List the images of a scene in the order of arrival, with their verdicts."""
+    return app.images.of_scene(caller, scene_id, page)
+
+
+@router.get("/images/sha256:{hexadecimal}")
+def get_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
+    """Show an image: its verdict, and whether it has found its place."""
+    return app.images.get(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+async def _receive(
+    app: Application,
+    caller: Principal,
+    scene_id: str,
+    digest: str,
+    metadata: ImageMetadata,
+    request: Request,
+    metrics: Metrics,
+) -> tuple[Image, bool]:
+    """Take the body of a PUT to disk, and store it if the scene does not have it."""
+    _require_image_type(request)
+    known = await asyncio.to_thread(app.images.known, caller, scene_id, digest)
+    if known is not None:
+        async for _ in request.stream():  # read and dropped, so that the connection can be used again
+            pass
+        return known, False
+    with (
+        app.uploads_at_once.use(caller.tenant_id),
+        app.staging.receive(_declared_bytes(request)) as receiver,
+    ):
+        async for chunk in request.stream():
+            receiver.write(chunk)
+        staged = receiver.finish()
+        require_digest(staged.digest, digest)
+        image, created = await asyncio.to_thread(app.images.store, caller, scene_id, staged, metadata)
+    _count(metrics, image, created=created)
+    return image, created
+
+
+def _named(name: str) -> ImageMetadata:
+    try:
+        return ImageMetadata(name=name)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"]
+        raise InvalidRequestError(
+            f"{name!r} is no name for an image: {message}.", errors=[FieldError("filename", message)]
+        ) from error
+
+
+def _require_image_type(request: Request) -> None:
+    kind = request.headers.get("content-type", "application/octet-stream").partition(";")[0].strip().lower()
+    if kind != "application/octet-stream" and not kind.startswith("image/"):
+        raise UnsupportedMediaTypeError(
+            f"The body is {kind}.", hint="Send the bytes as image/jpeg or application/octet-stream."
+        )
+
+
+def _declared_bytes(request: Request) -> int | None:
+    declared = request.headers.get("content-length")
+    if declared is None:
+        return None
+    if not (declared.isascii() and declared.isdigit()):
+        raise MalformedRequestError("Content-Length is not a number.")
+    return int(declared)
+
+
+def _count(metrics: Metrics, image: Image, *, created: bool) -> None:
+    if created:
+        metrics.images.labels(image.verdict.value).inc()

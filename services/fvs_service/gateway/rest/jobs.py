@@ -1,0 +1,55 @@
+"""Jobs over REST."""
+
+from fastapi import APIRouter, Response
+
+from fvs_service.gateway.rest.dependencies import (
+    App,
+    Caller,
+    IdempotencyKey,
+    JobId,
+    Paging,
+    SceneId,
+    located,
+)
+from fvs_service.jobs.model import Job, JobList, JobRequest
+
+router = APIRouter(prefix="/v1", tags=["jobs"])
+
+
+@router.post("/scenes/{scene_id}/jobs", status_code=202)
+def create_job(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    request: JobRequest,
+    response: Response,
+    key: IdempotencyKey = None,
+) -> Job:
+    """Queue a job; while one of its kind waits for its turn in the scene, that one is answered."""
+    job = app.jobs.create(caller, scene_id, request, key)
+    located(response, f"/v1/jobs/{job.id}")
+    return job
+
+
+@router.get("/scenes/{scene_id}/jobs")
+def list_jobs(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> JobList:
+    """List the jobs of a scene, the oldest first."""
+    return app.jobs.of_scene(caller, scene_id, page)
+
+
+@router.post("/jobs/{job_id}:cancel", status_code=202)
+def cancel_job(app: App, caller: Caller, job_id: JobId) -> Job:
+    """Stop a job; one that has ended stays as it is."""
+    return app.jobs.cancel(caller, job_id)
+
+
+@router.post("/jobs/{job_id}:retry", status_code=202)
+def retry_job(app: App, caller: Caller, job_id: JobId) -> Job:
+    """Queue a failed or canceled job again; finished stages are not repeated."""
+    return app.jobs.retry(caller, job_id)
+
+
+@router.get("/jobs/{job_id}")
+def get_job(app: App, caller: Caller, job_id: JobId) -> Job:
+    """Show a job and how far it is."""
+    return app.jobs.get(caller, job_id)

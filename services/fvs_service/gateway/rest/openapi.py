@@ -1,0 +1,47 @@
+"""The OpenAPI document: FastAPI's, with problem documents as the answer to every error."""
+
+from typing import Any
+
+from fastapi import FastAPI
+
+from fvs_service.gateway.rest.problems import MEDIA_TYPE, Problem
+
+_DESCRIPTION = """
+Send photographs, get a 3D model that grows, and ask which pose should be photographed next.
+
+1. `POST /v1/scenes` makes a scene. 2. `PUT …/images/sha256:…` sends photographs. 3. `POST …/jobs` with
+`{"kind": "update"}` makes the model; `GET …/events` tells how far it is. 4. `POST …/rankings` ranks poses.
+
+Every error is a problem document (RFC 9457) with a `code` that stays, a `hint`, and a `request_id`. Poses are
+`frame_from_camera` of an OpenCV camera (x right, y down, z forward); quaternions are unit, `w` first.
+"""
+
+PROBLEM_ANSWER: dict[str, Any] = {
+    "description": "A problem document.",
+    "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+}
+
+
+def describe(app: FastAPI) -> None:
+    """Make ``app`` describe its errors as what they are."""
+    original = app.openapi
+    app.description = _DESCRIPTION
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema:
+            return app.openapi_schema
+        document = original()
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}", mode="serialization")
+        schemas.update(problem.pop("$defs", {}))
+        schemas["Problem"] = problem
+        for unused in ("HTTPValidationError", "ValidationError"):
+            schemas.pop(unused, None)
+        for path in document["paths"].values():
+            for operation in path.values():
+                operation["responses"].pop("422", None)
+                operation["responses"]["4XX"] = PROBLEM_ANSWER
+                operation["responses"]["5XX"] = PROBLEM_ANSWER
+        return document
+
+    app.openapi = openapi  # type: ignore[method-assign]

@@ -1,0 +1,151 @@
+"""Errors as problem documents (RFC 9457), whoever raised them: a service, the engine, the framework."""
+
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from fvs_engine.errors import EngineError
+from fvs_service import errors
+from fvs_service.errors import FieldError, ServiceError
+from fvs_service.model import Model
+
+MEDIA_TYPE = "application/problem+json"
+_MOST_FIELDS = 32
+
+_BY_STATUS: Mapping[int, type[ServiceError]] = {
+    400: errors.MalformedRequestError,
+    401: errors.UnauthenticatedError,
+    403: errors.ForbiddenError,
+    404: errors.NotFoundError,
+    405: errors.MethodNotAllowedError,
+    413: errors.PayloadTooLargeError,
+    415: errors.UnsupportedMediaTypeError,
+}
+
+_log = structlog.get_logger()
+
+
+class ProblemField(Model):
+    """One part of the request that is wrong."""
+
+    field: str
+    message: str
+
+
+class Problem(Model):
+    """Why a request was not fulfilled."""
+
+    type: str
+    """Always `about:blank`: `code` says which problem it is."""
+    title: str
+    status: int
+    code: str
+    """Stable; programs decide by it."""
+    detail: str
+    hint: str
+    retryable: bool
+    """Whether the same request can succeed later."""
+    request_id: str
+    errors: tuple[ProblemField, ...] = ()
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error of ``app`` with a problem document."""
+    app.add_exception_handler(ServiceError, _service_error)
+    app.add_exception_handler(EngineError, _engine_error)
+    app.add_exception_handler(RequestValidationError, _validation_error)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(Exception, _unexpected_error)
+
+
+def problem_response(
+    request: Request, error: ServiceError, headers: Mapping[str, str] | None = None
+) -> JSONResponse:
+    """The answer to a request that failed with ``error``."""
+    problem = Problem(
+        type="about:blank",
+        title=error.title,
+        status=error.http_status,
+        code=error.code,
+        detail=error.message,
+        hint=error.hint,
+        retryable=error.retryable,
+        request_id=getattr(request.state, "request_id", ""),
+        errors=tuple(ProblemField(field=item.field, message=item.message) for item in error.errors),
+    )
+    more = dict(headers or {})
+    if error.retry_after_s is not None:
+        more["Retry-After"] = str(error.retry_after_s)
+    if error.http_status == HTTPStatus.UNAUTHORIZED:
+        more["WWW-Authenticate"] = "Bearer"
+    if isinstance(error, errors.RangeError):
+        more["Content-Range"] = f"bytes */{error.size_bytes}"
+    return JSONResponse(
+        problem.model_dump(mode="json"), error.http_status, headers=more, media_type=MEDIA_TYPE
+    )
+
+
+async def _service_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ServiceError)
+    return problem_response(request, error)
+
+
+async def _engine_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, EngineError)
+    return problem_response(request, errors.from_engine(error))
+
+
+async def _validation_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    found = error.errors()
+    if any(item["type"] == "json_invalid" for item in found):
+        return problem_response(request, errors.MalformedRequestError("The body is not JSON."))
+    content_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    wrong_body = any(tuple(item["loc"]) == ("body",) for item in found)
+    if wrong_body and content_type and not (content_type.endswith(("/json", "+json"))):
+        return problem_response(
+            request,
+            errors.UnsupportedMediaTypeError(
+                f"The body is {content_type}.", hint="Send JSON with Content-Type: application/json."
+            ),
+        )
+    fields = _fields(found)
+    first = f"{fields[0].field}: {fields[0].message}" if fields else "The request is not valid."
+    return problem_response(request, errors.InvalidRequestError(first, errors=fields))
+
+
+async def _http_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    if isinstance(error.__cause__, ServiceError):  # the framework met it while it read the body
+        return problem_response(request, error.__cause__)
+    kind = _BY_STATUS.get(error.status_code, errors.MalformedRequestError)
+    if error.status_code >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        kind = errors.InternalError
+    details = {
+        errors.NotFoundError: f"There is nothing at {request.url.path}.",
+        errors.MethodNotAllowedError: f"{request.method} is not allowed at {request.url.path}.",
+    }
+    return problem_response(request, kind(details.get(kind, str(error.detail))), error.headers)
+
+
+async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:
+    _log.error("request failed", path=request.url.path, exc_info=error)
+    return problem_response(
+        request,
+        errors.InternalError(
+            "The service failed.", hint="Try again; if it fails again, report the request_id."
+        ),
+    )
+
+
+def _fields(found: Sequence[Any]) -> tuple[FieldError, ...]:
+    return tuple(
+        FieldError(".".join(map(str, item["loc"][1:])) or str(item["loc"][0]), item["msg"])
+        for item in found[:_MOST_FIELDS]
+    )

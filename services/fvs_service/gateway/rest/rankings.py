@@ -1,0 +1,51 @@
+"""Rankings over REST."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Response
+
+from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, RankingId, SceneId, located
+from fvs_service.rankings.model import Ranking, RankingRequest
+from fvs_service.rankings.port import Picture
+
+router = APIRouter(prefix="/v1", tags=["rankings"])
+
+_PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
+
+
+@router.post("/scenes/{scene_id}/rankings", status_code=201)
+def create_ranking(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    request: RankingRequest,
+    response: Response,
+    key: IdempotencyKey = None,
+) -> Ranking:
+    """Rank candidate poses: which should be photographed next? Answered at once, also while a job runs."""
+    ranking = app.rankings.create(caller, scene_id, request, key)
+    located(response, f"/v1/rankings/{ranking.id}")
+    return ranking
+
+
+@router.get("/rankings/{ranking_id}")
+def get_ranking(app: App, caller: Caller, ranking_id: RankingId) -> Ranking:
+    """Show a ranking."""
+    return app.rankings.get(caller, ranking_id)
+
+
+@router.get(
+    "/rankings/{ranking_id}/candidates/{candidate_id}/{picture}.png",
+    response_class=Response,
+    responses=_PNG,  # type: ignore[arg-type]
+)
+def draw_candidate(
+    app: App,
+    caller: Caller,
+    ranking_id: RankingId,
+    candidate_id: Annotated[str, Path(max_length=128, examples=["orbit-0000"])],
+    picture: Picture,
+) -> Response:
+    """Show what a candidate sees of the model, or the spectrum that its score was computed from."""
+    png = app.rankings.draw(caller, ranking_id, candidate_id, picture)
+    return Response(png, media_type="image/png")
