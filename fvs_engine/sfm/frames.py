@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment import AlignmentReport, robust_umeyama
@@ -30,7 +31,18 @@ def align_poses(new: Mapping[str, RigidTransform], standing: Mapping[str, RigidT
     rotation about it too. Raises ``InvalidInputError`` when the shared centres coincide or nothing agrees.
     """
     shared = sorted(new.keys() & standing.keys())
-    return robust_umeyama(_corners(new, shared), _corners(standing, shared))
+    source, target = (np.array([poses[name].translation for name in shared]) for poses in (new, standing))
+    length = centre_spread(source) if shared else 0.0
+    return robust_umeyama(
+        _corners(new, shared, length), _corners(standing, shared, length * _median_scale(source, target))
+    )
+
+
+def _median_scale(source: Array, target: Array) -> float:
+    """Target lengths per source length, median over all pairs of matching points [N, 3]."""
+    lengths = pdist(source.reshape(-1, 3))
+    known = lengths > 0
+    return float(np.median(pdist(target.reshape(-1, 3))[known] / lengths[known])) if known.any() else 1.0
 
 
 def move(model: pycolmap.Reconstruction, alignment: AlignmentReport) -> None:
@@ -41,13 +53,8 @@ def move(model: pycolmap.Reconstruction, alignment: AlignmentReport) -> None:
     )
 
 
-def _corners(poses: Mapping[str, RigidTransform], names: list[str]) -> Array:
-    """Centres and axis tips [4 N, 3]; the axes are as long as the centres are spread in this model."""
-    if not names:
-        return np.zeros((0, 3))
-    centres = np.stack([poses[name].translation for name in names])
-    length = centre_spread(centres)
-    tips = [
-        centres + length * np.stack([poses[name].rotation[:, axis] for name in names]) for axis in range(3)
-    ]
-    return np.concatenate([centres, *tips])
+def _corners(poses: Mapping[str, RigidTransform], names: list[str], length: float) -> Array:
+    """Centres and the tips of axes of this length, [4 N, 3]."""
+    centres = np.array([poses[name].translation for name in names]).reshape(-1, 3)
+    axes = np.array([poses[name].rotation for name in names]).reshape(-1, 3, 3)
+    return np.concatenate([centres, *(centres + length * axes[:, :, axis] for axis in range(3))])

@@ -34,9 +34,9 @@ class Witnesses:
     keypoints: Mapping[int, NDArray[np.float64]]
     gps_m: Mapping[int, NDArray[np.float64]]
 
-    def testify(self, model: pycolmap.Reconstruction) -> Evidence | None:
+    def testify(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """What they say about ``model``; None when no verified pair lies within it."""
-        return gather_evidence(model, self.pairs, self.keypoints, self.gps_m)
+        return gather_evidence(model, self.pairs, self.keypoints, self.gps_m, monitor.check)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +58,10 @@ class MappedScene:
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
-        evidence = witnesses.testify(largest)
+        evidence = witnesses.testify(largest, monitor)
         if evidence is not None and _is_prunable(largest, evidence):
             leave_out(largest, evidence.unsupported_images)
-            evidence = witnesses.testify(largest)
+            evidence = witnesses.testify(largest, monitor)
         monitor.report("evidence", 1, 1)
         centres = {
             image.name: np.asarray(image.projection_center())

@@ -135,7 +135,10 @@ def remap(stages: Stages, image_dir: Path, state: GrowthState, model_dir: Path, 
     stages.open(image_dir, names, 2)  # forgets the mappers' models of fewer images
     witnesses = read_witnesses(stages)
     standing = open_colmap(model_dir)
-    scenes = [_weigh_standing(standing, witnesses), *map_images(stages, image_dir, len(names), witnesses)]
+    scenes = [
+        _weigh_standing(stages, standing, witnesses),
+        *map_images(stages, image_dir, len(names), witnesses),
+    ]
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     chosen = decision.chosen or 0
     if chosen > 0 and decision.judgements[0].verdict != "refused":
@@ -174,9 +177,9 @@ def remap(stages: Stages, image_dir: Path, state: GrowthState, model_dir: Path, 
     return Remapping(state.model_copy(update=update), adopted=True, warnings=(warning, *decision.warnings))
 
 
-def _weigh_standing(model: pycolmap.Reconstruction, witnesses: Witnesses) -> MappedScene:
+def _weigh_standing(stages: Stages, model: pycolmap.Reconstruction, witnesses: Witnesses) -> MappedScene:
     centres = {name: pose.translation for name, pose in camera_poses(model).items()}
-    return MappedScene(model, Candidate(_STANDING, centres, witnesses.testify(model)), ())
+    return MappedScene(model, Candidate(_STANDING, centres, witnesses.testify(model, stages.monitor)), ())
 
 
 def _explained(scene: MappedScene) -> float:

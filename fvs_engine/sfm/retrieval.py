@@ -5,6 +5,7 @@ square-root normalisation of Arandjelović & Zisserman, "All about VLAD", CVPR 2
 from the images themselves, so that nothing has to be downloaded.
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -41,7 +42,10 @@ def learn_words(local: Sequence[NDArray[np.float32]], seed: int) -> NDArray[np.f
     if len(pool) < _WORDS:
         return None
     sample = pool[generator.choice(len(pool), size=min(_SAMPLE, len(pool)), replace=False)]
-    words, _ = kmeans2(sample, _WORDS, iter=10, minit="points", seed=generator, missing="warn")
+    with warnings.catch_warnings():
+        # A word that nothing is nearest to stays where it was, which does no harm.
+        warnings.filterwarnings("ignore", message="One of the clusters is empty")
+        words, _ = kmeans2(sample, _WORDS, iter=10, minit="points", seed=generator, missing="warn")
     return np.asarray(words, dtype=np.float32)
 
 

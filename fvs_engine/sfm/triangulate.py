@@ -124,7 +124,7 @@ def _report(
     names: Sequence[str],
     missing: Sequence[str],
 ) -> SfmReport:
-    evidence = read_witnesses(stages).testify(model)
+    evidence = read_witnesses(stages).testify(model, stages.monitor)
     doubtful = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
     reason = (
         "No pair of images matches."
