@@ -78,7 +78,9 @@ def render_views(
     paths = []
     for done, view in enumerate(wanted, start=1):
         pixels = np.round(render_color(gaussians, view, rasterizer) * 255.0).astype(np.uint8)
-        path = folder / f"{_file_name(view.id)}.png"
+        # The names of views are those of files already, the ids of candidates can be anything.
+        name = view.id if candidates_file is None else _file_name(view.id)
+        path = folder / f"{name}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray(pixels).save(path)

@@ -61,16 +61,16 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
 
 
 def fail(error: EngineError, *, machine: bool) -> NoReturn:
-    """Say what went wrong and end the program with the error's exit status."""
+    """Say what went wrong and end the program with the error's exit status.
+
+    With ``machine`` it is said in JSON, on stderr as a message like all others there, and on stdout.
+    """
     if machine:
         document = {"code": error.code, "message": error.message, "hint": error.hint}
         sys.stdout.write(json.dumps({"error": document}) + "\n")
-    if isinstance(error, Cancelled):
-        sys.stderr.write(f"{error}\n")
-    else:
-        sys.stderr.write(f"Error: {error.message}\n")
-        if error.hint:
-            sys.stderr.write(f"{error.hint}\n")
+    lines = [str(error)] if isinstance(error, Cancelled) else [f"Error: {error.message}", error.hint]
+    for line in filter(None, lines):
+        sys.stderr.write((json.dumps({"message": line}) if machine else line) + "\n")
     raise typer.Exit(exit_code_of(error)) from error
 
 

@@ -324,6 +324,16 @@ def test_rendering(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> Non
             assert np.asarray(image).std() > 5
 
 
+def test_rendered_views_are_named_like_the_photographs(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    run = fvs("render", first_run[0], "--views", "all", "--out", tmp_path / "renders", "--json")
+    assert run.status == 0, run.stderr
+    files = [str(Path(name).relative_to(tmp_path / "renders")) for name in run.document["files"]]
+    assert files == [f"{name}.png" for name in first_run[1].document["manifest"]["cameras"]["registered"]]
+    assert "more%20of%20them/für%20den%20Druck.jpg.png" in files
+
+
 def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
     run = fvs("info", first_run[0])
     assert run.status == 0
