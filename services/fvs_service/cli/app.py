@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvs_service.cli.evaluate import evaluate
 from fvs_service.cli.options import (
     Backend,
     BackendOption,
@@ -240,3 +241,4 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
 
 
 app.command()(select)
+app.command()(evaluate)

@@ -13,6 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from fvs_engine.evaluate.report import Summary
+    from fvs_engine.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.rank import Ranking
     from fvs_engine.pipeline.select import SelectionResult
@@ -107,6 +109,40 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
         )
         for name in ("result.json", "trajectory.png", "point_cloud.ply"):
             stdout.write(f"{folder / name}\n")
+
+
+def show_experiment(summary: "Summary", folder: Path, *, machine: bool) -> None:
+    """Print where the selectors stand after the last number of views, the notes, and where the files are."""
+    if machine:
+        with _stdout() as stdout:
+            stdout.write(json.dumps({**summary.model_dump(mode="json"), "folder": str(folder)}) + "\n")
+        return
+    last = max(row.visited for row in summary.rows)
+    table = Table("selector", "PSNR dB", "SSIM", "travel", "s per selection", box=None, header_style="bold")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for row in summary.rows:
+        if row.visited == last:
+            table.add_row(
+                row.method,
+                _estimate(row.psnr_db, 2),
+                _estimate(row.ssim, 3),
+                _estimate(row.travel, 2),
+                _estimate(row.selection_s, 3),
+            )
+    with _stdout() as stdout:
+        stdout.write(f"After {last} views, seeds {', '.join(map(str, summary.seeds))}:\n")
+        _console(stdout).print(table)
+        stdout.writelines(f"{note}\n" for note in summary.notes)
+        stdout.writelines(f"{path}\n" for path in sorted(folder.glob("*.png")))
+        stdout.write(f"{folder / 'report.md'}\n")
+
+
+def _estimate(estimate: "Estimate | None", decimals: int) -> str:
+    if estimate is None:
+        return ""
+    mean = f"{estimate.mean:.{decimals}f}"
+    return mean if estimate.half_width is None else f"{mean} ± {estimate.half_width:.{decimals}f}"
 
 
 def show_files(paths: Sequence[Path], *, machine: bool) -> None:

@@ -1,0 +1,73 @@
+"""Does a score mean anything? The order in which selectors ask for views, against the true errors."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from fvs_engine.evaluate.held_out import aligned_views, rendered
+from fvs_engine.evaluate.metrics import psnr
+from fvs_engine.evaluate.results import Calibration, RankCorrelation
+from fvs_engine.monitor import Monitor
+from fvs_engine.score import CandidateScore
+from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.select.selectors import create_selector
+from fvs_engine.splat.trainer import torch_threads_for
+
+STAGE = "calibrate"
+_FEWEST = 3
+"""Two candidates are always in perfect order, or in perfect disorder."""
+
+
+def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> Calibration:
+    """Ask every method for its scores at every unvisited view, and compare them with the photographs there.
+
+    This looks at photographs that nobody has visited yet; nothing of it reaches the loop, which does not
+    change. With estimated poses the candidates stand where the alignment puts them, as they do for the
+    selectors. Stage ``calibrate``, in methods.
+    """
+    names, scene = loop.unvisited, loop.scene
+    here = loop.dataset.by_name[loop.visited[-1]].centre
+    centres = {name: loop.dataset.by_name[name].centre for name in names}
+    in_reach = frozenset(loop.reach.distances(here, centres))
+    psnr_db = {}
+    with torch_threads_for(scene.rasterizer.device):
+        for view in aligned_views(loop, names):
+            monitor.check()
+            psnr_db[view.name] = psnr(rendered(scene, view), view.image.astype(np.float32) / 255)
+    found = []
+    context = loop.context(names, loop.align())
+    for done, method in enumerate(methods, start=1):
+        scores = create_selector(method).score(context, monitor)
+        found.append(rank_correlation(method, scores, psnr_db, in_reach))
+        monitor.report(STAGE, done, len(methods))
+    return Calibration(visited=len(loop.visited), selectors=tuple(found))
+
+
+def rank_correlation(
+    method: str, scores: Sequence[CandidateScore], psnr_db: Mapping[str, float], in_reach: frozenset[str]
+) -> RankCorrelation:
+    """How well the order in which ``method`` asks for candidates follows the true error of their renders.
+
+    The lowest score is asked for first, and the error is −PSNR: the correlation of the two orders is that of
+    scores with PSNR. ``in_reach`` is left out where it holds all candidates.
+    """
+    scored = {score.id: score.score for score in scores if score.score is not None}
+    near = {name: value for name, value in scored.items() if name in in_reach}
+    return RankCorrelation(
+        method=method,
+        all_candidates=_spearman(scored, psnr_db),
+        in_reach=None if len(in_reach) == len(scores) else _spearman(near, psnr_db),
+        candidates=len(scores),
+        scored=len(scored),
+    )
+
+
+def _spearman(scores: Mapping[str, float], psnr_db: Mapping[str, float]) -> float | None:
+    """Spearman's ρ; None where it is not defined."""
+    values, truths = list(scores.values()), [psnr_db[name] for name in scores]
+    if len(values) < _FEWEST or min(values) == max(values) or min(truths) == max(truths):
+        return None
+    correlation = float(spearmanr(values, truths).statistic)
+    return correlation if math.isfinite(correlation) else None

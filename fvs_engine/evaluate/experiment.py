@@ -1,0 +1,241 @@
+"""A table of selectors × seeds under one protocol; every run is independent, and none is done twice."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.atomic_file import write_text_atomically
+from fvs_engine.errors import Cancelled, EngineError, InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.evaluate.lpips import find_lpips
+from fvs_engine.evaluate.markdown import markdown
+from fvs_engine.evaluate.plots import plot_calibration, plot_quality, plot_travel, styles
+from fvs_engine.evaluate.protocol import Protocol
+from fvs_engine.evaluate.report import BASELINES, Summary, summarise
+from fvs_engine.evaluate.results import Evaluation, Record, Run, read_record, write_record
+from fvs_engine.evaluate.run import Laboratory, RunPlan, execute, make_start
+from fvs_engine.evaluate.trajectories import plot_trajectories
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.select.loop_folder import fingerprint
+from fvs_engine.select.selectors import SELECTORS, create_selector
+from fvs_engine.splat.raster import Rasterizer
+
+STAGE = "experiment"
+
+
+class ExperimentMemory(Record):
+    """``experiment.json``: under which rules and on which views the runs beside it were made."""
+
+    dataset: str
+    fingerprint: str
+    protocol: Protocol
+
+
+@dataclass(frozen=True)
+class ExperimentFolder:
+    """The paths of an experiment.
+
+    experiment.json         protocol and dataset
+    starts/seed-0/          what all selectors of a seed begin with
+    runs/farthest-seed-0/   one run
+    report.json, report.md  the table; psnr.png, travel.png, trajectories.png, calibration.png
+    """
+
+    root: Path
+
+    def start(self, seed: int) -> Path:
+        """What all selectors of a seed begin with."""
+        return self.root / "starts" / f"seed-{seed}"
+
+    def run(self, method: str, seed: int) -> Path:
+        """Where one run lives."""
+        return self.root / "runs" / f"{method}-seed-{seed}"
+
+    def finished(self) -> tuple[Run, ...]:
+        """All finished runs, by seed and in the order of the table of selectors."""
+        order = {method: place for place, method in enumerate(SELECTORS)}
+        found = (read_record(path, Run) for path in self.root.glob("runs/*/run.json"))
+        runs = [run for run in found if run is not None]
+        return tuple(sorted(runs, key=lambda run: (run.seed, order.get(run.method, len(order)), run.method)))
+
+    def claim(self, dataset: Dataset, protocol: Protocol) -> None:
+        """Create the folder, or check that it holds runs of this dataset under this protocol.
+
+        The time limit may differ. Raises ``OutputExistsError`` when it holds something else.
+        """
+        path = self.root / "experiment.json"
+        memory = ExperimentMemory(dataset=dataset.name, fingerprint=fingerprint(dataset), protocol=protocol)
+        earlier = read_record(path, ExperimentMemory)
+        if earlier is None:
+            try:
+                self.root.mkdir(parents=True, exist_ok=True)
+                foreign = next((entry.name for entry in self.root.iterdir() if entry.name[0] != "."), None)
+            except OSError as error:
+                raise StorageError(f"{self.root} cannot be used: {error.strerror or error}.") from error
+            if foreign is not None:
+                raise OutputExistsError(
+                    f"{self.root} is not empty and holds no experiment (it holds {foreign}).",
+                    hint="Choose another output folder; nothing was changed.",
+                )
+            write_record(path, memory)
+            return
+        old, new = earlier.protocol.model_dump(), protocol.model_dump()
+        differences = [f"{name} was {old[name]} and is {new[name]}" for name in new if old[name] != new[name]]
+        differences = [text for text in differences if not text.startswith("time_limit_s")]
+        if earlier.fingerprint != memory.fingerprint:
+            differences.append("the dataset's photographs or poses are others")
+        if differences:
+            raise OutputExistsError(
+                f"{self.root} holds another experiment: {'; '.join(differences)}.",
+                hint="Give another output folder, or the settings of the one that is there.",
+            )
+
+
+def run_experiment(
+    folder: Path,
+    dataset: Dataset,
+    protocol: Protocol,
+    methods: Sequence[str],
+    seeds: Sequence[int],
+    rasterizer: Rasterizer,
+    *,
+    calibrated: bool = False,
+    threads: int | None = None,
+    monitor: Monitor,
+    warn: Callable[[str], None],
+) -> Summary:
+    """Run every method with every seed and write the report; what was finished before is only read.
+
+    The report is written anew after every run, so that there is one whatever happens later. A run that fails
+    is named in it, and tried again the next time; the others go on. ``calibrated``: along the way of one
+    method (``farthest`` when it is among them, else the first), all of them are asked for their scores.
+
+    Stage ``experiment``, in views added over all runs. Raises ``InvalidInputError`` for unknown methods, a
+    dataset that is too small, and no methods or seeds; ``OutputExistsError`` when ``folder`` holds something
+    else; ``Cancelled``; the first error of a run when all failed.
+    """
+    _check(dataset, protocol, methods, seeds)
+    paths = ExperimentFolder(folder)
+    paths.claim(dataset, protocol)
+    lpips = find_lpips()
+    laboratory = Laboratory(dataset, protocol, rasterizer, lpips.compute, threads)
+    notes = [f"LPIPS is left out: {lpips.reason}."] if lpips.compute is None else []
+    notes += dataset.warnings
+    guide = BASELINES[0] if BASELINES[0] in methods else methods[0]
+    plans = [
+        RunPlan(
+            paths.run(method, seed), method, seed, tuple(methods) if calibrated and method == guide else ()
+        )
+        for seed in seeds
+        for method in methods
+    ]
+    progress = _Progress(monitor, protocol, plans)
+    errors: list[EngineError] = []
+    for plan in plans:
+        if plan.result() is None:
+            try:
+                start = make_start(laboratory, paths.start(plan.seed), plan.method, plan.seed, progress.quiet)
+                execute(laboratory, plan, start, progress.quiet, progress.of(plan))
+            except (Cancelled, StorageError):
+                raise
+            except EngineError as error:
+                errors.append(error)
+                notes.append(f"{plan.method}, seed {plan.seed}, failed: {error}")
+                warn(notes[-1])
+            else:
+                _write(paths, summarise(dataset.name, protocol, paths.finished(), notes))
+        progress.ended(plan)
+    runs = paths.finished()
+    if not runs:
+        raise errors[0]
+    summary = summarise(dataset.name, protocol, runs, notes)
+    _write(paths, summary)
+    _draw(paths, summary, dataset)
+    return summary
+
+
+def _check(dataset: Dataset, protocol: Protocol, methods: Sequence[str], seeds: Sequence[int]) -> None:
+    if not methods or not seeds:
+        raise InvalidInputError("An experiment needs at least one method and one seed.")
+    for method in methods:
+        create_selector(method)
+    for kind, given in (("method", methods), ("seed", seeds)):
+        if len(set(given)) < len(given):
+            raise InvalidInputError(f"A {kind} is given twice: {', '.join(map(str, given))}.")
+    pool, held_out = split_test(dataset.names, protocol.test_every)
+    if not held_out:
+        raise InvalidInputError(
+            f"{dataset.name} has {len(pool)} views: too few to hold out every {protocol.test_every}th.",
+            hint="Give a smaller --test-every, or more photographs.",
+        )
+    if len(pool) < protocol.budget:
+        raise InvalidInputError(
+            f"{protocol.budget} views are to be visited, but {dataset.name} has only {len(pool)} to visit: "
+            f"{len(dataset.views)} photographs with poses, of which {len(held_out)} are held out.",
+            hint=f"Give --views of at most {len(pool)}.",
+        )
+
+
+def _write(paths: ExperimentFolder, summary: Summary) -> None:
+    write_record(paths.root / "report.json", summary)
+    write_text_atomically(paths.root / "report.md", markdown(summary))
+
+
+def _draw(paths: ExperimentFolder, summary: Summary, dataset: Dataset) -> None:
+    methods = {run.method for run in summary.runs}
+    styled = {method: style for method, style in styles(tuple(SELECTORS)).items() if method in methods}
+    plot_quality(paths.root / "psnr.png", summary, styled)
+    plot_travel(paths.root / "travel.png", summary, styled)
+    if summary.correlations:
+        plot_calibration(paths.root / "calibration.png", summary, styled)
+    first = [run for run in summary.runs if run.seed == summary.runs[0].seed]
+    title = f"{summary.dataset}, {summary.protocol.name}, seed {summary.runs[0].seed}: the ways flown"
+    plot_trajectories(paths.root / "trajectories.png", title, first, dataset.centres(), styled)
+
+
+class _Quiet(Monitor):
+    """Passes on the wish to stop, and keeps the thousand little reports of a run to itself."""
+
+    def __init__(self, outer: Monitor) -> None:
+        super().__init__()
+        self._outer = outer
+
+    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+        """See ``Monitor``; says nothing."""
+
+    @property
+    def cancelled(self) -> bool:
+        """See ``Monitor``."""
+        return self._outer.cancelled
+
+    def check(self) -> None:
+        """See ``Monitor``."""
+        self._outer.check()
+
+
+class _Progress:
+    """Counts the views that all runs have added, of those that they will have."""
+
+    def __init__(self, monitor: Monitor, protocol: Protocol, plans: Sequence[RunPlan]) -> None:
+        self.quiet = _Quiet(monitor)
+        self._monitor = monitor
+        self._initial = protocol.initial
+        self._per_run = protocol.budget - protocol.initial
+        self._total = self._per_run * len(plans)
+        self._before = 0
+
+    def of(self, plan: RunPlan) -> Callable[[int, Evaluation | None], None]:
+        """What one run calls after its steps."""
+
+        def on_step(visited: int, evaluation: Evaluation | None) -> None:
+            detail: dict[str, float | int | str] = {"run": f"{plan.method} {plan.seed}", "views": visited}
+            if evaluation is not None:
+                detail["psnr_db"] = evaluation.psnr_db
+            self._monitor.report(STAGE, self._before + visited - self._initial, self._total, **detail)
+
+        return on_step
+
+    def ended(self, plan: RunPlan) -> None:
+        """The run added all that it will: those that ended early and those that were read count as whole."""
+        self._before += self._per_run
+        self._monitor.report(STAGE, self._before, self._total, run=f"{plan.method} {plan.seed}")

@@ -1,0 +1,88 @@
+"""How well a scene shows what it never saw: its renders of other photographs, beside these."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from fvs_engine.evaluate.metrics import psnr, ssim
+from fvs_engine.evaluate.results import Evaluation, ViewQuality
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.views import TrainingView
+
+STAGE = "evaluate"
+
+Lpips = Callable[[ArrayLike, ArrayLike], float]
+
+
+def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) -> Evaluation:
+    """The model as it is, on the held-out photographs; it does not change. Stage ``evaluate``.
+
+    With known poses their cameras are those of the dataset. With estimated ones each photograph is placed in
+    the standing model by its own features, so that what is measured is the model and not the error of the
+    alignment; what cannot be placed gets the dataset's camera, carried over by the alignment.
+    """
+    scene = loop.scene
+    placed = scene.localise(loop.test_names, monitor)
+    lost = tuple(name for name in loop.test_names if name not in placed)
+    views = [*placed.values(), *aligned_views(loop, lost)]
+    qualities = []
+    with torch_threads_for(scene.rasterizer.device):
+        for done, view in enumerate(views, start=1):
+            monitor.check()
+            qualities.append(_quality(scene, view, lpips))
+            monitor.report(STAGE, done, len(views))
+    mean_lpips = None
+    if lpips is not None:
+        mean_lpips = float(np.mean([quality.lpips for quality in qualities]))
+    return Evaluation(
+        visited=len(loop.visited),
+        registered=len(scene.views),
+        iterations=scene.iteration,
+        gaussians=len(scene.gaussians),
+        travel=loop.travel,
+        psnr_db=float(np.mean([quality.psnr_db for quality in qualities])),
+        ssim=float(np.mean([quality.ssim for quality in qualities])),
+        lpips=mean_lpips,
+        aligned_only=lost,
+        views=tuple(qualities),
+    )
+
+
+def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[TrainingView]:
+    """Photographs of the dataset where its poses, carried over by the alignment, put them in the model.
+
+    They are read one by one: there may be as many as the dataset has.
+    """
+    if not names:
+        return
+    model_from_world = loop.align().model_from_world
+    photographs = Photographs(loop.dataset.image_dir, loop.scene.settings.long_side_px)
+    for name in names:
+        view = loop.dataset.by_name[name]
+        model_from_camera = model_from_world.move_camera(view.camera_from_world.inverse())
+        yield photographs.load(name, view.camera, model_from_camera.inverse())
+
+
+def rendered(scene: GrowingScene, view: TrainingView) -> NDArray[np.float32]:
+    """What the scene shows at a view, on black: [H, W, 3] in [0, 1]."""
+    with torch.no_grad():
+        rendering = scene.rasterizer.render(
+            scene.gaussians, view.camera, view.camera_from_model, sh_degree=scene.sh_degree
+        )
+    return np.asarray(rendering.color.clamp(0, 1).cpu().numpy(), dtype=np.float32)
+
+
+def _quality(scene: GrowingScene, view: TrainingView, lpips: Lpips | None) -> ViewQuality:
+    render, photograph = rendered(scene, view), view.image.astype(np.float32) / 255
+    return ViewQuality(
+        name=view.name,
+        psnr_db=psnr(render, photograph),
+        ssim=ssim(render, photograph),
+        lpips=None if lpips is None else lpips(render, photograph),
+    )

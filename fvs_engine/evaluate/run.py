@@ -1,0 +1,205 @@
+"""One selector with one seed under one protocol: resumable, evaluated on its way."""
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from fvs_engine.errors import StorageError
+from fvs_engine.evaluate.calibration import calibrate
+from fvs_engine.evaluate.held_out import Lpips, evaluate
+from fvs_engine.evaluate.protocol import Protocol
+from fvs_engine.evaluate.results import Calibration, Evaluation, Run, read_record, write_record
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.select.loop import LoopSettings, SelectionLoop, StopReason
+from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.raster import Rasterizer
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """What is to be run; ``calibrated`` methods are asked for their scores at every evaluation.
+
+    The folder of a run holds ``selection/`` (the loop's own), ``evaluation-0010.json`` and
+    ``calibration-0010.json`` per view count, and ``run.json`` once it is finished.
+    """
+
+    folder: Path
+    method: str
+    seed: int
+    calibrated: tuple[str, ...] = ()
+
+    @property
+    def result_path(self) -> Path:
+        """Exists when the run is finished."""
+        return self.folder / "run.json"
+
+    def result(self) -> Run | None:
+        """The finished run, with all that is asked of it; None when there is something left to do."""
+        run = read_record(self.result_path, Run)
+        return run if run is not None and self.is_complete() else None
+
+    def is_complete(self) -> bool:
+        """Whether every evaluation so far has the calibration that is asked for."""
+        numbers = (path.name.removeprefix("evaluation-") for path in self.folder.glob("evaluation-*.json"))
+        known = (read_record(self.folder / f"calibration-{number}", Calibration) for number in numbers)
+        return not self.calibrated or all(_covers(calibration, self.calibrated) for calibration in known)
+
+
+@dataclass(frozen=True, eq=False)
+class Laboratory:
+    """What all runs of an experiment share."""
+
+    dataset: Dataset
+    protocol: Protocol
+    rasterizer: Rasterizer
+    lpips: Lpips | None
+    threads: int | None = None
+
+    def settings(self, method: str, seed: int) -> LoopSettings:
+        """The loop's settings for one run."""
+        protocol = self.protocol
+        everything = len(self.dataset.views) if protocol.reach == "all" else None
+        scene = SceneSettings(
+            poses=protocol.poses,
+            long_side_px=protocol.long_side_px,
+            initial_iterations=protocol.initial_iterations,
+            iterations_per_view=protocol.iterations_per_view,
+            training=GROWING_TRAINING.model_copy(update={"max_gaussians": protocol.max_gaussians}),
+            sfm=SfmSettings(seed=seed, threads=self.threads or 1),  # by one thread, or no run can be repeated
+            seed=seed,
+        )
+        return LoopSettings(
+            scene=scene,
+            method=method,
+            initial=protocol.initial,
+            initial_choice=protocol.initial_choice,
+            budget=protocol.budget,
+            radius=protocol.radius,
+            nearest=everything or protocol.nearest,
+            test_every=protocol.test_every,
+            seed=seed,
+            time_limit_s=protocol.time_limit_s,
+        )
+
+    def open(self, folder: Path, method: str, seed: int, monitor: Monitor) -> SelectionLoop:
+        """The loop of one run, begun or resumed."""
+        return SelectionLoop.open(folder, self.dataset, self.settings(method, seed), self.rasterizer, monitor)
+
+
+def make_start(laboratory: Laboratory, folder: Path, method: str, seed: int, monitor: Monitor) -> Path:
+    """A selection that has learned its initial views and chosen nothing, in ``folder / selection``.
+
+    What is learned of them does not depend on the method, so that all methods of a seed can begin with it.
+    """
+    finished = folder / "finished"
+    if not finished.exists():
+        selection = folder / "selection"
+        if (selection / "selection.json").exists():
+            method = _manifest_of(
+                selection
+            ).settings.method  # the experiment was given another first method when it began
+        laboratory.open(selection, method, seed, monitor).begin(monitor)
+        finished.touch()
+    return folder / "selection"
+
+
+def execute(
+    laboratory: Laboratory,
+    plan: RunPlan,
+    start: Path,
+    monitor: Monitor,
+    on_step: Callable[[int, Evaluation | None], None],
+) -> Run:
+    """Do what is left of a run. ``on_step(visited views, the last evaluation)`` is called after every step.
+
+    A run that was evaluated without a calibration that is now asked for begins again: the models of its
+    earlier views are gone. Raises ``Cancelled`` with everything on disk, and what the loop raises.
+    """
+    if not plan.is_complete():
+        shutil.rmtree(plan.folder)
+    selection = plan.folder / "selection"
+    if not selection.exists():
+        _fork(start, selection, laboratory.settings(plan.method, plan.seed))
+    loop = laboratory.open(selection, plan.method, plan.seed, monitor)
+    loop.begin(monitor)
+    evaluation: Evaluation | None = None
+    while True:
+        visited = len(loop.visited)
+        if visited in laboratory.protocol.view_counts:
+            evaluation = _look(laboratory, plan, loop, monitor)
+        on_step(visited, evaluation)
+        outcome = loop.step(monitor)
+        if isinstance(outcome, StopReason):
+            break
+    if len(loop.visited) not in laboratory.protocol.view_counts:
+        _look(laboratory, plan, loop, monitor)
+    run = _result(plan, loop, outcome)
+    write_record(plan.result_path, run)
+    return run
+
+
+def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
+    """Evaluate and calibrate at the present views, unless that was done before."""
+    visited = len(loop.visited)
+    path = plan.folder / f"evaluation-{visited:04d}.json"
+    evaluation = read_record(path, Evaluation)
+    if evaluation is None:
+        if plan.calibrated:  # first, so that no evaluation is ever without it
+            calibration = calibrate(loop, plan.calibrated, monitor)
+            write_record(plan.folder / f"calibration-{visited:04d}.json", calibration)
+        evaluation = evaluate(loop, monitor, laboratory.lpips)
+        write_record(path, evaluation)
+    return evaluation
+
+
+def _result(plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
+    counts = range(len(loop.initial), len(loop.visited) + 1)
+    evaluations = (read_record(plan.folder / f"evaluation-{n:04d}.json", Evaluation) for n in counts)
+    calibrations = (read_record(plan.folder / f"calibration-{n:04d}.json", Calibration) for n in counts)
+    rms = [record.alignment.rms for record in loop.records if record.alignment.source != "known"]
+    return Run(
+        method=plan.method,
+        seed=plan.seed,
+        initial=len(loop.initial),
+        order=loop.visited,
+        evaluations=tuple(evaluation for evaluation in evaluations if evaluation is not None),
+        calibrations=tuple(calibration for calibration in calibrations if calibration is not None),
+        selection_s=tuple(record.seconds.score for record in loop.records),
+        fallbacks=sum(record.choice.fallback is not None for record in loop.records),
+        worst_rms=max(rms, default=None),
+        stop=stop.message,
+        seconds=sum(record.seconds.total for record in loop.records),
+    )
+
+
+def _covers(calibration: Calibration | None, methods: Sequence[str]) -> bool:
+    return calibration is not None and set(methods) <= {entry.method for entry in calibration.selectors}
+
+
+def _manifest_of(selection: Path) -> SelectionManifest:
+    path = LoopFolder(selection).manifest_path
+    try:
+        return SelectionManifest.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise StorageError(f"{path} is damaged.", hint="Delete the folder it is in.") from error
+
+
+def _fork(start: Path, selection: Path, settings: LoopSettings) -> None:
+    """Copy a selection that has chosen nothing yet, to go on by other settings; whole or not at all."""
+    partial = selection.with_name(f".{selection.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        shutil.copytree(start, partial)
+        manifest = _manifest_of(partial).model_copy(update={"settings": settings})
+        LoopFolder(partial).write_manifest(manifest)
+        partial.rename(selection)
+    except OSError as error:
+        raise StorageError(
+            f"{selection} cannot be written: {error.strerror or error}.", hint="Check permissions and space."
+        ) from error
