@@ -6,13 +6,14 @@ options, and why:
 * ``fastmath`` without ``nnan``/``ninf``: kernels may meet non-finite numbers and must carry them on.
 * ``error_model="numpy"``: a division by zero is inf, not a branch that stops vectorisation.
 * ``nogil``: a ranking may run while training does.
-* ``cache``: a second process start compiles nothing.
+* ``cache``: a second process start compiles nothing. (Nor does the first, see ``compilation``.)
 """
 
 import ctypes
 import importlib.metadata
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -26,13 +27,15 @@ _config = cast(Any, _numba_config)  # its settings are made at import time, wher
 F = cast(Callable[[float], float], np.float32)
 """A float32 constant in a kernel, ``F(0.5)``: one float64 literal halves the speed of a loop."""
 
+KERNELS: list[Any] = []
+"""All kernels of the modules that are imported: Numba's dispatchers, or functions where Numba is off."""
+
 _KEPT_BYTES = 1 << 28
 
 _OPTIONS: dict[str, Any] = {
     "fastmath": {"contract", "nsz", "arcp", "reassoc"},
     "error_model": "numpy",
     "nogil": True,
-    "cache": True,
 }
 
 
@@ -73,17 +76,33 @@ _keep_freed_memory()
 
 def kernel(function: _Function) -> _Function:
     """Compile a single-threaded kernel on its first call."""
-    return cast(_Function, numba.njit(**_OPTIONS)(function))
+    return _compiled(function)
 
 
 def inlined_kernel(function: _Function) -> _Function:
     """Compile a kernel that LLVM must inline, whatever its size: for a few lines called in a hot loop."""
-    return cast(_Function, numba.njit(forceinline=True, **_OPTIONS)(function))
+    return _compiled(function, forceinline=True)
 
 
 def parallel_kernel(function: _Function) -> _Function:
     """Compile a kernel whose ``prange`` loops run on all threads of the process's budget."""
-    return cast(_Function, numba.njit(parallel=True, **_OPTIONS)(function))
+    return _compiled(function, parallel=True)
+
+
+def _compiled(function: _Function, **options: bool) -> _Function:
+    njit = cast(Any, numba.njit)
+    try:
+        compiled = njit(cache=True, **options, **_OPTIONS)(function)
+    except RuntimeError:  # no folder to keep it in: neither beside the source nor in the user's home
+        compiled = njit(**options, **_OPTIONS)(function)
+    KERNELS.append(compiled)
+    return cast(_Function, compiled)
+
+
+def cache_folder(kernel: Callable[..., Any]) -> Path | None:
+    """Where Numba keeps the compiled code of a kernel, if anywhere."""
+    stats = getattr(kernel, "stats", None)
+    return None if stats is None or stats.cache_path is None else Path(stats.cache_path)
 
 
 def set_thread_budget(threads: int) -> None:

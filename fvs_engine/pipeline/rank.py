@@ -65,7 +65,7 @@ def rank_candidates(
     monitor = monitor or Monitor()
     model = open_model(root)
     candidates = _candidates(model, candidates_file)
-    rasterizer = create_rasterizer(backend)
+    rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     scorer = MedianFrequency()
     ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))

@@ -73,7 +73,7 @@ def render_views(
         raise InvalidInputError(
             f"{root} has no {group.value} views.", hint="Choose another group with --views, or --candidates."
         )
-    rasterizer = create_rasterizer(backend)
+    rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     paths = []
     for done, view in enumerate(wanted, start=1):

@@ -73,7 +73,7 @@ def train(
     training, held_out = split_views(views, manifest.settings.test_every)
     if not held_out and manifest.settings.test_every:
         warn(f"No view is held out: {len(views)} are too few to spare one.")
-    rasterizer = create_rasterizer(manifest.settings.backend)
+    rasterizer = create_rasterizer(manifest.settings.backend, monitor)
     loaded = load_views(training, long_side_px, monitor)
     if workspace.checkpoint.exists():
         trainer = Trainer.resume(workspace.checkpoint, loaded, rasterizer)

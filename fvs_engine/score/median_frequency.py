@@ -15,7 +15,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score.interface import Candidate, CandidateScore
 from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, score_renderings
-from fvs_engine.score.spectrum_median import median_log_of_spectra
+from fvs_engine.score.spectrum_median import compile_kernels, median_log_of_spectra
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 
@@ -67,6 +67,8 @@ class MedianFrequency:
         monitor: Monitor | None = None,
     ) -> tuple[CandidateScore, ...]:
         """See ``Scorer``."""
+        if rasterizer.device.type == "cpu":
+            compile_kernels(monitor)
         return score_renderings(
             median_log_magnitude,
             gaussians,

@@ -21,7 +21,9 @@ from numba import get_num_threads, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fvs_engine.compilation import ensure_compiled
 from fvs_engine.kernels import kernel, parallel_kernel
+from fvs_engine.monitor import Monitor
 
 # A positive float32 read as an integer keeps its order; without the sign, its upper half is the exponent and
 # 7 bits of mantissa, so that a bin spans less than a hundredth of its value.
@@ -40,11 +42,17 @@ def median_log_of_spectra(images: Tensor) -> Tensor:
     total = images[0].numel()
     ranks = ((total - 1) // 2, total // 2)
     if images.device.type == "cpu":
+        compile_kernels()
         found = [_middle_powers_of_image(image, ranks) for image in images.detach().numpy()]
         powers = torch.from_numpy(np.stack(found))
     else:
         powers = _middle_powers(images, ranks)
     return 0.5 * powers.to(torch.float64).log().mean(dim=-1)
+
+
+def compile_kernels(monitor: Monitor | None = None) -> None:
+    """Have the kernels compiled where they are not yet; that is what ``monitor`` sees."""
+    ensure_compiled("fvs_engine.score.rehearsal", _clamp, monitor)
 
 
 def _middle_powers_of_image(image: NDArray[np.floating[Any]], ranks: tuple[int, int]) -> NDArray[np.float32]:

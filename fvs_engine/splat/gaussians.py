@@ -38,6 +38,10 @@ class Gaussians:
         """The highest spherical-harmonics degree that is stored."""
         return int((self.sh_rest.shape[1] + 1) ** 0.5) - 1
 
+    def degree_in_use(self, wanted: int | None) -> int:
+        """The degree to render with: ``wanted`` (None: all), as far as it is stored."""
+        return self.sh_degree if wanted is None else min(wanted, self.sh_degree)
+
     @property
     def device(self) -> torch.device:
         """Where the tensors live."""

@@ -91,7 +91,8 @@ def _fused_loss(
     ssim_weight: float,
 ) -> float:
     height, row_floats = color.shape
-    bands = min(2 * numba.get_num_threads(), max(1, height // (4 * REACH)))
+    # Bands blur the rows at their borders twice, so there are no more than threads.
+    bands = min(numba.get_num_threads(), max(1, height // (4 * REACH)))
     row_l1 = np.empty(height, np.float32)
     row_ssim = np.empty(height, np.float32)
     photometric_rows(

@@ -9,7 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from fvs_engine.compilation import ensure_compiled
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import Rendering
 from fvs_engine.splat.raster.kernels import binning, blending, projection
@@ -17,8 +19,12 @@ from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, REC
 
 Floats = NDArray[np.float32]
 
+REHEARSAL = "fvs_engine.splat.rehearsal"
+
 # Tiles differ in cost by far; threads take a few at a time instead of an equal share of the image.
 TILES_AT_ONCE = 4
+# So do the splats in depth order.
+PARTS_PER_THREAD = 4
 
 
 class CpuRasterizer:
@@ -26,6 +32,10 @@ class CpuRasterizer:
 
     name = "cpu"
     device = torch.device("cpu")
+
+    def __init__(self, monitor: Monitor | None = None) -> None:
+        """Has the kernels compiled where they are not yet; that is what ``monitor`` sees."""
+        ensure_compiled(REHEARSAL, blending.blend, monitor)
 
     def render(
         self,
@@ -37,7 +47,7 @@ class CpuRasterizer:
         background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
-        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        degree = gaussians.degree_in_use(sh_degree)
         tensors = gaussians.tensors()
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
         # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
@@ -104,9 +114,10 @@ def rasterize(view: View, background: Floats, parameters: list[Floats]) -> Forwa
     )  # fmt: skip
     order = binning.front_to_back(records, radii)
     splats = binning.gather(records, order)
-    tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts = binning.bin_splats(
-        splats, *view.tiles, numba.get_num_threads()
-    )
+    with numba.parallel_chunksize(1):
+        tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts = binning.bin_splats(
+            splats, *view.tiles, PARTS_PER_THREAD * numba.get_num_threads()
+        )
     width, height = view.size
     color = np.empty((height, width, 3), np.float32)
     alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)

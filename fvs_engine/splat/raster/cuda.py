@@ -9,7 +9,7 @@ from torch import Tensor
 from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE, Rendering
+from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE, Rendering, over_background
 
 try:
     import gsplat
@@ -45,7 +45,7 @@ class CudaRasterizer:
         background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
-        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        degree = gaussians.degree_in_use(sh_degree)
         device = gaussians.device
         view = torch.eye(4)
         view[:3, :3] = torch.as_tensor(camera_from_model.rotation)
@@ -71,8 +71,7 @@ class CudaRasterizer:
         if screen_means.requires_grad:
             screen_means.retain_grad()
         color, alpha, depth = images[0, ..., :3], alphas[0, ..., 0], images[0, ..., 3]
-        if background is not None:
-            color = color + (1 - alpha)[..., None] * background.to(device)
+        color = over_background(color, alpha, background)
         radii = meta["radii"][0].float()
         radii = radii.amax(-1) if radii.ndim == 2 else radii
         # gsplat's centres carry a leading camera axis; its gradient is read through the same view.

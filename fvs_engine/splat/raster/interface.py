@@ -53,6 +53,11 @@ class Rendering:
     screen_means: HasGradient | None
 
 
+def over_background(color: Tensor, alpha: Tensor, background: Tensor | None) -> Tensor:
+    """An image [H, W, 3] of ``alpha`` [H, W] in front of a colour [3] (None: black)."""
+    return color if background is None else color + (1 - alpha)[..., None] * background.to(color.device)
+
+
 class Rasterizer(Protocol):
     """One backend. Stateless between calls; safe to call from several threads."""
 

@@ -8,7 +8,13 @@ from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Rendering
+from fvs_engine.splat.raster.interface import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    TRANSMITTANCE_MIN,
+    Rendering,
+    over_background,
+)
 from fvs_engine.splat.raster.projection import ScreenSplats, project
 
 TILE_PX = 16
@@ -32,7 +38,7 @@ class ReferenceRasterizer:
         background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
-        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        degree = gaussians.degree_in_use(sh_degree)
         splats = project(gaussians, camera, camera_from_model, degree)
         screen_means = splats.centers
         if screen_means.requires_grad:
@@ -55,8 +61,7 @@ class ReferenceRasterizer:
         image = torch.cat(rows, dim=0)
 
         color, alpha, depth = image[..., :3], image[..., 3], image[..., 4]
-        if background is not None:
-            color = color + (1 - alpha)[..., None] * background
+        color = over_background(color, alpha, background)
         radii = torch.where(splats.visible, splats.extents_px.amax(-1), splats.extents_px.new_zeros(()))
         return Rendering(color, alpha, depth, radii, screen_means if screen_means.requires_grad else None)
 

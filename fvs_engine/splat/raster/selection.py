@@ -3,22 +3,24 @@
 import torch
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
+from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster.interface import Rasterizer
 
 BACKENDS = ("auto", "reference", "cpu", "cuda")
 
 
-def create_rasterizer(name: str = "auto") -> Rasterizer:
+def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Rasterizer:
     """Create a backend by name; ``auto`` takes ``cuda`` where CUDA and gsplat are there, else ``cpu``.
 
     Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
-    Backends are imported here, not at the top: each brings a compiler or a device with it.
+    Backends are imported here, not at the top: each brings a compiler or a device with it. The first time
+    on a machine ``cpu`` has its kernels compiled: stage ``compile`` of ``monitor``.
     """
     if name == "auto":
         try:
-            return create_rasterizer("cuda")
+            return create_rasterizer("cuda", monitor)
         except BackendUnavailableError:
-            return create_rasterizer("cpu")
+            return create_rasterizer("cpu", monitor)
     if name == "reference":
         from fvs_engine.splat.raster.reference import ReferenceRasterizer
 
@@ -26,7 +28,7 @@ def create_rasterizer(name: str = "auto") -> Rasterizer:
     if name == "cpu":
         from fvs_engine.splat.raster.cpu import CpuRasterizer
 
-        return CpuRasterizer()
+        return CpuRasterizer(monitor)
     if name == "cuda":
         if not torch.cuda.is_available():
             raise BackendUnavailableError(

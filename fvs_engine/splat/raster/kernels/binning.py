@@ -97,27 +97,49 @@ def _tile_range(low: float, high: float, tiles: int) -> tuple[int, int]:
 
 
 @kernel
-def _tile_columns(splat: Floats, row: int, tiles_x: int) -> tuple[int, int]:
-    """First and last + 1 tile that the splat's ellipse touches in a row of tiles."""
+def _tile_box(splat: Floats, tiles_x: int, tiles_y: int) -> tuple[int, int, int, int]:
+    """First and last + 1 column, first and last + 1 row of the tiles that the splat's box touches."""
+    x, y, extent_x, extent_y = splat[CENTER_X], splat[CENTER_Y], splat[EXTENT_X], splat[EXTENT_Y]
+    first_column, end_column = _tile_range(x - extent_x, x + extent_x, tiles_x)
+    first_row, end_row = _tile_range(y - extent_y, y + extent_y, tiles_y)
+    return first_column, end_column, first_row, end_row
+
+
+@kernel
+def _tile_columns(splat: Floats, row: int, first_column: int, end_column: int) -> tuple[int, int]:
+    """First and last + 1 tile of those columns that the splat's ellipse touches in a row of tiles."""
     top = F(row * TILE_PX) - splat[CENTER_Y] - SLACK_PX
     bottom = top + TILE + F(2) * SLACK_PX
     rightmost = splat[SLOPE_Y] * splat[EXTENT_X]
     left, right = ellipse_span(top, bottom, splat[EXTENT_Y], rightmost, splat[WIDTH], splat[SLOPE_X])
-    return _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, tiles_x)
+    first, end = _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, end_column)
+    first = max(first, first_column)
+    return first, max(first, end)
 
 
 @inlined_kernel
-def _pixel_rows(splat: Floats, left: float, top: float) -> tuple[int, int]:
-    """First and last + 1 pixel row of a half tile (its corner in px) that the splat's ellipse touches."""
+def _strip_span(splat: Floats, left: float) -> tuple[float, float]:
+    """From which y to which the ellipse reaches in a strip of ``LANES`` pixels from ``left`` on, in px.
+
+    Empty when the first is greater. The same for all tiles of a column, each takes its part (``_clip``).
+    """
     low = left - splat[CENTER_X] + F(0.5) - SLACK_PX
     high = low + F(LANES - 1) + F(2) * SLACK_PX
     lowest = splat[SLOPE_X] * splat[EXTENT_Y]
     least, greatest = ellipse_span(low, high, splat[EXTENT_X], lowest, splat[HEIGHT], splat[SLOPE_Y])
     if least > greatest:
+        return F(1), F(-1)
+    middle = splat[CENTER_Y] - F(0.5)
+    return middle + least - SLACK_PX, middle + greatest + SLACK_PX
+
+
+@inlined_kernel
+def _clip(span: Floats, top: float) -> tuple[int, int]:
+    """First and last + 1 pixel row, in the tile that begins at ``top``, of what a strip's span covers."""
+    if span[0] > span[1]:
         return 0, 0
-    origin = splat[CENTER_Y] - top - F(0.5)
-    first = math.ceil(min(max(origin + least - SLACK_PX, F(0)), F(TILE_PX)))
-    last = math.floor(max(min(origin + greatest + SLACK_PX, F(TILE_PX - 1)), F(-1)))
+    first = math.ceil(min(max(span[0] - top, F(0)), F(TILE_PX)))
+    last = math.floor(max(min(span[1] - top, F(TILE_PX - 1)), F(-1)))
     return int(first), int(last) + 1
 
 
@@ -135,26 +157,31 @@ def gather(records: Floats, order: NDArray[np.int64]) -> Floats:
 def bin_splats(
     splats: Floats, tiles_x: int, tiles_y: int, parts: int
 ) -> tuple[NDArray[np.int64], Ints, NDArray[np.uint8], Ints, NDArray[np.int64]]:
-    """Deal V depth-sorted splats to tiles; ``parts``: how many threads share the work.
+    """Deal V depth-sorted splats to tiles in ``parts`` pieces of work; any number gives the same lists.
+
+    Near splats come first and touch most tiles: several parts per thread, taken one at a time, share the
+    work more evenly than one each.
 
     Returns ``tile_starts`` [T + 1] into the lists, then in tile order ``hit_splats`` [H], ``hit_rows``
     [H, 4] (first and last + 1 pixel row that the ellipse touches in the tile's left and right half) and
     ``hit_numbers`` [H], and ``splat_starts`` [V + 1], the first hit number of every splat.
     """
     count, tiles = splats.shape[0], tiles_x * tiles_y
-    hits_of_splat = np.zeros(count + 1, np.int64)
-    counts = np.zeros((parts, tiles), np.int64)
+    hits_of_splat = np.empty(count + 1, np.int64)
+    hits_of_splat[0] = 0
+    counts = np.empty((parts, tiles), np.int64)
     for part in numba.prange(parts):
+        for tile in range(tiles):
+            counts[part, tile] = 0
         for i in range(part * count // parts, (part + 1) * count // parts):
-            first_row, end_row = _tile_range(
-                splats[i, CENTER_Y] - splats[i, EXTENT_Y], splats[i, CENTER_Y] + splats[i, EXTENT_Y], tiles_y
-            )
+            splat = splats[i]
+            first_column, end_column, first_row, end_row = _tile_box(splat, tiles_x, tiles_y)
             hits = 0
             for row in range(first_row, end_row):
-                first, end = _tile_columns(splats[i], row, tiles_x)
+                first, end = _tile_columns(splat, row, first_column, end_column)
                 for column in range(first, end):
                     counts[part, row * tiles_x + column] += 1
-                hits += max(end - first, 0)
+                hits += end - first
             hits_of_splat[i + 1] = hits
     for i in range(count):
         hits_of_splat[i + 1] += hits_of_splat[i]
@@ -172,21 +199,22 @@ def bin_splats(
     hit_numbers = np.empty(total, np.int32)
     hit_rows = np.empty((total, 2 * HALVES), np.uint8)
     for part in numba.prange(parts):
+        spans = np.empty((HALVES * tiles_x, 2), np.float32)
         for i in range(part * count // parts, (part + 1) * count // parts):
+            splat = splats[i]
             number = hits_of_splat[i]
-            first_row, end_row = _tile_range(
-                splats[i, CENTER_Y] - splats[i, EXTENT_Y], splats[i, CENTER_Y] + splats[i, EXTENT_Y], tiles_y
-            )
+            first_column, end_column, first_row, end_row = _tile_box(splat, tiles_x, tiles_y)
+            for strip in range(HALVES * first_column, HALVES * end_column):
+                spans[strip, 0], spans[strip, 1] = _strip_span(splat, F(strip * LANES))
             for row in range(first_row, end_row):
-                first, end = _tile_columns(splats[i], row, tiles_x)
+                first, end = _tile_columns(splat, row, first_column, end_column)
                 for column in range(first, end):
                     slot = counts[part, row * tiles_x + column]
                     counts[part, row * tiles_x + column] = slot + 1
                     hit_splats[slot] = i
                     hit_numbers[slot] = number
                     for half in range(HALVES):
-                        left, top = F(column * TILE_PX + half * LANES), F(row * TILE_PX)
-                        first_px, end_px = _pixel_rows(splats[i], left, top)
+                        first_px, end_px = _clip(spans[HALVES * column + half], F(row * TILE_PX))
                         hit_rows[slot, 2 * half], hit_rows[slot, 2 * half + 1] = first_px, end_px
                     number += 1
     return tile_starts, hit_splats, hit_rows, hit_numbers, hits_of_splat

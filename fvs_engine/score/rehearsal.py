@@ -1,0 +1,15 @@
+"""Calls every kernel of the scores once, on next to nothing: see ``compilation``."""
+
+from collections.abc import Callable
+
+import torch
+
+from fvs_engine.score.spectrum_median import median_log_of_spectra
+
+
+def _median() -> None:
+    draw = torch.Generator().manual_seed(0)
+    median_log_of_spectra(torch.rand((1, 12, 16, 3), generator=draw))
+
+
+STEPS: tuple[Callable[[], None], ...] = (_median,)
