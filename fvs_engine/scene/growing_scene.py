@@ -283,7 +283,7 @@ class GrowingScene:
         seeds = seeds_on_free_points(standing.points, np.zeros((0, 3)), room)
         if len(seeds) >= MIN_POINTS or not added:
             return seeds, ()
-        guesses = guessed_seeds(added, self.settings.seed)
+        guesses = guessed_seeds(added, room - len(seeds), self.settings.seed)
         warning = (
             f"The first {len(added)} views share only {len(seeds)} points: "
             f"{len(guesses)} Gaussians start at guessed depths."

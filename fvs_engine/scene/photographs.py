@@ -18,7 +18,6 @@ MAX_SHIFT_PX = 0.1
 
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30
-_BORDER_SAMPLES = 33
 
 
 class Photographs:
@@ -108,8 +107,8 @@ def _is_filled(camera: Camera, pinhole: PinholeCamera) -> bool:
 
 def _border(pinhole: PinholeCamera) -> Array:
     """Pixels [B, 2] along the outline of the image."""
-    x = np.linspace(0.5, pinhole.width - 0.5, _BORDER_SAMPLES)
-    y = np.linspace(0.5, pinhole.height - 0.5, _BORDER_SAMPLES)
+    x = np.arange(pinhole.width) + 0.5
+    y = np.arange(pinhole.height) + 0.5
     sides = [(x, np.full_like(x, value)) for value in (y[0], y[-1])]
     sides += [(np.full_like(y, value), y) for value in (x[0], x[-1])]
     return np.concatenate([np.stack(side, axis=-1) for side in sides])

@@ -61,12 +61,12 @@ def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seed
     order = np.lexsort(xyz.T)
     free = order[distance[order] > FREE_SPACING * spacing[order]]
     if len(free) > room:
-        free = np.sort(free[np.argsort(-spacing[free], kind="stable")[:room]])
+        free = free[np.sort(np.argsort(-spacing[free], kind="stable")[:room])]
     return Seeds(PointCloud(xyz[free], colors[free]), spacing[free])
 
 
-def guessed_seeds(views: Sequence[TrainingView], seed: int) -> Seeds:
-    """Seeds on random rays through the photographs of ``views``, with their colours.
+def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
+    """Seeds on random rays through the photographs of ``views``, with their colours; at most ``room``.
 
     For views that share so few points that a model cannot start from them. The depths are uniform in their
     logarithm, around the distance to the point that the views look at together. Nothing is used but the
@@ -75,12 +75,13 @@ def guessed_seeds(views: Sequence[TrainingView], seed: int) -> Seeds:
     generator = np.random.default_rng([seed, len(views)])
     look_at = _common_focus(views)
     nearest, farthest = _DEPTHS
+    count = min(GUESSES_PER_VIEW, room // len(views))
     xyz, colors = [], []
     for view in views:
         camera = view.camera
-        pixels = generator.uniform(size=(GUESSES_PER_VIEW, 2)) * [camera.width, camera.height]
+        pixels = generator.uniform(size=(count, 2)) * [camera.width, camera.height]
         typical = float(np.linalg.norm(view.centre - look_at))
-        depths = typical * np.exp(generator.uniform(np.log(nearest), np.log(farthest), GUESSES_PER_VIEW))
+        depths = typical * np.exp(generator.uniform(np.log(nearest), np.log(farthest), count))
         xyz.append(view.camera_from_model.inverse().apply(camera.unproject(pixels, depths)))
         columns, rows = pixels.astype(np.int64).T
         colors.append(view.image[rows, columns])

@@ -52,27 +52,26 @@ class SparsePoints:
 
 
 def points_from_pycolmap(model: pycolmap.Reconstruction, names: Mapping[str, str]) -> SparsePoints | None:
-    """The points of a COLMAP model that views in ``names`` saw; None when there are none.
+    """The points of a COLMAP model, and which views of ``names`` saw them; None when it has no points.
 
     ``names`` maps an image's name in the model to the view's. Points that are not finite are left out.
     """
+    numbers = np.array(sorted(model.points3D), dtype=np.uint64)
+    if len(numbers) == 0:
+        return None
+    points = [model.points3D[number] for number in numbers]
+    xyz = np.array([point.xyz for point in points], dtype=np.float64)
+    finite = np.isfinite(xyz).all(axis=1)
+    colors = np.array([point.color for point in points], dtype=np.uint8)
+    cloud, ids = PointCloud(xyz[finite], colors[finite]), numbers[finite]
     view_names = tuple(sorted(names.values()))
     index = {name: i for i, name in enumerate(view_names)}
-    view_of_image = {
-        image_id: index[names[image.name]] for image_id, image in model.images.items() if image.name in names
-    }
-    points = [point for _, point in sorted(model.points3D.items()) if np.isfinite(point.xyz).all()]
-    pairs = {
-        (view_of_image[element.image_id], number)
-        for number, point in enumerate(points)
-        for element in point.track.elements
-        if element.image_id in view_of_image
-    }
-    if not pairs:
-        return None
-    observations = np.array(sorted(pairs), dtype=np.int64)
-    cloud = PointCloud(
-        np.array([point.xyz for point in points], dtype=np.float64),
-        np.array([point.color for point in points], dtype=np.uint8),
-    )
-    return SparsePoints(cloud, view_names, observations[:, 0], observations[:, 1])
+    views, seen = [], []
+    for image in model.images.values():
+        if image.name not in names:
+            continue
+        observed = np.array([p.point3D_id for p in image.get_observation_points2D()], dtype=np.uint64)
+        known = np.flatnonzero(np.isin(ids, observed))  # each once, however often the image saw it
+        views.append(np.full(len(known), index[names[image.name]]))
+        seen.append(known)
+    return SparsePoints(cloud, view_names, np.concatenate(views), np.concatenate(seen))

@@ -1,0 +1,175 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
+from fvs_engine.sfm.reconstruction import PosedView, to_pycolmap
+
+NAMES = ("b.png", "a.png", "c.png")
+
+
+def write_photographs(folder: Path, names: tuple[str, ...] = NAMES, size: tuple[int, int] = (48, 40)) -> Path:
+    folder.mkdir()
+    for name in names:
+        Image.new("RGB", size, (90, 120, 150)).save(folder / name)
+    return folder
+
+
+def model(ball: Dataset) -> pycolmap.Reconstruction:
+    """Three views; points seen by b and a, by a alone (twice), and by all."""
+    views = [
+        PosedView(name, view.camera, view.camera_from_world)
+        for name, view in zip(NAMES, ball.views, strict=False)
+    ]
+    made = to_pycolmap(views)
+    for image in made.images.values():
+        image.points2D = [pycolmap.Point2D(np.array([1.0 + i, 2.0])) for i in range(4)]
+    element = pycolmap.TrackElement
+    for xyz, elements in (
+        ([1.0, 0.0, 0.0], [element(1, 0), element(2, 0)]),
+        ([2.0, 0.0, 0.0], [element(2, 1), element(2, 2)]),
+        ([3.0, 0.0, 0.0], [element(1, 3), element(2, 3), element(3, 3)]),
+    ):
+        made.add_point3D(np.array(xyz), pycolmap.Track(elements), np.array([1, 2, 3], np.uint8))
+    return made
+
+
+@pytest.fixture
+def colmap(tmp_path: Path, ball: Dataset) -> Path:
+    folder = tmp_path / "model" / "sparse" / "0"
+    folder.mkdir(parents=True)
+    model(ball).write_binary(folder)
+    return tmp_path / "model"
+
+
+def write_transforms(file: Path, **frames: object) -> Path:
+    matrices = {name: np.eye(4).tolist() for name in ("images/a.png", "images/b.png", "images/gone.png")}
+    listed = [{"file_path": name, "transform_matrix": m} for name, m in {**matrices, **frames}.items()]
+    file.write_text(json.dumps({"fl_x": 50.0, "w": 48, "h": 40, "frames": listed}))
+    return file
+
+
+def test_a_colmap_model_with_its_photographs(tmp_path: Path, colmap: Path, ball: Dataset) -> None:
+    dataset = read_dataset(write_photographs(tmp_path / "images"), colmap=colmap)
+    assert dataset.names == ("a.png", "b.png", "c.png")
+    assert dataset.by_name["b.png"].camera == ball.views[0].camera
+    assert np.allclose(dataset.centres()["a.png"], ball.views[1].centre)
+    assert dataset.warnings == ()
+    assert dataset.points is not None
+    assert dataset.points.seen_by(["a.png", "b.png"]).xyz[:, 0].tolist() == [1.0, 3.0]
+    assert dataset.points.seen_by(["a.png", "c.png"]).xyz[:, 0].tolist() == [3.0]
+    assert len(dataset.points.seen_by(["a.png"])) == 0
+    assert dataset.points.seen_by(dataset.names).colors.tolist() == [[1, 2, 3]] * 2
+
+
+def test_photographs_and_poses_that_miss_each_other_are_named(tmp_path: Path, colmap: Path) -> None:
+    dataset = read_dataset(write_photographs(tmp_path / "images", ("a.png", "c.png", "x.jpg")), colmap=colmap)
+    assert dataset.names == ("a.png", "c.png")
+    missing, unposed = dataset.warnings
+    assert "1 of the 3 views" in missing
+    assert "b.png" in missing
+    assert "x.jpg" in unposed
+    assert dataset.points is not None
+    assert dataset.points.view_names == ("a.png", "c.png")
+    assert dataset.points.seen_by(["a.png", "c.png"]).xyz[:, 0].tolist() == [3.0]
+
+
+def test_photographs_of_another_size_take_their_cameras_along(tmp_path: Path, colmap: Path) -> None:
+    dataset = read_dataset(write_photographs(tmp_path / "images", size=(96, 80)), colmap=colmap)
+    camera = dataset.views[0].camera
+    assert (camera.width, camera.height, camera.fx) == (96, 80, 100.0)
+    with pytest.raises(InvalidInputError, match="40×48"):
+        read_dataset(write_photographs(tmp_path / "tall", size=(40, 48)), colmap=colmap)
+
+
+def test_a_model_without_points_leaves_them_to_be_triangulated(tmp_path: Path, ball: Dataset) -> None:
+    folder = tmp_path / "model"
+    folder.mkdir()
+    views = [PosedView(n, v.camera, v.camera_from_world) for n, v in zip(NAMES, ball.views, strict=False)]
+    to_pycolmap(views).write_binary(folder)
+    assert read_dataset(write_photographs(tmp_path / "images"), colmap=folder).points is None
+
+
+def test_listed_photographs_that_are_not_there_are_left_out(tmp_path: Path) -> None:
+    images = write_photographs(tmp_path / "images")
+    dataset = read_dataset(images, transforms=write_transforms(tmp_path / "transforms.json"))
+    assert dataset.names == ("a.png", "b.png")
+    assert dataset.points is None
+    assert "gone.png" in dataset.warnings[0]
+    assert "c.png" in dataset.warnings[1]
+
+
+def test_the_fox_lists_more_than_there_is(data_dir: Path) -> None:
+    dataset = read_dataset(data_dir / "fox" / "images", transforms=data_dir / "fox" / "transforms.json")
+    assert len(dataset.views) == 50
+    assert "17 of the 67" in dataset.warnings[0]
+
+
+def test_poses_that_are_not_numbers_name_their_view(tmp_path: Path, ball: Dataset) -> None:
+    images = write_photographs(tmp_path / "images")
+    broken = np.eye(4)
+    broken[0, 3] = np.nan
+    file = write_transforms(tmp_path / "transforms.json", **{"images/b.png": broken.tolist()})
+    with pytest.raises(InvalidInputError, match=r"images/b\.png .*not finite"):
+        read_dataset(images, transforms=file)
+
+    folder = tmp_path / "model"
+    folder.mkdir()
+    damaged = model(ball)
+    frame = damaged.images[2].frame
+    assert frame is not None
+    frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(np.eye(3)), np.array([0.0, np.nan, 0.0]))
+    damaged.write_binary(folder)
+    with pytest.raises(InvalidInputError, match=r"a\.png .*not finite"):
+        read_dataset(images, colmap=folder)
+
+
+def test_photographs_that_exif_turns_are_refused(tmp_path: Path, colmap: Path) -> None:
+    images = write_photographs(tmp_path / "images")
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    Image.new("RGB", (48, 40)).save(images / "a.png", exif=exif)
+    with pytest.raises(InvalidInputError, match=r"a\.png .*orientation 3"):
+        read_dataset(images, colmap=colmap)
+
+
+def test_datasets_that_are_none(tmp_path: Path, colmap: Path) -> None:
+    images = write_photographs(tmp_path / "images")
+    with pytest.raises(InvalidInputError, match="needs its poses"):
+        read_dataset(images)
+    with pytest.raises(InvalidInputError, match="needs its poses"):
+        read_dataset(images, colmap=colmap, transforms=tmp_path / "transforms.json")
+    with pytest.raises(InvalidInputError, match="not a folder"):
+        read_dataset(tmp_path / "absent", colmap=colmap)
+    with pytest.raises(InvalidInputError, match="no COLMAP model"):
+        read_dataset(images, colmap=images)
+    with pytest.raises(InvalidInputError, match="1 of the 3 views"):
+        read_dataset(write_photographs(tmp_path / "few", ("a.png", "y.png")), colmap=colmap)
+    (images / "c.png").write_text("no image")
+    with pytest.raises(InvalidInputError, match=r"c\.png cannot be read"):
+        read_dataset(images, colmap=colmap)
+
+
+def test_two_views_cannot_share_a_photograph(tmp_path: Path) -> None:
+    images = write_photographs(tmp_path / "images")
+    file = write_transforms(tmp_path / "transforms.json", **{"left/a.png": np.eye(4).tolist()})
+    with pytest.raises(InvalidInputError, match=r"images/a\.png and left/a\.png"):
+        read_dataset(images, transforms=file)
+
+
+def test_every_eighth_is_for_testing() -> None:
+    names = [f"{i:02}" for i in range(20)]
+    train, test = split_test(names[::-1], 8)
+    assert test == ("00", "08", "16")
+    assert sorted(train + test) == names
+    assert list(train) == sorted(train)
+    assert split_test(names, 0) == (tuple(names), ())
+    assert split_test(names[:5], 8) == (tuple(names[:5]), ())
+    for every in (1, -2):
+        with pytest.raises(InvalidInputError, match="testing"):
+            split_test(names, every)

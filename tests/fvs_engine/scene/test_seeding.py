@@ -1,0 +1,83 @@
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.scene.seeding import GUESSES_PER_VIEW, guessed_seeds, seeds_on_free_points
+from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.splat.views import TrainingView
+
+NOWHERE = np.zeros((0, 3))
+
+
+def grid(side: int) -> NDArray[np.float64]:
+    """Points one apart."""
+    return np.stack(np.meshgrid(*[np.arange(side)] * 3), axis=-1).reshape(-1, 3).astype(np.float64)
+
+
+def cloud(xyz: NDArray[np.float64]) -> PointCloud:
+    return PointCloud(xyz, np.full((len(xyz), 3), 7, np.uint8))
+
+
+def test_points_near_something_are_taken() -> None:
+    points = grid(4)
+    assert len(seeds_on_free_points(cloud(points), NOWHERE, 1000)) == 64
+    occupied = points[:10] + np.array([0.3, 0.0, 0.0])
+    seeds = seeds_on_free_points(cloud(points), occupied, 1000)
+    assert {tuple(p) for p in seeds.points.xyz} == {tuple(p) for p in points[10:]}
+    assert np.allclose(seeds.spacing, 1.0)
+
+
+def test_numbers_and_order_of_points_do_not_count() -> None:
+    points = np.random.default_rng(0).normal(size=(300, 3))
+    occupied = points[:50] + 0.01
+    shuffled = np.random.default_rng(1).permutation(points)
+    first = seeds_on_free_points(cloud(points), occupied, 100)
+    second = seeds_on_free_points(cloud(shuffled), occupied, 100)
+    assert np.array_equal(first.points.xyz, second.points.xyz)
+    assert np.array_equal(first.spacing, second.spacing)
+
+
+def test_the_loneliest_points_win_when_room_is_short() -> None:
+    points = np.concatenate([grid(4), [[20.0, 0, 0], [30.0, 0, 0]]])
+    seeds = seeds_on_free_points(cloud(points), NOWHERE, 2)
+    assert sorted(seeds.points.xyz[:, 0]) == [20.0, 30.0]
+    assert len(seeds_on_free_points(cloud(points), NOWHERE, 0)) == 0
+
+
+def test_points_that_are_not_finite_are_no_places() -> None:
+    points = grid(3)
+    points[5, 1] = np.nan
+    assert len(seeds_on_free_points(cloud(points), NOWHERE, 1000)) == 26
+
+
+def view(name: str, eye: list[float], color: int) -> TrainingView:
+    camera = PinholeCamera(40, 30, 40.0, 40.0, 20.0, 15.0)
+    image = np.full((30, 40, 3), color, np.uint8)
+    return TrainingView(name, camera, look_at(eye, [0, 0, 0], [0, 0, 1]).inverse(), image)
+
+
+def test_guesses_lie_in_their_views_around_what_all_look_at() -> None:
+    views = [view("a", [5.0, 0, 1], 10), view("b", [0, 5.0, 1], 200)]
+    seeds = guessed_seeds(views, 100_000, seed=0)
+    assert len(seeds) == 2 * GUESSES_PER_VIEW
+    for one, color in zip(views, (10, 200), strict=True):
+        own = seeds.points.xyz[(seeds.points.colors == color).all(axis=1)]
+        local = one.camera_from_model.apply(own)
+        assert ((one.camera.project(local) >= 0) & (one.camera.project(local) <= [40, 30])).all()
+        assert np.median(local[:, 2]) / np.sqrt(26) < 2
+        assert local[:, 2].min() < np.sqrt(26) < local[:, 2].max()
+    assert len(guessed_seeds(views, 51, seed=0)) == 50
+
+
+def test_cameras_that_look_apart_guess_ahead_of_themselves() -> None:
+    camera = PinholeCamera(40, 30, 40.0, 40.0, 20.0, 15.0)
+    image = np.zeros((30, 40, 3), np.uint8)
+    apart = [
+        TrainingView(str(i), camera, look_at(eye, np.multiply(eye, 2), [0, 0, 1]).inverse(), image)
+        for i, eye in enumerate(([1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0]))
+    ]
+    seeds = guessed_seeds(apart, 9_000, seed=0)
+    assert np.isfinite(seeds.points.xyz).all()
+    for i, one in enumerate(apart):
+        own = seeds.points.xyz[i * GUESSES_PER_VIEW : (i + 1) * GUESSES_PER_VIEW]
+        assert (one.camera_from_model.apply(own)[:, 2] > 0).all()
