@@ -11,7 +11,7 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.evaluate.metrics import psnr, ssim
-from fvs_engine.monitor import Monitor
+from fvs_engine.monitor import Monitor, SavingMonitor
 from fvs_engine.pipeline.manifest import (
     Manifest,
     Metrics,
@@ -89,7 +89,7 @@ def train(
     _warn_of_memory(settings, loaded, warn)
     session = _Session(workspace, manifest, trainer, training, held_out)
     try:
-        trainer.train(settings.iterations, _SavingMonitor(monitor, session.save))
+        trainer.train(settings.iterations, SavingMonitor(monitor, session.save, _CHECKPOINT_EVERY_S))
     except Cancelled:
         session.save()
         raise
@@ -98,25 +98,6 @@ def train(
         metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
-
-
-class _SavingMonitor(Monitor):
-    """Passes on to another monitor and saves every minute, at the trainer's own safe point."""
-
-    def __init__(self, outer: Monitor, save: Callable[[], None]) -> None:
-        super().__init__()
-        self._outer = outer
-        self._save = save
-        self._saved = time.monotonic()
-
-    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
-        self._outer.report(stage, done, total, **detail)
-
-    def check(self) -> None:
-        self._outer.check()
-        if time.monotonic() - self._saved > _CHECKPOINT_EVERY_S:
-            self._save()
-            self._saved = time.monotonic()
 
 
 class _Session:

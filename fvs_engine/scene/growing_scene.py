@@ -20,6 +20,7 @@ from fvs_engine.scene.poses import PoseSource, Standing
 from fvs_engine.scene.scene_files import SceneFiles, SceneMemory, ViewMemory
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
@@ -329,6 +330,4 @@ def _pose_source(
 ) -> PoseSource:
     if settings.poses == "known":
         return KnownPoses(files.sfm, dataset, settings.sfm)
-    from fvs_engine.scene.sfm_poses import SfmPoses
-
     return SfmPoses(files.sfm, dataset.image_dir, settings.sfm, monitor)
