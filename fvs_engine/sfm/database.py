@@ -17,6 +17,8 @@ from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
 _VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
 """COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""
 
+_TABLES = frozenset({"cameras", "images", "keypoints", "descriptors", "matches", "two_view_geometries"})
+
 _MAX_IMAGES = 2147483647
 """COLMAP numbers a pair as id1 × this + id2, id1 < id2."""
 
@@ -36,7 +38,10 @@ class VerifiedPair:
 
 
 def require_sound_database(path: Path) -> None:
-    """Check that nobody else works on the database and that it is whole; raises ``ReconstructionError``."""
+    """Check that nobody else works on the database and that it is whole; raises ``ReconstructionError``.
+
+    One whose creation was interrupted (by a full disk, a kill) is deleted: it holds nothing yet.
+    """
     if not path.exists():
         return
     try:
@@ -44,6 +49,7 @@ def require_sound_database(path: Path) -> None:
             connection.execute("BEGIN IMMEDIATE")
             connection.rollback()
             (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+            tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
     except sqlite3.OperationalError as error:
         if "locked" not in str(error) and "busy" not in str(error):
             raise ReconstructionError(
@@ -57,6 +63,9 @@ def require_sound_database(path: Path) -> None:
         raise _damaged(path) from error
     if answer != "ok":
         raise _damaged(path)
+    if not tables >= _TABLES:
+        for left in (path, path.with_name(f"{path.name}-wal"), path.with_name(f"{path.name}-shm")):
+            left.unlink(missing_ok=True)
 
 
 def _damaged(path: Path) -> ReconstructionError:
