@@ -1,11 +1,14 @@
 """Scores of candidate views: which one should be photographed next."""
 
+from fvs_engine.score.information import ViewInformation, estimated_information, view_information
 from fvs_engine.score.interface import Candidate, CandidateScore, CandidateStatus, Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
 from fvs_engine.score.rank import RankedCandidate, rank
+from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged
 from fvs_engine.score.spectral_median import SpectralMedian, spectral_median_frequency
 
 __all__ = [
+    "MIN_COVERAGE",
     "Candidate",
     "CandidateScore",
     "CandidateStatus",
@@ -13,7 +16,12 @@ __all__ = [
     "RankedCandidate",
     "Scorer",
     "SpectralMedian",
+    "ViewInformation",
+    "check_min_coverage",
+    "estimated_information",
+    "judged",
     "median_log_magnitude",
     "rank",
     "spectral_median_frequency",
+    "view_information",
 ]

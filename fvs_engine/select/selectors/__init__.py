@@ -4,7 +4,10 @@ from collections.abc import Callable, Mapping
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.select.interface import Selector
+from fvs_engine.select.selectors.coverage import Coverage
+from fvs_engine.select.selectors.d_optimal import d_optimal
 from fvs_engine.select.selectors.farthest import Farthest
+from fvs_engine.select.selectors.fisher import fisher
 from fvs_engine.select.selectors.median_frequency import median_frequency
 from fvs_engine.select.selectors.nearest import Nearest
 from fvs_engine.select.selectors.random_order import RandomOrder
@@ -17,6 +20,9 @@ SELECTORS: Mapping[str, Callable[[], Selector]] = {
     "uniform": Uniform,
     "farthest": Farthest,
     "nearest": Nearest,
+    "fisher": fisher,
+    "d-optimal": d_optimal,
+    "coverage": Coverage,
     "spectral-median": spectral_median,
 }
 

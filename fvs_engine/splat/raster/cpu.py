@@ -13,8 +13,8 @@ from fvs_engine.compilation import ensure_compiled
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import Rendering
-from fvs_engine.splat.raster.kernels import binning, blending, projection
+from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
+from fvs_engine.splat.raster.kernels import binning, blending, projection, squares
 from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
 
 Floats = NDArray[np.float32]
@@ -47,7 +47,7 @@ class CpuRasterizer:
         background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
-        degree = gaussians.degree_in_use(sh_degree)
+        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
         tensors = gaussians.tensors()
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
         # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
@@ -58,6 +58,22 @@ class CpuRasterizer:
             view, behind, screen_means, *tensors.values()
         )
         return Rendering(color, alpha, depth, radii, screen_means)
+
+    def squared_jacobian(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+    ) -> SquaredJacobian:
+        """See ``SquaringRasterizer``: exact, for about the price of a gradient (``kernels.squares``)."""
+        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        view = View(camera, camera_from_model, degree)
+        parameters = [as_floats(tensor) for tensor in gaussians.tensors().values()]
+        forward = rasterize(view, np.zeros(3, np.float32), parameters)
+        found = (*square(forward, view, parameters), forward.alpha)
+        return SquaredJacobian(*(torch.from_numpy(values) for values in found))
 
 
 class View:
@@ -152,6 +168,43 @@ def differentiate(
         forward.records, forward.radii, gradients, *outputs,
     )  # fmt: skip
     return gradients[:, CENTER_X : CENTER_X + 2], outputs
+
+
+def square(forward: Forward, view: View, parameters: list[Floats]) -> tuple[Floats, ...]:
+    """The squared Jacobian of an image on black, in the order of ``SquaredJacobian``."""
+    means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
+    count = len(means)
+    hit_squares = np.empty((len(forward.hit_splats), squares.SQUARES_SIZE), np.float32)
+    with numba.parallel_chunksize(TILES_AT_ONCE):
+        squares.blend_squares(
+            forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_rows, forward.hit_numbers,
+            forward.color, hit_squares,
+        )  # fmt: skip
+    moments = np.zeros((count, squares.SQUARES_SIZE), np.float32)
+    squares.sum_squares(hit_squares, forward.splat_starts, forward.order, moments)
+
+    # The projection carries gradients of records to parameters, and is linear: once for every monomial.
+    slopes = np.empty((len(squares.MONOMIALS), count, 6), np.float32)
+    gradients = np.zeros((count, GRADIENT_SIZE), np.float32)
+    g_means, g_log_scales = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    g_quaternions, g_opacities = np.empty((count, 4), np.float32), np.empty(count, np.float32)
+    g_dc, no_rest = np.empty((count, 3), np.float32), np.empty((count, 0, 3), np.float32)
+    for monomial, slope in zip(squares.MONOMIALS, slopes, strict=True):
+        squares.fill_gradients(forward.records, forward.radii, monomial, gradients)
+        projection.project_backward(
+            means, log_scales, quaternions, no_rest, 0, view.vector, view.size,
+            forward.records, forward.radii, gradients,
+            g_means, g_log_scales, g_quaternions, g_opacities, g_dc, no_rest,
+        )  # fmt: skip
+        slope[:, :3], slope[:, 3:] = g_means, g_log_scales
+    of_means, of_log_scales = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    squares.combine(moments, slopes, of_means, of_log_scales)
+    of_opacities, of_dc = np.empty_like(opacity_logits), np.empty_like(sh_dc)
+    of_rest = np.zeros_like(sh_rest)
+    squares.square_appearance(
+        means, view.vector, view.degree, forward.records, forward.radii, moments, of_opacities, of_dc, of_rest
+    )
+    return of_means, of_log_scales, of_opacities, of_dc, of_rest
 
 
 class _Rasterize(torch.autograd.Function):

@@ -11,7 +11,7 @@ Conventions shared by all backends, so that they can be held to one another (gsp
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -78,4 +78,37 @@ class Rasterizer(Protocol):
         ``sh_degree``: use only this many degrees (default: all that are stored). ``background`` [3]:
         the colour behind the model (default: black).
         """
+        ...
+
+
+@dataclass
+class SquaredJacobian:
+    """How strongly an image depends on every parameter: Σ (∂ colour / ∂ parameter)² over pixels and channels.
+
+    The diagonal of JᵀJ: ``means`` [N, 3] (at a fixed direction of view: spherical harmonics turn with a
+    Gaussian that moves, which is not counted), ``log_scales`` [N, 3], ``opacity_logits`` [N], ``sh_dc``
+    [N, 3] and ``sh_rest`` [N, K − 1, 3], on black. ``alpha`` [H, W] of the same rendering.
+    """
+
+    means: Tensor
+    log_scales: Tensor
+    opacity_logits: Tensor
+    sh_dc: Tensor
+    sh_rest: Tensor
+    alpha: Tensor
+
+
+@runtime_checkable
+class SquaringRasterizer(Rasterizer, Protocol):
+    """A backend that computes the squared Jacobian exactly, in one pass."""
+
+    def squared_jacobian(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+    ) -> SquaredJacobian:
+        """The squared Jacobian of ``render`` with the same arguments; not differentiable."""
         ...

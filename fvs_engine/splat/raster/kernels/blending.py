@@ -72,7 +72,7 @@ def exp_of_minus_eight(y: float) -> float:
 
 
 @kernel
-def _retire(buffer: Floats, live: Ints) -> bool:
+def retire(buffer: Floats, live: Ints) -> bool:
     """Note which half rows still let light through; returns whether none does."""
     total = 0
     for strip in range(live.size):
@@ -146,7 +146,7 @@ def blend(
                     q = b * dy
                     at = np.uint64(row * TILE_PX + half * LANES)
                     _blend_row(buffer, at, a * (dx - k * dy), a, q * q, values)
-            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _retire(buffer, live):
+            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and retire(buffer, live):
                 break
         for y in range(min(TILE_PX, height - top)):
             for x in range(min(TILE_PX, width - left)):
@@ -326,7 +326,7 @@ def blend_backward(
                 F(top) + F(8) - splat[CENTER_Y],
                 hit_gradients[hit_numbers[slot]],
             )
-            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and _retire(buffer, live):
+            if (slot - tile_starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and retire(buffer, live):
                 end_slot = slot + 1
                 break
         for slot in range(end_slot, tile_starts[tile + 1]):  # hidden behind finished pixels
