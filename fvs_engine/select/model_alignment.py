@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import RigidTransform, SimilarityTransform, angle_between, robust_umeyama
+from fvs_engine.geometry import (
+    AlignmentReport,
+    RigidTransform,
+    SimilarityTransform,
+    angle_between,
+    robust_umeyama,
+)
 from fvs_engine.select.loop_records import AlignmentRecord
 
 Array = NDArray[np.float64]
@@ -23,6 +29,9 @@ _MAX_MISFIT = 0.25
 
 _MAX_ATTITUDE_DEG = 20.0
 """Median angle between aligned attitudes: more than a gimbal's angles are off, less than any wrong axis."""
+
+_MANY = 10
+"""Views from which on their residuals say what an outlier is."""
 
 _MIN_INLIERS = 0.5
 """Share of the views that must agree."""
@@ -95,7 +104,7 @@ def _fit(world: Array, model: Array, turns: Array) -> tuple[SimilarityTransform,
     """The similarity, the views that agree on it, and whether attitudes had to fix its rotation."""
     inliers = np.ones(len(world), dtype=bool)
     if len(world) >= 3:
-        report = robust_umeyama(world, model)
+        report = _robust_fit(world, model)
         if not report.ill_conditioned:
             return report.transform, report.inliers, False
         inliers = report.inliers
@@ -110,6 +119,25 @@ def _fit(world: Array, model: Array, turns: Array) -> tuple[SimilarityTransform,
         )
     scale = lever / reach
     return SimilarityTransform(scale, rotation, model_middle - scale * rotation @ world_middle), inliers, True
+
+
+def _robust_fit(world: Array, model: Array) -> AlignmentReport:
+    """Least squares over all views but those that lie far from where the others put them.
+
+    What is far is a share of the scene at first, which keeps every view of a handful; of more views also what
+    stands out from the rest.
+    """
+    spread = float(np.median(np.linalg.norm(model - np.median(model, axis=0), axis=1)))
+    try:
+        report = robust_umeyama(world, model, inlier_threshold=max(_MAX_MISFIT * spread, 1e-300))
+        if len(world) < _MANY:
+            return report
+        limit = max(3 * 1.4826 * report.median, 1e-6 * spread)
+        return robust_umeyama(world, model, inlier_threshold=limit)
+    except InvalidInputError as error:
+        raise InvalidInputError(
+            f"The dataset's positions cannot be aligned with the photographs: {error.message}", hint=_HINT
+        ) from error
 
 
 def _mean_rotation(turns: Array) -> Array:

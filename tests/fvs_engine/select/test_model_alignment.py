@@ -20,7 +20,8 @@ def cameras_at(centres: np.ndarray, draw: np.random.Generator) -> list[RigidTran
 
 
 def random_similarity(draw: np.random.Generator) -> SimilarityTransform:
-    return SimilarityTransform(draw.uniform(0.01, 100), random_rotations(1, draw)[0], draw.normal(size=3) * 10)
+    scale = draw.uniform(0.01, 100)
+    return SimilarityTransform(scale, random_rotations(1, draw)[0], 10 * draw.normal(size=3))
 
 
 def assert_same(found: SimilarityTransform, expected: SimilarityTransform, tolerance: float = 1e-6) -> None:
@@ -73,6 +74,14 @@ def test_a_view_that_was_registered_wrongly_is_outvoted() -> None:
     assert_same(found.model_from_world, truth)
     assert found.record.inliers == 11
     assert found.record.views == 12
+
+
+def test_a_handful_of_rough_positions_all_count() -> None:
+    """The best three of five would fit each other by chance, and leave the rest behind."""
+    draw = np.random.default_rng(11)
+    model = cameras_at(draw.normal(size=(5, 3)), draw)
+    world = [RigidTransform(v.rotation, v.translation + draw.normal(scale=0.03, size=3)) for v in model]
+    assert align_to_model(world, model).record.inliers == 5
 
 
 def test_the_misfit_is_in_the_units_of_the_dataset() -> None:

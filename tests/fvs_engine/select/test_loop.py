@@ -1,0 +1,350 @@
+"""The loop on a made-up room whose poses are known, and on photographs with structure from motion."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fvs_engine.errors import (
+    Cancelled,
+    InvalidInputError,
+    OutputExistsError,
+    ReconstructionError,
+    StorageError,
+)
+from fvs_engine.geometry import RigidTransform, SimilarityTransform, angle_between
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset, DatasetView, read_dataset
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord, StopReason
+from fvs_engine.sfm.reconstruct import SfmResult
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.raster import create_rasterizer
+
+SCENE = SceneSettings(poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5)
+BASE: dict[str, Any] = {"scene": SCENE, "initial": 4, "budget": 8, "nearest": 6}
+
+
+@pytest.fixture(scope="module")
+def room(room_dir: Path) -> Dataset:
+    return read_dataset(room_dir / "images", colmap=room_dir / "sparse")
+
+
+def open_loop(folder: Path, dataset: Dataset, **changes: Any) -> SelectionLoop:
+    settings = LoopSettings(**(BASE | changes))
+    return SelectionLoop.open(folder, dataset, settings, create_rasterizer("cpu"), Monitor())
+
+
+def run(loop: SelectionLoop, monitor: Monitor | None = None) -> StopReason:
+    while isinstance(step := loop.step(monitor or Monitor()), StepRecord):
+        pass
+    return step
+
+
+def without_seconds(loop: SelectionLoop) -> list[dict[str, Any]]:
+    """What a selection decided, and what it learned."""
+    return [record.model_dump(exclude={"seconds": True, "choice": {"seconds"}}) for record in loop.records]
+
+
+@pytest.fixture(scope="module")
+def clean_run(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> SelectionLoop:
+    """One selection that nothing disturbed. Not to be changed."""
+    loop = open_loop(tmp_path_factory.mktemp("clean"), room)
+    loop.stop = run(loop)  # type: ignore[attr-defined]
+    return loop
+
+
+def test_it_visits_as_many_views_as_the_budget_says(clean_run: SelectionLoop) -> None:
+    assert clean_run.stop.kind == "budget"  # type: ignore[attr-defined]
+    assert len(clean_run.visited) == len(set(clean_run.visited)) == 8
+    assert clean_run.visited[:4] == ("01.png", "02.png", "03.png", "04.png")
+    assert [record.views for record in clean_run.records] == [5, 6, 7, 8]
+    assert [record.registered for record in clean_run.records] == [5, 6, 7, 8]
+
+
+def test_test_views_are_neither_visited_nor_candidates(clean_run: SelectionLoop) -> None:
+    held_out = {"00.png", "08.png", "16.png"}
+    assert set(clean_run.test_names) == held_out
+    assert not held_out & set(clean_run.visited)
+    for record in clean_run.records:
+        assert not held_out & {place.id for place in record.choice.ranked}
+
+
+def test_candidates_are_the_unvisited_views_in_reach_of_the_camera(clean_run: SelectionLoop) -> None:
+    centres = clean_run.dataset.centres()
+    visited = list(clean_run.initial)
+    for record in clean_run.records:
+        lengths = {
+            name: float(np.linalg.norm(centres[name] - centres[visited[-1]]))
+            for name in clean_run.train_names
+            if name not in visited
+        }
+        nearest = sorted(lengths.values())[:6]
+        found = {place.id: place.distance for place in record.choice.ranked}
+        assert sorted(found.values()) == pytest.approx(nearest)
+        assert found == pytest.approx({name: lengths[name] for name in found})
+        visited.append(record.chosen)
+
+
+def test_the_lowest_score_is_chosen(clean_run: SelectionLoop) -> None:
+    for record in clean_run.records:
+        ranked = [place for place in record.choice.ranked if place.rank is not None]
+        assert record.choice.fallback is None
+        assert record.choice.score == min(place.score for place in ranked if place.score is not None)
+        assert record.chosen == ranked[0].id
+
+
+def test_travel_is_the_way_through_all_visited_centres(clean_run: SelectionLoop) -> None:
+    centres = clean_run.dataset.centres()
+    way = np.stack([centres[name] for name in clean_run.visited])
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    assert clean_run.travel == pytest.approx(steps.sum())
+    for record, travel, step in zip(clean_run.records, np.cumsum(steps)[3:], steps[3:], strict=True):
+        assert record.travel == pytest.approx(travel)
+        assert record.choice.distance == pytest.approx(step)
+
+
+def test_training_follows_the_schedule(clean_run: SelectionLoop) -> None:
+    assert [record.iterations for record in clean_run.records] == [25, 30, 35, 40]
+
+
+@pytest.mark.parametrize("pause", ["after every step", "after every choice"])
+def test_a_selection_that_is_opened_again_goes_on_as_if_nothing_had_happened(
+    room: Dataset, clean_run: SelectionLoop, tmp_path: Path, pause: str
+) -> None:
+    for _ in range(20):
+        loop = open_loop(tmp_path, room)
+        if pause == "after every choice":
+            loop._visit = _stop_there  # type: ignore[method-assign]
+            try:
+                loop.step(Monitor())
+            except Cancelled:
+                loop = open_loop(tmp_path, room)
+        if isinstance(loop.step(Monitor()), StopReason):
+            break
+    assert without_seconds(loop) == without_seconds(clean_run)
+
+
+def _stop_there(*_arguments: object) -> StepRecord:
+    raise Cancelled("Stopped between the choice and the visit.")
+
+
+def test_cancelling_anywhere_changes_nothing(room: Dataset, clean_run: SelectionLoop, tmp_path: Path) -> None:
+    """Stop requests that come at the 1st, 3rd, 9th, … report of runs that follow each other."""
+
+    class Impatient(Monitor):
+        def __init__(self, patience: int) -> None:
+            super().__init__(lambda _progress: self._count())
+            self._left = patience
+
+        def _count(self) -> None:
+            self._left -= 1
+            if self._left <= 0:
+                self.cancel()
+
+    for patience in (1, 3, 9, 15, 20, 25):
+        loop, monitor = open_loop(tmp_path, room), Impatient(patience)
+        with pytest.raises(Cancelled):
+            run(loop, monitor)
+    last = open_loop(tmp_path, room)
+    run(last)
+    assert without_seconds(last) == without_seconds(clean_run)
+
+
+def test_another_seed_and_method_may_choose_otherwise_but_not_in_the_same_folder(
+    room: Dataset, tmp_path: Path
+) -> None:
+    open_loop(tmp_path / "a", room, method="random", budget=5)
+    with pytest.raises(OutputExistsError, match="seed was 0 and is 1"):
+        open_loop(tmp_path / "a", room, method="random", budget=5, seed=1)
+    with pytest.raises(OutputExistsError, match="method was random and is farthest"):
+        open_loop(tmp_path / "a", room, method="farthest", budget=5)
+    scene = SCENE.model_copy(update={"iterations_per_view": 6})
+    with pytest.raises(OutputExistsError, match=r"scene\.iterations_per_view was 5 and is 6"):
+        open_loop(tmp_path / "a", room, method="random", budget=5, scene=scene)
+
+
+def test_the_time_limit_and_the_threads_may_change(room: Dataset, tmp_path: Path) -> None:
+    open_loop(tmp_path, room)
+    threads = SCENE.model_copy(update={"sfm": SfmSettings(threads=2)})
+    open_loop(tmp_path, room, time_limit_s=3.0, scene=threads)
+
+
+def test_a_time_limit_ends_it_and_a_later_run_goes_on(room: Dataset, tmp_path: Path) -> None:
+    limited = open_loop(tmp_path, room, time_limit_s=1e-6)
+    assert run(limited).kind == "time-limit"
+    assert limited.records == ()
+    assert json.loads((tmp_path / "selection.json").read_text())["stop"]["kind"] == "time-limit"
+    later = open_loop(tmp_path, room)
+    assert isinstance(later.step(Monitor()), StepRecord)
+    assert json.loads((tmp_path / "selection.json").read_text())["stop"] is None
+
+
+def test_it_ends_where_nothing_is_left_in_reach(room: Dataset, tmp_path: Path) -> None:
+    """The rounds stand 0.3 units above each other, views 0.8 apart: one step up, and there is no other."""
+    loop = open_loop(tmp_path, room, initial=3, nearest=None, radius=0.5, budget=20)
+    stop = run(loop)
+    assert loop.visited == ("01.png", "02.png", "03.png", "15.png")
+    assert stop.kind == "nothing-in-reach"
+    assert "within 0.5 of the camera; a radius of 0.8" in stop.message
+
+
+def test_a_radius_that_reaches_nothing_is_refused_before_anything_is_learned(
+    room: Dataset, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=r"within 0\.1 of the camera; a radius of 0\.\d+ would"):
+        open_loop(tmp_path / "out", room, nearest=None, radius=0.1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_radius_or_number_the_reach_comes_from_the_capture(room: Dataset, tmp_path: Path) -> None:
+    loop = open_loop(tmp_path, room, nearest=None)
+    centres = np.stack(list(room.centres().values()))
+    spacing = np.median(np.linalg.norm(np.diff(centres, axis=0), axis=1))
+    assert loop.reach.radius == pytest.approx(8 * spacing)
+
+
+def test_a_pool_smaller_than_the_budget_is_refused(room: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="only 21 to visit: 24 photographs") as caught:
+        open_loop(tmp_path / "out", room, budget=22)
+    assert "at most 21" in caught.value.hint
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_whole_pool_may_be_visited(room: Dataset, tmp_path: Path) -> None:
+    scene = SCENE.model_copy(update={"iterations_per_view": 0, "initial_iterations": 1})
+    loop = open_loop(tmp_path, room, initial=19, budget=21, nearest=100, scene=scene, method="random")
+    assert run(loop).kind == "budget"
+    assert sorted(loop.visited) == sorted(loop.train_names)
+
+
+def test_a_folder_with_something_else_in_it_is_left_alone(room: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputExistsError, match=r"thesis\.tex"):
+        open_loop(tmp_path, room)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_other_photographs_are_not_mixed_in(room: Dataset, room_dir: Path, tmp_path: Path) -> None:
+    shutil.copytree(room_dir, tmp_path / "room")
+    with (tmp_path / "room" / "images" / "05.png").open("ab") as photograph:
+        photograph.write(b" ")
+    other = read_dataset(tmp_path / "room" / "images", colmap=tmp_path / "room" / "sparse")
+    open_loop(tmp_path / "out", room)
+    with pytest.raises(OutputExistsError, match="photographs or poses are others"):
+        open_loop(tmp_path / "out", other)
+
+
+@pytest.mark.parametrize("damage", ["{", '{"choice": null, "record": null}', ""])
+def test_a_damaged_step_is_named(
+    room: Dataset, clean_run: SelectionLoop, tmp_path: Path, damage: str
+) -> None:
+    folder = tmp_path / "out"
+    shutil.copytree(clean_run._folder.root, folder)
+    (folder / "steps" / "0002.json").write_text(damage)
+    with pytest.raises(StorageError, match=r"0002\.json cannot be used"):
+        open_loop(folder, room)
+
+
+def test_a_step_that_is_missing_is_noticed(room: Dataset, clean_run: SelectionLoop, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    shutil.copytree(clean_run._folder.root, folder)
+    (folder / "steps" / "0002.json").unlink()
+    with pytest.raises(StorageError, match="step 2 is missing"):
+        open_loop(folder, room)
+
+
+KERMIT_SCENE = SceneSettings(
+    poses="sfm",
+    long_side_px=96,
+    initial_iterations=20,
+    iterations_per_view=5,
+    sfm=SfmSettings(threads=1, max_features=1500),
+)
+
+
+KERMIT = {"scene": KERMIT_SCENE, "initial": 5, "budget": 6, "nearest": 3, "test_every": 0}
+
+
+@pytest.fixture(scope="module")
+def kermit(kermit_dir: Path, kermit_sfm: SfmResult) -> Dataset:
+    """Photographs with the poses that structure from motion on all of them found, ten times as large."""
+    views = [
+        DatasetView(view.name, view.camera, _moved_and_scaled(view.camera_from_model))
+        for view in sorted(kermit_sfm.reconstruction.views, key=lambda view: view.name)
+    ]
+    return Dataset("kermit", kermit_dir, tuple(views))
+
+
+def _moved_and_scaled(camera_from_model: RigidTransform) -> RigidTransform:
+    world_from_model = SimilarityTransform(10.0, np.diag([-1.0, -1.0, 1.0]), np.array([3.0, -4.0, 5.0]))
+    return world_from_model.move_camera(camera_from_model.inverse()).inverse()
+
+
+@pytest.fixture(scope="module")
+def kermit_begun(kermit: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a selection that knows its five initial views. Read-only."""
+    folder = tmp_path_factory.mktemp("kermit")
+    open_loop(folder, kermit, **KERMIT).begin(Monitor())
+    return folder
+
+
+def test_photographs_register_and_candidates_land_in_the_model(
+    kermit: Dataset, kermit_begun: Path, tmp_path: Path
+) -> None:
+    """Poses come from the visited photographs alone, in a frame of their own."""
+    folder = shutil.copytree(kermit_begun, tmp_path / "out")
+    loop = open_loop(folder, kermit, **KERMIT)
+    record = loop.step(Monitor())
+    assert isinstance(record, StepRecord)
+    assert record.registered == 6
+    centres = np.stack([kermit.by_name[name].centre for name in loop.initial])
+    spread = np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert record.alignment.views == 5
+    assert record.alignment.rms < 0.05 * spread
+    assert record.alignment.attitude_deg < 2.0
+    # The photograph was then registered by itself: there its candidate must have stood.
+    found = {view.name: view.camera_from_model.inverse() for view in loop.scene.views}[record.chosen]
+    model_from_world = loop.align().model_from_world
+    expected = model_from_world.move_camera(kermit.by_name[record.chosen].camera_from_world.inverse())
+    moved = np.linalg.norm(found.translation - expected.translation) / model_from_world.scale
+    assert moved < 0.1 * spread
+    assert np.degrees(angle_between(found.rotation, expected.rotation)) < 3.0
+
+
+def test_poses_that_contradict_the_photographs_are_refused(
+    kermit: Dataset, kermit_begun: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(kermit_begun, tmp_path / "out")
+    loop = open_loop(folder, kermit, **KERMIT)
+    views = [
+        dataclasses.replace(view, camera_from_world=other.camera_from_world)
+        for view, other in zip(kermit.views, kermit.views[::-1], strict=True)
+    ]
+    loop.dataset = dataclasses.replace(kermit, views=tuple(views))
+    loop.scene.dataset = loop.dataset
+    with pytest.raises(InvalidInputError, match="(contradict|cannot be aligned with) the photographs"):
+        loop.step(Monitor())
+    assert loop.records == ()
+
+
+def test_initial_views_that_do_not_overlap_are_refused(kermit: Dataset, tmp_path: Path) -> None:
+    """One photograph of the object, one of noise: nothing joins them."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
+    first, second, *rest = kermit.views
+    for view in kermit.views:
+        shutil.copyfile(kermit.image_dir / view.name, folder / view.name)
+    Image.fromarray(noise).save(folder / second.name, format="JPEG")
+    strangers = dataclasses.replace(kermit, image_dir=folder, views=(first, second, *rest))
+    loop = open_loop(
+        tmp_path / "out", strangers, scene=KERMIT_SCENE, initial=2, budget=3, nearest=3, test_every=0
+    )
+    with pytest.raises(ReconstructionError, match="overlap"):
+        loop.step(Monitor())
