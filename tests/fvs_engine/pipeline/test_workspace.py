@@ -2,6 +2,7 @@ import errno
 import fcntl
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
 from fvs_engine.pipeline.manifest import ImagesRecord, Manifest, Metrics, ReconstructionSettings
 from fvs_engine.pipeline.storage import (
     DiskFullError,
+    blame_full_disk,
     require_free_bytes,
     storage_errors,
     write_atomically,
@@ -161,6 +163,22 @@ def test_dev_full_is_a_full_disk() -> None:
         Path("/dev/full").open("wb", 0) as file,
     ):
         file.write(b"x")
+
+
+def test_a_native_failure_on_a_full_disk_is_blamed_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        with blame_full_disk(tmp_path):
+            raise RuntimeError("SQLite error: disk I/O error")
+
+    with pytest.raises(RuntimeError, match="SQLite"):
+        fail()
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: usage._replace(free=0))
+    with pytest.raises(DiskFullError, match="is full") as caught:
+        fail()
+    assert "same command again" in caught.value.hint
 
 
 def test_room_is_asked_for_before_it_is_needed(tmp_path: Path) -> None:
