@@ -39,8 +39,8 @@ class SceneUpdate:
     """What one ``add`` changed.
 
     ``registered``: views that got their camera now, those that had waited among them; ``waiting``: all that
-    have none; ``moved``: how many views that were there changed their camera; ``iterations``: up to which
-    ``train`` will go on.
+    have none, those that lost theirs among them; ``moved``: how many views that were there changed their
+    camera; ``iterations``: up to which ``train`` will go on; ``seconds``: for the poses, and for the model.
     """
 
     registered: tuple[str, ...]
@@ -58,6 +58,7 @@ class _Change:
 
     added: tuple[tuple[PosedView, TrainingView], ...]
     moved: tuple[tuple[PosedView, TrainingView], ...]
+    lost: frozenset[str]
     seeds: Seeds
     warnings: tuple[str, ...]
 
@@ -269,8 +270,9 @@ class GrowingScene:
                 kept = replace(view, camera=before.camera)
                 moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
             monitor.report("load", done, len(views))
+        lost = frozenset(self._posed).difference(view.name for view in views)
         seeds, warnings = self._seeds(standing, [view for _, view in added])
-        return _Change(tuple(added), tuple(moved), seeds, warnings)
+        return _Change(tuple(added), tuple(moved), lost, seeds, warnings)
 
     def _photograph(self, view: PosedView) -> TrainingView:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
@@ -297,15 +299,17 @@ class GrowingScene:
             if not views:
                 return
             gaussians = change.seeds.gaussians(self.settings.training.sh_degree)
-            training, seed = self.settings.training, self.settings.seed
-            self._trainer = Trainer(views, gaussians, training, self.rasterizer, seed)
+            schedule, seed = self.settings.schedule, self.settings.seed
+            self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, seed)
             self._initial_views = len(views)
         else:
             self._trainer.update_views([view for _, view in change.moved])
             self._trainer.add_views(views)
+            self._trainer.drop_views(change.lost)
             if len(change.seeds):
                 self._trainer.add_gaussians(change.seeds.gaussians(self.settings.training.sh_degree))
         self._posed.update({view.name: view for view, _ in (*change.moved, *change.added)})
+        self._posed = {name: view for name, view in self._posed.items() if name not in change.lost}
         self._seeded = np.concatenate([self._seeded, change.seeds.points.xyz.astype(np.float32)])
 
     def _resume(self, monitor: Monitor) -> None:

@@ -17,7 +17,6 @@ GROWING_TRAINING = TrainingSettings(
         first_iteration=100,
         last_iteration=_NEVER,
         interval=100,
-        phase=50,
         opacity_reset_interval=_NEVER,
     ),
 )
@@ -25,9 +24,8 @@ GROWING_TRAINING = TrainingSettings(
 
 The positions' learning rate decays over the paper's 30,000 iterations, whatever has been asked for so far:
 a horizon that ended with the present views would leave nothing to move new Gaussians with. Densification
-goes on as long as views come, and half-way between two additions of the usual schedule, so that a model that
-was just split is never judged. Opacities are not reset: the model is used after every addition, and must be
-whole then.
+goes on as long as views come (``SceneSettings.schedule`` says when). Opacities are not reset: the model is
+used after every addition, and must be whole then.
 """
 
 
@@ -49,3 +47,19 @@ class SceneSettings(BaseModel):
     training: TrainingSettings = GROWING_TRAINING
     sfm: SfmSettings = SfmSettings()
     seed: int = Field(default=0, ge=0)
+
+    @property
+    def schedule(self) -> TrainingSettings:
+        """``training``, but densification falls half-way between the iterations at which training may end.
+
+        Those are the initial ones and every ``iterations_per_view`` from there. A model in which Gaussians were
+        split only just now renders worse for some iterations, and must not be judged then. The interval becomes
+        the multiple of ``iterations_per_view`` that is nearest to the one that was asked for.
+        """
+        step, rules = self.iterations_per_view, self.training.densification
+        if step == 0:
+            return self.training
+        interval = step * max(1, round(rules.interval / step))
+        phase = (self.initial_iterations + step // 2) % interval
+        densification = rules.model_copy(update={"interval": interval, "phase": phase})
+        return self.training.model_copy(update={"densification": densification})

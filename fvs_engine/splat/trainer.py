@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,18 +63,24 @@ class _ViewOrder:
         """Let the views ``added`` come next, the first of them first."""
         self.remaining.extend(reversed(added))
 
+    def keep(self, kept: Sequence[int]) -> None:
+        """Follow the views when only those at the places ``kept`` remain."""
+        place = {old: new for new, old in enumerate(kept)}
+        self.remaining = [place[old] for old in self.remaining if old in place]
+
 
 class Trainer:
     """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
 
-    (Between processes that load the kernels from Numba's cache; the one that compiles them has other last
-    bits, see ADR 1.)
+    Equal bits in every process on a machine, also in the first, whose kernels are compiled in another one
+    (see ``compilation``).
 
     ``gaussians`` are taken over (moved to the rasteriser's device, changed in place, replaced when their
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
-    The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``add_gaussians``. The
+    The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``drop_views``,
+    ``add_gaussians``. The
     Gaussians that are there keep the optimiser's moments. ``extent``, by which learning rates and size limits
     scale, does not jump with the cameras: it goes 1 % of the way to what they ask for (in the logarithm) per
     iteration, so that a view far outside changes the rates within some hundred iterations.
@@ -148,6 +154,19 @@ class Trainer:
                 self._images[i] = self._on_device(view)
             present[i] = view
         self.views = tuple(present)
+        self._aim_extent()
+
+    def drop_views(self, names: Collection[str]) -> None:
+        """Learn no more from the views of these names: their cameras proved wrong.
+
+        Raises ``InvalidInputError`` when none would be left.
+        """
+        kept = [i for i, view in enumerate(self.views) if view.name not in names]
+        if not kept:
+            raise InvalidInputError("A model cannot be trained on no view at all.")
+        self._order.keep(kept)
+        self.views = tuple(self.views[i] for i in kept)
+        self._images = [self._images[i] for i in kept]
         self._aim_extent()
 
     def add_gaussians(self, added: Gaussians) -> None:

@@ -62,7 +62,7 @@ def quick_settings() -> Callable[..., SceneSettings]:
 
     def build(**changes: object) -> SceneSettings:
         densification = GROWING_TRAINING.densification.model_copy(
-            update={"first_iteration": 5, "interval": 10, "phase": 5}
+            update={"first_iteration": 5, "interval": 10}
         )
         training = GROWING_TRAINING.model_copy(update={"densification": densification})
         settings = SceneSettings(

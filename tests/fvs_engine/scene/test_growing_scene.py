@@ -187,6 +187,20 @@ def test_a_photograph_without_a_camera_waits_and_joins_later(
     assert_same(scene, resumed)
 
 
+def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, MovingPoses]) -> None:
+    scene, source = moving
+    scene.add(FIRST, Monitor())
+    scene.train(Monitor())
+    source.late = {"0.png"}
+    update = scene.add(["7.png"], Monitor())
+    assert (update.registered, update.waiting) == (("7.png",), ("0.png",))
+    assert [view.name for view in scene.views] == ["4.png", "2.png", "6.png", "7.png"]
+    source.late = set()
+    assert scene.add(["8.png"], Monitor()).registered == ("0.png", "8.png")
+    scene.train(Monitor())
+    assert scene.iteration == scene.target_iteration == 40
+
+
 def test_a_scene_without_any_camera_says_so_and_waits(
     moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
 ) -> None:

@@ -153,6 +153,21 @@ def test_updated_views_are_rendered_from_where_they_moved_and_held_to_their_new_
     assert watching.seen == [scene_views[3].name]
 
 
+def test_dropped_views_are_not_seen_again(scene_views: Views, start: Start) -> None:
+    watching = Watching(scene_views)
+    trainer = Trainer(scene_views, start(0), SETTINGS, watching)
+    trainer.train(3, Monitor())
+    before = watching.seen.copy()
+    trainer.drop_views([scene_views[0].name, scene_views[5].name])
+    rest = {view.name for view in scene_views} - {scene_views[0].name, scene_views[5].name}
+    assert {view.name for view in trainer.views} == rest
+    unseen = rest.difference(before)
+    trainer.train(3 + len(unseen), Monitor())
+    assert set(watching.seen[3:]) == unseen
+    trainer.train(3 + len(unseen) + 12, Monitor())
+    assert sorted(watching.seen[-12:]) == sorted([*rest, *rest])
+
+
 def test_growth_that_makes_no_sense_is_refused(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
     trainer = Trainer(scene_views[:4], start(0), SETTINGS, cpu)
     with pytest.raises(InvalidInputError, match=r"twice: 3\.png"):
@@ -161,6 +176,8 @@ def test_growth_that_makes_no_sense_is_refused(scene_views: Views, start: Start,
         trainer.add_views([scene_views[5], scene_views[5]])
     with pytest.raises(InvalidInputError, match=r"no view 6\.png"):
         trainer.update_views([scene_views[6]])
+    with pytest.raises(InvalidInputError, match="no view at all"):
+        trainer.drop_views([view.name for view in scene_views])
     with pytest.raises(InvalidInputError, match="degree 1"):
         trainer.add_gaussians(start(1))
     assert len(trainer.views) == 4
