@@ -7,9 +7,10 @@ cache does not hold all that it needs, and everybody loads from the cache.
 
 A *stamp* beside the cache says what it held when a rehearsal ended: the kernels' source files and the
 compiled ones, with their times. Looking at it costs a millisecond. It also shows what Numba itself overlooks,
-a change in a kernel that another file inlines: then everything is compiled again.
+a change in a kernel or a constant that another file takes over: that file is then compiled again, too.
 """
 
+import ast
 import hashlib
 import importlib
 import json
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -84,32 +85,63 @@ def rehearse(rehearsal: str, stamp: Path, on_step: Callable[[int, int], None]) -
     """Run the rehearsal in this process and write its stamp; for the child process alone."""
     _ready.add(rehearsal)  # as far as this process is concerned
     module = cast(Rehearsal, importlib.import_module(rehearsal))
-    rehearsed = _cached_sources(rehearsal.rpartition(".")[0])
-    if _sources_changed(stamp):
-        for compiled in _compiled(rehearsed):
+    folders = _cache_folders(rehearsal.rpartition(".")[0])
+    imports = {source: _imported_files(source, rehearsal.partition(".")[0]) for source in folders}
+    sources = {Path(cast(Any, module).__file__), *folders}.union(*imports.values())
+    for source in _stale(imports, _changed(sources, stamp)):
+        for compiled in _compiled(source, folders[source]):
             compiled.unlink(missing_ok=True)
     for done, step in enumerate(module.STEPS, start=1):
         step()
         on_step(done, len(module.STEPS))
-    sources = [*rehearsed, Path(cast(Any, module).__file__)]
     # Not the index files: another kind of processor that shares the cache adds its entries to them.
-    data = [path for path in _compiled(rehearsed) if path.suffix == ".nbc"]
+    data = [p for kernel in folders.items() for p in _compiled(*kernel) if p.suffix == ".nbc"]
     seen = {
-        kind: {str(p): _state(p) for p in paths} for kind, paths in (("sources", sources), ("data", data))
+        "sources": {str(path): _state(path) for path in sources},
+        "data": {str(path): _state(path) for path in data},
     }
     partial = stamp.with_suffix(".partial")
     partial.write_text(json.dumps(seen), encoding="utf-8")
     partial.replace(stamp)
 
 
-def _sources_changed(stamp: Path) -> bool:
+def _cache_folders(package: str) -> dict[Path, Path]:
+    """The source files of a package's kernels, and the folders of their compiled code."""
+    kernels = [kernel for kernel in KERNELS if kernel.__module__.startswith(f"{package}.")]
+    folders = {Path(kernel.__code__.co_filename): cache_folder(kernel) for kernel in kernels}
+    return {source: folder for source, folder in folders.items() if folder is not None}
+
+
+def _imported_files(source: Path, package: str) -> set[Path]:
+    """The files of a (top) package that a kernel's file takes constants and other kernels from."""
+    names = set()
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.partition(".")[0] == package:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    files = {getattr(sys.modules.get(name), "__file__", None) for name in names}
+    return {Path(file) for file in files if file is not None}
+
+
+def _changed(sources: Collection[Path], stamp: Path) -> set[Path]:
+    """The sources that are not as an earlier stamp knew them; none when there is no earlier one."""
     try:
-        sources = json.loads(stamp.read_text(encoding="utf-8"))["sources"]
-        return any(_state(Path(name)) != state for name, state in sources.items())
+        known = json.loads(stamp.read_text(encoding="utf-8"))["sources"]
+        return {source for source in sources if known.get(str(source)) != _state(source)}
     except FileNotFoundError:
-        return False  # for all we know nothing was compiled yet
-    except (OSError, ValueError, KeyError):
-        return True
+        return set()
+    except (ValueError, KeyError):
+        return set(sources)
+
+
+def _stale(imports: Mapping[Path, Collection[Path]], changed: Collection[Path]) -> set[Path]:
+    """The kernels' files that changed, or take something from one that did, or from a stale one."""
+    stale: set[Path] = set()
+    while True:
+        suspects = stale.union(changed)
+        more = {source for source, files in imports.items() if suspects.intersection((source, *files))}
+        if more == stale:
+            return stale
+        stale = more
 
 
 def _state(path: Path) -> list[int]:
@@ -117,17 +149,9 @@ def _state(path: Path) -> list[int]:
     return [status.st_mtime_ns, status.st_size]
 
 
-def _cached_sources(package: str) -> dict[Path, Path]:
-    """The source files of a package's kernels, and the folders of their compiled code."""
-    kernels = [kernel for kernel in KERNELS if kernel.__module__.startswith(f"{package}.")]
-    folders = {Path(kernel.__code__.co_filename): cache_folder(kernel) for kernel in kernels}
-    return {source: folder for source, folder in folders.items() if folder is not None}
-
-
-def _compiled(folders: Mapping[Path, Path]) -> list[Path]:
-    """The index (.nbi) and data (.nbc) files of the kernels in some source files."""
-    found = [path for source, folder in folders.items() for path in folder.glob(f"{source.stem}.*")]
-    return sorted(path for path in found if path.suffix in {".nbi", ".nbc"})
+def _compiled(source: Path, folder: Path) -> list[Path]:
+    """The index (.nbi) and data (.nbc) files of one source file's kernels."""
+    return [path for path in folder.glob(f"{source.stem}.*") if path.suffix in {".nbi", ".nbc"}]
 
 
 def _compile_in_child(rehearsal: str, stamp: Path, monitor: Monitor) -> None:

@@ -47,4 +47,8 @@ def _differentiate_depth() -> None:
     (rendering.color.sum() + rendering.alpha.sum() + rendering.depth.sum()).backward()  # type: ignore[no-untyped-call]
 
 
-STEPS: tuple[Callable[[], None], ...] = (_render, _train, _differentiate_depth)
+def _square() -> None:
+    CpuRasterizer().squared_jacobian(_gaussians(), _CAMERA, _POSE)
+
+
+STEPS: tuple[Callable[[], None], ...] = (_render, _train, _differentiate_depth, _square)

@@ -108,6 +108,23 @@ def test_a_change_in_an_inlined_kernel_is_seen(package: Path) -> None:
     assert changed["compiled_here"] == []
 
 
+def test_only_what_depends_on_a_change_is_compiled_again(package: Path) -> None:
+    (package / "apart.py").write_text(INNER.replace("def inner", "def apart"))
+    (package / "constants.py").write_text("TEN = 10\n")
+    outer_file = package / "outer.py"
+    outer_file.write_text(
+        OUTER.replace("10 *", "TEN *").replace("import inner", "import inner\nfrom tiny.constants import TEN")
+    )
+    with (package / "rehearsal.py").open("a") as rehearsal:
+        rehearsal.write("from tiny.apart import apart\nSTEPS += (lambda: apart(1),)\n")
+    assert result(start())["found"] == 50
+    (apart,) = (package / "__pycache__").glob("apart.apart*.nbc")
+    before = apart.stat().st_mtime_ns
+    (package / "constants.py").write_text("TEN = 1000\n")
+    assert result(start())["found"] == 5000
+    assert apart.stat().st_mtime_ns == before
+
+
 def test_lost_files_are_compiled_again(package: Path) -> None:
     result(start())
     for data in (package / "__pycache__").glob("outer.outer*.nbc"):

@@ -47,7 +47,7 @@ class CpuRasterizer:
         background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
-        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        degree = gaussians.degree_in_use(sh_degree)
         tensors = gaussians.tensors()
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
         # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
@@ -68,7 +68,7 @@ class CpuRasterizer:
         sh_degree: int | None = None,
     ) -> SquaredJacobian:
         """See ``SquaringRasterizer``: exact, for about the price of a gradient (``kernels.squares``)."""
-        degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
+        degree = gaussians.degree_in_use(sh_degree)
         view = View(camera, camera_from_model, degree)
         parameters = [as_floats(tensor) for tensor in gaussians.tensors().values()]
         forward = rasterize(view, np.zeros(3, np.float32), parameters)

@@ -162,8 +162,6 @@ def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     iterations, added_at = 210, 100
     arguments = ("reconstruct", photographs, "--out", out, "--iterations", iterations, *OPTIONS[2:])
     point_cloud = out / "splat" / "point_cloud.ply"
-    # All runs in processes of their own: the one that compiles the kernels (this one, perhaps) has other last
-    # bits than those that load them, see ADR 1.
     forget_training(out)
     subprocess.run(fvs_command(*arguments), check=True, capture_output=True)
     uninterrupted = point_cloud.read_bytes()
