@@ -22,12 +22,15 @@ from rich.progress import (
 from rich.progress import (
     Progress as RichProgress,
 )
+from rich.table import Column
 from rich.text import Text
 
 from fvs_engine.monitor import Progress
 
 _LOG_EVERY_S = 10.0
 _JSON_EVERY_S = 0.2
+_WIDE_COLUMNS = 110
+"""In a narrower terminal there is no room for a long bar and for details beside the times."""
 
 _LABELS = {
     "images": "Checking photographs",
@@ -39,6 +42,7 @@ _LABELS = {
     "evidence": "Weighing the evidence",
     "undistort": "Undistorting",
     "load": "Loading views",
+    "photographs": "Taking photographs",
     "compile": "Compiling kernels, once",
     "train": "Training",
     "evaluate": "Rendering held-out views",
@@ -104,15 +108,20 @@ class BarDisplay:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._bars = RichProgress(
+        wide = console.width >= _WIDE_COLUMNS
+        columns: list[ProgressColumn] = [
             SpinnerColumn(finished_text="[green]✓"),
-            TextColumn("{task.description:26}"),
-            BarColumn(bar_width=24),
+            TextColumn("{task.description:25}"),
+            BarColumn(bar_width=24 if wide else 10),
             TextColumn("{task.fields[count]:>13}"),
-            _Rate(),
+            _Rate(table_column=Column(no_wrap=True)),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
-            TextColumn("[dim]{task.fields[detail]}"),
+        ]
+        if wide:
+            columns.append(TextColumn("[dim]{task.fields[detail]}"))
+        self._bars = RichProgress(
+            *columns,
             console=console,
             speed_estimate_period=60,
         )

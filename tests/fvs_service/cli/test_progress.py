@@ -55,3 +55,16 @@ def test_people_get_a_bar_per_stage() -> None:
         "[a.jpg] was left out",
     ):
         assert text in shown
+
+
+def test_numbers_are_whole_in_a_terminal_of_eighty_columns() -> None:
+    stream = io.StringIO()
+    console = Console(file=stream, force_terminal=True, width=80, color_system=None)
+    with BarDisplay(console) as display:
+        display.update(Progress("contact-sheet", 1, 12))
+        for done in (0, 12_345):
+            display.update(Progress("train", done, 30_000, {"loss": 0.123456, "gaussians": 123_456}))
+    last = [line for line in stream.getvalue().splitlines() if "Training" in line][-1]
+    assert "12,345/30,000" in last
+    assert "0:00:0" in last
+    assert "…" not in stream.getvalue()
