@@ -12,6 +12,7 @@ from fvs_engine.geometry.cameras import Camera
 from fvs_engine.simulate.tracing import Array, PackedWorld, pixel_corner_rays, trace
 
 GAMMA = 2.2
+_FULL_WELL, _READ_NOISE = 8000.0, 0.002
 
 
 @dataclass(frozen=True)
@@ -27,18 +28,28 @@ class SimulatedCamera:
     camera: Camera
     exposure_ev: float = 0.0
     vignetting: float = 0.15
-    full_well: float | None = 8000.0
-    read_noise: float = 0.002
+    full_well: float | None = _FULL_WELL
+    read_noise: float = _READ_NOISE
 
     def __post_init__(self) -> None:
         if not 0 <= self.vignetting <= 1 or self.read_noise < 0 or (self.full_well or 1.0) <= 0:
             raise InvalidInputError("Vignetting is in [0, 1], noise not negative, a full well positive.")
 
     @classmethod
-    def like_a_drone(cls, width: int = 640, height: int = 480) -> "SimulatedCamera":
-        """A wide lens (75° across) with the barrel distortion of a small drone's camera."""
+    def like_a_drone(
+        cls, width: int = 640, height: int = 480, exposure_ev: float = 0.0, noise: float = 1.0
+    ) -> "SimulatedCamera":
+        """A wide lens (75° across) with the barrel distortion of a small drone's camera, and its sensor.
+
+        ``noise`` scales the standard deviation of all noise; 0 switches it off.
+        """
         focal = 0.65 * width
-        return cls(DistortedCamera("RADIAL", width, height, (focal, width / 2, height / 2, -0.06, 0.008)))
+        return cls(
+            DistortedCamera("RADIAL", width, height, (focal, width / 2, height / 2, -0.06, 0.008)),
+            exposure_ev=exposure_ev,
+            full_well=_FULL_WELL / noise**2 if noise > 0 else None,
+            read_noise=_READ_NOISE * noise,
+        )
 
     @cached_property
     def _corner_rays(self) -> Array:
