@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import (
     feature_counts,
@@ -128,12 +130,13 @@ class GrowingReconstruction:
         if it names other images.
 
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
-        call tries again with them), ``InvalidInputError`` for files that are missing or have changed,
-        ``Cancelled``.
+        call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
+        changed, ``Cancelled``.
         """
         require_plain_names(names)
         sizes = require_unchanged(self._state, self._image_dir, list(dict.fromkeys(names)))
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
+        _require_readable(self._image_dir, tuple(new))
         if new:
             self._state = self._state.model_copy(
                 update={"images": self._state.images | new, "pending": (*self._state.pending, *new)}
@@ -204,9 +207,7 @@ class GrowingReconstruction:
         grown = register(stages, self._image_dir, before, candidates, standing, self._folder.next_model)
         warnings = [*stages.warnings, *grown.warnings]
         state, refreshed = grown.state, grown.adjusted
-        reason = reason_to_remap(
-            state, grown.support, len(set(candidates) - set(state.registered)), self._settings
-        )
+        reason = reason_to_remap(state, grown.support, self._stranded(state), self._settings)
         if reason is not None:
             model_dir = self._folder.next_model if grown.changed else standing
             found = remap(stages, self._image_dir, state, model_dir, self._folder.next_model)
@@ -243,6 +244,12 @@ class GrowingReconstruction:
         tied = {name for pair in verified_matches(database, MIN_PAIR_MATCHES) for name in pair}
         return [name for name in waiting if name in tied]
 
+    def _stranded(self, state: GrowthState) -> int:
+        """How many waiting images match registered ones."""
+        waiting, registered = set(state.waiting), set(state.registered)
+        pairs = verified_matches(self._folder.sfm.database, MIN_PAIR_MATCHES)
+        return len({a for pair in pairs for a, b in (pair, pair[::-1]) if a in waiting and b in registered})
+
     def _open_looks(self) -> Looks:
         if self._looks is None:
             first = list(self._state.images)[: self._state.bootstrap_images]
@@ -260,3 +267,15 @@ class GrowingReconstruction:
         state = state.model_copy(update={"generation": state.generation + 1})
         self._folder.commit(state)
         self._state = state
+
+
+def _require_readable(image_dir: Path, names: Sequence[str]) -> None:
+    """Raise ``InvalidInputError`` for what is no image, before it becomes part of the state."""
+    for name in names:
+        try:
+            with Image.open(image_dir / name):
+                pass
+        except (OSError, Image.DecompressionBombError) as error:
+            raise InvalidInputError(
+                f"{image_dir / name} cannot be read as an image.", hint="Leave it out, or export it again."
+            ) from error

@@ -96,7 +96,11 @@ def register(
         state.model_copy(
             update={
                 "registered": registered,
-                "refused": {name: why for name, why in answer["refused"].items() if name not in posed},
+                "refused": {
+                    name: why
+                    for name, why in {**state.refused, **answer["refused"]}.items()
+                    if name not in posed
+                },
                 "adjusted_images": answer["adjusted_images"],
                 "adjusted_points": answer["adjusted_points"],
             }
@@ -113,8 +117,8 @@ def reason_to_remap(
 ) -> str | None:
     """Why all cameras should be found anew, None if they should not.
 
-    ``waiting`` counts the images that match others and have no camera. An attempt costs as much as starting
-    again, less features and matches: it is not repeated before the images have grown by a share.
+    ``waiting`` counts the images that match registered ones and have no camera. An attempt costs as much as
+    starting again, less features and matches: it is not repeated before the images have grown by a share.
     """
     growth = settings.growth
     if len(state.images) < (1.0 + growth.remap_every) * state.mapped_images:
@@ -122,7 +126,7 @@ def reason_to_remap(
     if support is not None and support < state.mapped_support - growth.max_support_loss:
         return f"The matches that the cameras explain fell from {state.mapped_support:.1%} to {support:.1%}."
     if waiting >= max(_MIN_WAITING, growth.max_waiting * len(state.registered)):
-        return f"{waiting} images that match others wait."
+        return f"{waiting} images that match the registered ones wait."
     return None
 
 

@@ -91,7 +91,7 @@ class GrowthSettings(BaseModel):
     """Match support lost since the cameras were found, from which they are found anew."""
 
     max_waiting: float = Field(default=0.1, gt=0)
-    """Waiting images that match others, in shares of the registered, from which cameras are found anew."""
+    """Waiting images that match registered ones, in shares of those, from which cameras are found anew."""
 
 
 class SfmSettings(BaseModel):

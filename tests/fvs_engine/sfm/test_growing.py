@@ -297,12 +297,13 @@ def test_a_changed_photograph_is_named(grown: Grown, kermit_copy: Path, tmp_path
         GrowingReconstruction.open(folder, kermit_copy, SETTINGS, Monitor())
 
 
-def test_missing_photographs_and_names_with_white_space_are_named(
-    grown: Grown, kermit_dir: Path, tmp_path: Path
-):
+def test_files_that_cannot_be_added_are_named(grown: Grown, kermit_copy: Path, tmp_path: Path):
     growing = GrowingReconstruction.open(
-        copy_of(grown.bootstrapped, tmp_path), kermit_dir, SETTINGS, Monitor()
+        copy_of(grown.bootstrapped, tmp_path), kermit_copy, SETTINGS, Monitor()
     )
+    (kermit_copy / "notes.jpg").write_text("no photograph")
+    with pytest.raises(InvalidInputError, match=r"notes\.jpg cannot be read"):
+        growing.add(["notes.jpg"], Monitor())
     with pytest.raises(InvalidInputError, match=r"nowhere\.jpg does not exist"):
         growing.add(["nowhere.jpg"], Monitor())
     with pytest.raises(InvalidInputError, match="white space"):
