@@ -10,11 +10,11 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.database import verified_pair_count
-from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction
+from fvs_engine.sfm.mapping import read_witnesses
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, open_colmap
+from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.stages import SfmFolder
+from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.triangulate import triangulate
 
 MIN_MATCH_SUPPORT = 0.5
@@ -66,19 +66,20 @@ class KnownPoses:
         )
         try:
             result = triangulate(given, self._dataset.image_dir, self._folder, self._settings, monitor)
-        except ReconstructionError as error:
-            if verified_pair_count(SfmFolder(self._folder).database, MIN_PAIR_MATCHES) > 0:
-                raise _contradiction(self._dataset.name, 0.0) from error
+        except ReconstructionError:  # no point: the views are too far apart, or the poses wrong
+            folder = SfmFolder(self._folder)
+            witnesses = read_witnesses(Stages(folder, self._settings, monitor))
+            self._require_support(witnesses.testify(open_colmap(folder.mapping(GIVEN)), monitor))
             return _NO_POINTS, ()
-        evidence = result.report.candidates[0].evidence
-        if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
-            raise _contradiction(self._dataset.name, evidence.match_support)
+        self._require_support(result.report.candidates[0].evidence)
         cloud = PointCloud(result.reconstruction.points, result.reconstruction.point_colors)
         return cloud, result.report.warnings
 
-
-def _contradiction(dataset: str, support: float) -> ReconstructionError:
-    return ReconstructionError(
-        f"The given poses of {dataset} contradict its photographs: {support:.0%} of the matches fit them.",
-        hint="Do the poses belong to these images? A transforms.json has OpenGL axes, camera to world.",
-    )
+    def _require_support(self, evidence: Evidence | None) -> None:
+        """Photographs that do not match at all say nothing; matches must not contradict the poses."""
+        if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
+            raise ReconstructionError(
+                f"The given poses of {self._dataset.name} contradict its photographs: "
+                f"only {evidence.match_support:.0%} of the verified matches fit them.",
+                hint="Do they belong to these images? A transforms.json has OpenGL axes, camera to world.",
+            )

@@ -15,6 +15,9 @@ import pycolmap
 
 Report = Callable[[int], None]
 
+_FEW_IMAGES = 20
+"""Up to so many images a point in only two of them is kept when poses are given."""
+
 
 def _threads(threads: int | None) -> int:
     return -1 if threads is None else threads
@@ -145,11 +148,15 @@ def map_global(
 def triangulate(
     _report: Report, *, database: str, image_dir: str, model_dir: str, out_dir: str, threads: int | None
 ) -> int:
-    """Points from matches for the poses of ``model_dir``, which stay as they are; how many."""
+    """Points from matches for the poses of ``model_dir``, which stay as they are; how many.
+
+    Of few images most points are in two only, which COLMAP leaves out by default; given poses hold them.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = _threads(threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
+    options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
     # The database has cameras of its own for these images, often of another kind; COLMAP wants them equal.
     with tempfile.TemporaryDirectory() as scratch:
         given = str(Path(scratch) / "given.db")
