@@ -105,7 +105,9 @@ def scene_settings(
     )
 
 
-def loop_settings(dataset: Dataset, *, budget: int | None, test_every: int, **others: Any) -> LoopSettings:
+def loop_settings(
+    dataset: Dataset, *, budget: int | None, initial: int, test_every: int, **others: Any
+) -> LoopSettings:
     """``LoopSettings`` for ``dataset``.
 
     A ``budget`` of None is the paper's, or all views where there are fewer. Raises ``InvalidInputError`` for
@@ -117,8 +119,14 @@ def loop_settings(dataset: Dataset, *, budget: int | None, test_every: int, **ot
             hint="Hold out every 8th, or none with 0.",
         )
     pool, _ = split_test(dataset.names, test_every)
+    if len(pool) < initial:
+        raise InvalidInputError(
+            f"{dataset.name} has only {len(pool)} views to visit, and the selection begins with {initial}.",
+            hint="Begin with fewer (--initial), or hold out fewer for testing (--test-every).",
+        )
+    views = budget or max(initial, min(DEFAULT_BUDGET, len(pool)))
     try:
-        return LoopSettings(budget=budget or min(DEFAULT_BUDGET, len(pool)), test_every=test_every, **others)
+        return LoopSettings(budget=views, initial=initial, test_every=test_every, **others)
     except ValidationError as error:
         first = error.errors()[0]
         where = " ".join(str(part) for part in first["loc"])
