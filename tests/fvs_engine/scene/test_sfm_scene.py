@@ -1,0 +1,65 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from fvs_engine.geometry import robust_umeyama
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.reconstruct import SfmResult
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.raster import Rasterizer
+
+
+def test_a_scene_whose_cameras_are_found_on_the_way(
+    tmp_path: Path,
+    kermit_sfm: SfmResult,
+    kermit_dir: Path,
+    kermit_names: list[str],
+    quick_settings: Callable[..., SceneSettings],
+    cpu: Rasterizer,
+) -> None:
+    """Killed after structure from motion committed a photograph, and before the scene was saved with it."""
+    views = [DatasetView(v.name, v.camera, v.camera_from_model) for v in kermit_sfm.reconstruction.views]
+    dataset = Dataset("kermit", kermit_dir, tuple(views))
+    settings = quick_settings(poses="sfm", long_side_px=96, sfm=SfmSettings(threads=1, max_features=2000))
+
+    def opened() -> GrowingScene:
+        return GrowingScene.open(tmp_path / "scene", dataset, settings, cpu, Monitor())
+
+    first, later, never = kermit_names[:5], kermit_names[7], kermit_names[6]
+    scene = opened()
+    update = scene.add(first, Monitor())
+    assert len(update.registered) >= 4
+    assert update.new_gaussians == len(scene.gaussians) >= 100
+    scene.train(Monitor())
+    before = {view.name: view.camera_from_model.matrix for view in scene.views}
+    scene.add([later], Monitor())
+    scene.train(Monitor())
+
+    resumed = opened()
+    assert resumed.visited == tuple(first)
+    assert {view.name: view.camera_from_model.matrix.tolist() for view in resumed.views} == {
+        name: matrix.tolist() for name, matrix in before.items()
+    }
+    resumed.add([later], Monitor())
+    resumed.train(Monitor())
+    assert resumed.iteration == scene.iteration
+    for name, tensor in scene.gaussians.tensors().items():
+        assert torch.equal(tensor, resumed.gaussians.tensors()[name]), name
+
+    world = dataset.centres()
+    fit = robust_umeyama(
+        np.stack([world[view.name] for view in scene.views]), np.stack([view.centre for view in scene.views])
+    )
+    spread = np.std([view.centre for view in scene.views], axis=0).max()
+    assert fit.rms < 0.05 * spread
+    placed = scene.localise([never], Monitor())
+    assert len(scene.views) == len(resumed.views)
+    assert never not in scene.visited
+    for view in placed.values():
+        assert view.image.shape == (72, 96, 3)
+        assert np.linalg.norm(view.centre - fit.transform.apply(world[never])) < 0.1 * spread
