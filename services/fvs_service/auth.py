@@ -1,4 +1,4 @@
-"""Who asks: API keys with scopes, and the single user of a machine who needs none.
+"""API keys: who holds one, and who needs none.
 
 A key reads ``fvs_<id>_<secret>``. It is shown once; the database keeps the SHA-256 of the secret, which has
 256 bits of chance in it, so a slow hash would protect nothing. A key may be bound to one scene: a device's
@@ -10,55 +10,17 @@ import hmac
 import secrets
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from enum import StrEnum
 
 from sqlalchemy import select, update
 
-from fvs_service.errors import ForbiddenError, NotFoundError, UnauthenticatedError
+from fvs_service.errors import NotFoundError, UnauthenticatedError
 from fvs_service.model import now
+from fvs_service.principal import ALL_SCOPES, LOCAL_TENANT, LOCAL_USER, Principal, Scope
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import ApiKeyRow
 
-LOCAL_TENANT = "local"
 _PREFIX = "fvs"
 _NO_HASH = hashlib.sha256(b"").hexdigest()
-
-
-class Scope(StrEnum):
-    """What a key may do."""
-
-    READ = "read"
-    UPLOAD = "upload"
-    """Send images; all that a device needs."""
-    OPERATE = "operate"
-    """Make scenes, start and stop jobs, ask for rankings."""
-
-
-ALL_SCOPES = frozenset(Scope)
-
-
-@dataclass(frozen=True)
-class Principal:
-    """Who asks, and what they may do; ``scene_id`` limits a device's key to its scene."""
-
-    tenant_id: str
-    scopes: frozenset[Scope]
-    scene_id: str | None = None
-
-    def require(self, scope: Scope, scene_id: str | None = None) -> None:
-        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` for a scene the key is not for."""
-        if self.scene_id is not None and scene_id is not None and scene_id != self.scene_id:
-            raise NotFoundError("There is no such scene.")
-        if scope not in self.scopes or (self.scene_id is not None and scene_id is None):
-            raise ForbiddenError(
-                f"This needs a key with the scope {scope.value!r}"
-                + (" that is not bound to one scene." if self.scene_id is not None else "."),
-                hint="Ask for another key: fvs keys create --scope …",
-            )
-
-
-LOCAL_USER = Principal(LOCAL_TENANT, ALL_SCOPES)
-"""Whoever sits at a machine that serves only itself."""
 
 
 @dataclass(frozen=True)

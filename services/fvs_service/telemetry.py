@@ -37,19 +37,18 @@ class Metrics:
 
 def configure_logging(*, machine: bool) -> None:
     """Log to stderr: JSON lines for machines, colours on a terminal. Call once, when a program starts."""
-    renderer = structlog.processors.JSONRenderer() if machine else structlog.dev.ConsoleRenderer()
+    people = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.processors.format_exc_info if machine else _as_it_is,
-            renderer,
+            *(
+                [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
+                if machine
+                else [people]
+            ),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )
-
-
-def _as_it_is(_logger: object, _name: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    return event

@@ -21,6 +21,7 @@ from fvs_service.cli.options import (
     limit_threads,
 )
 from fvs_service.cli.select import select
+from fvs_service.cli.serve import keys, serve
 from fvs_service.cli.simulate import simulate
 
 if TYPE_CHECKING:
@@ -244,3 +245,5 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
 app.command()(select)
 app.command()(simulate)
 app.command()(evaluate)
+app.command()(serve)
+app.add_typer(keys, name="keys")

@@ -5,10 +5,10 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
-from fvs_service.auth import Principal, Scope
 from fvs_service.events.model import Event
 from fvs_service.events.repository import events_after, last_number
 from fvs_service.limiter import AtOnce
+from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database
 
 _BATCH = 256

@@ -56,11 +56,10 @@ class Inspection:
 def inspect(path: Path, limits: InspectionLimits) -> Inspection:
     """Decode the file to its last pixel and judge it; raises nothing that the file's content can cause."""
     content = path.read_bytes()
-    size = _claimed_size(content)
-    if size is not None and size[0] * size[1] > limits.max_pixels:
+    if _claims_more_than(limits.max_pixels, content):
         return Inspection(
             Verdict.TOO_LARGE,
-            f"It has {size[0]}×{size[1]} px, more than {limits.max_pixels // 1_000_000} megapixels.",
+            f"It has more than {limits.max_pixels / 1_000_000:g} megapixels.",
             "Scale it down first.",
         )
     try:
@@ -120,13 +119,15 @@ def _gradient_energy(image: Image.Image) -> float:
     return float(np.mean(down**2) + np.mean(across**2)) if min(values.shape) > 1 else 0.0
 
 
-def _claimed_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height by the file's header; None when it has none that Pillow understands."""
+def _claims_more_than(max_pixels: int, content: bytes) -> bool:
+    """Whether the file's header promises more pixels; nothing is decoded."""
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
-            return image.size
+            return image.width * image.height > max_pixels
+    except Image.DecompressionBombError:
+        return True
     except Exception:  # decoding says what is wrong, in better words
-        return None
+        return False
 
 
 def _hash_of_pixels(image: Image.Image) -> str:

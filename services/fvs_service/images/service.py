@@ -9,7 +9,6 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal, Scope
 from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
@@ -30,6 +29,7 @@ from fvs_service.images.model import (
 from fvs_service.images.staging import StagedFile
 from fvs_service.jobs.service import Jobs
 from fvs_service.model import Page, now
+from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_service.scenes.repository import scene_of, set_origin
 from fvs_service.settings import Limits

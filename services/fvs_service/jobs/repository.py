@@ -6,10 +6,10 @@ from typing import Any
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
 from fvs_service.jobs.port import JobTicket
+from fvs_service.principal import Principal
 from fvs_service.storage.tables import JobRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)

@@ -2,7 +2,6 @@
 
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal, Scope
 from fvs_service.errors import ConflictError, LimitExceededError, UnavailableError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
@@ -11,6 +10,7 @@ from fvs_service.jobs import repository
 from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
 from fvs_service.jobs.port import JobEngine
 from fvs_service.model import Page, now
+from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits

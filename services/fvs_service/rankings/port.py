@@ -53,7 +53,7 @@ class RankedView:
     rank: int | None
     score: float | None
     status: str
-    coverage: float
+    coverage: float | None
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal
 from fvs_service.errors import NotFoundError
+from fvs_service.principal import Principal
 from fvs_service.rankings.model import Ranking
 from fvs_service.storage.tables import RankingRow, SceneRow
 

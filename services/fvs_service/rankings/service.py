@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
-from fvs_service.auth import Principal, Scope
 from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.limiter import AtOnce
 from fvs_service.model import now
+from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.generators import Surroundings, generate
 from fvs_service.rankings.model import CandidateStatus, RankedCandidate, Ranking, RankingRequest

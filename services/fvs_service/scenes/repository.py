@@ -6,8 +6,8 @@ from pydantic import TypeAdapter
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal
 from fvs_service.errors import NotFoundError
+from fvs_service.principal import Principal
 from fvs_service.scenes.model import Alignment, EnuWorld, ImageCounts, Origin, Scene, SceneRequest
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotRow
 

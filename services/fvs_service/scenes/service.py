@@ -1,11 +1,11 @@
 """What can be done with scenes."""
 
-from fvs_service.auth import Principal, Scope
 from fvs_service.errors import LimitExceededError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.model import Page, now
+from fvs_service.principal import Principal, Scope
 from fvs_service.scenes import repository
 from fvs_service.scenes.model import Scene, SceneList, SceneRequest
 from fvs_service.settings import Limits

@@ -3,8 +3,8 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from fvs_service.auth import Principal
 from fvs_service.errors import NotFoundError
+from fvs_service.principal import Principal
 from fvs_service.snapshots.model import Snapshot
 from fvs_service.storage.tables import SceneRow, SnapshotRow
 

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_service.auth import Principal, Scope
 from fvs_service.errors import NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
@@ -14,6 +13,7 @@ from fvs_service.images.repository import register
 from fvs_service.jobs.ledger import attach_snapshot, record_stage
 from fvs_service.jobs.model import Job
 from fvs_service.model import Page, now
+from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.repository import scene_of, set_snapshot

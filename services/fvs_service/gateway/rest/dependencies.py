@@ -6,10 +6,10 @@ from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from fvs_service.application import Application
-from fvs_service.auth import Principal
 from fvs_service.events.feed import EventFeed
 from fvs_service.ids import new_id
 from fvs_service.model import Page
+from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
 _bearer = HTTPBearer(

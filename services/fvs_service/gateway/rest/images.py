@@ -7,7 +7,6 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from pydantic import ValidationError
 
 from fvs_service.application import Application
-from fvs_service.auth import Principal
 from fvs_service.errors import (
     FieldError,
     InvalidRequestError,
@@ -26,6 +25,7 @@ from fvs_service.images.model import (
     UploadAnswer,
     UploadItem,
 )
+from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
 router = APIRouter(prefix="/v1/scenes/{scene_id}", tags=["images"])

@@ -48,9 +48,10 @@ async def receive_files(
                 receiver, file = parts.whole.pop(0)
                 with receiver:
                     yield file
-        parser.finalize()
+        if not parts.ended:
+            raise MalformedRequestError("The form is cut off.", hint="Send it again.")
     except FormParserError as error:
-        raise MalformedRequestError("The form is broken or cut off.", hint="Send it again.") from error
+        raise MalformedRequestError("The form is broken.", hint="Send it again.") from error
     finally:
         parts.close()
 
@@ -65,6 +66,7 @@ class _Parts:
         self._name = ""
         self._receiver: Receiver | None = None
         self._begun = 0
+        self.ended = False
         self.whole: list[tuple[Receiver, UploadedFile]] = []
 
     def callbacks(self) -> dict[str, object]:
@@ -77,6 +79,7 @@ class _Parts:
             "on_headers_finished": self._headers_finished,
             "on_part_data": self._data,
             "on_part_end": self._end,
+            "on_end": self._end_form,
         }
 
     def close(self) -> None:
@@ -121,6 +124,9 @@ class _Parts:
         if self._receiver is not None:
             self.whole.append((self._receiver, UploadedFile(self._name, self._receiver.finish())))
             self._receiver = None
+
+    def _end_form(self) -> None:
+        self.ended = True
 
     @staticmethod
     def _bounded(value: bytes) -> bytes:

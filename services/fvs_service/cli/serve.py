@@ -1,0 +1,100 @@
+"""``fvs serve`` and ``fvs keys``: the service on this machine, and who may use it."""
+
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvs_service.cli.exit_codes import USAGE
+from fvs_service.principal import LOCAL_TENANT, Scope
+
+if TYPE_CHECKING:
+    from fvs_service.settings import Settings
+
+keys = typer.Typer(help="API keys of the service.", no_args_is_help=True)
+
+_Root = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Where the service keeps everything.", show_default="fvs-service"),
+]
+
+
+def serve(
+    root: _Root = None,
+    host: Annotated[
+        str | None,
+        typer.Option(help="Address to listen on; others than this machine's own need an API key."),
+    ] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65_535, help="0 takes a free one.")] = None,
+    log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
+) -> None:
+    """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
+    from fvs_service.errors import ServiceError
+    from fvs_service.gateway.server import run_gateway
+    from fvs_service.telemetry import configure_logging
+
+    configure_logging(machine=log_json)
+    try:
+        run_gateway(_settings(root=root, host=host, port=port), announce=typer.echo)
+    except ServiceError as error:
+        typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
+        raise typer.Exit(USAGE) from error
+
+
+@keys.command("create")
+def create_key(
+    name: Annotated[str, typer.Argument(help="What the key is for.")],
+    tenant: Annotated[str, typer.Option(help="Whose key it is.")] = LOCAL_TENANT,
+    scope: Annotated[list[Scope] | None, typer.Option(help="What it may do.", show_default="all")] = None,
+    scene: Annotated[str | None, typer.Option(help="Only for this scene: a device's key.")] = None,
+    days: Annotated[int | None, typer.Option(min=1, help="Valid for so long.", show_default="ever")] = None,
+    root: _Root = None,
+) -> None:
+    """Make a key and print it. It cannot be shown again."""
+    from fvs_service.application import open_storage
+
+    with open_storage(_settings(root=root)) as storage:
+        key = storage.keys.create(
+            name,
+            tenant_id=tenant,
+            scopes=frozenset(scope or Scope),
+            scene_id=scene,
+            valid_for=None if days is None else timedelta(days=days),
+        )
+    typer.echo(key)
+
+
+@keys.command("list")
+def list_keys(root: _Root = None) -> None:
+    """List the keys, without their secrets."""
+    from fvs_service.application import open_storage
+
+    with open_storage(_settings(root=root)) as storage:
+        for key in storage.keys.all():
+            state = (
+                "revoked" if key.revoked_at else f"expires {key.expires_at:%F}" if key.expires_at else "valid"
+            )
+            scopes = ",".join(sorted(key.scopes))
+            typer.echo(
+                f"{key.id}  {key.tenant_id}  {scopes}  {key.scene_id or 'all scenes'}  {state}  {key.name}"
+            )
+
+
+@keys.command("revoke")
+def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: _Root = None) -> None:
+    """Make a key useless at once."""
+    from fvs_service.application import open_storage
+    from fvs_service.errors import ServiceError
+
+    with open_storage(_settings(root=root)) as storage:
+        try:
+            storage.keys.revoke(key_id)
+        except ServiceError as error:
+            raise typer.BadParameter(f"{error.message} {error.hint}") from error
+
+
+def _settings(**given: object) -> "Settings":
+    from fvs_service.settings import Settings
+
+    return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]

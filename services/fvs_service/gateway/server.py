@@ -1,0 +1,54 @@
+"""The gateway's process: a socket, perhaps TLS, and the rule that nobody else gets in without a key."""
+
+import ssl
+from collections.abc import Callable
+
+import uvicorn
+
+from fvs_service.application import Backend, open_storage
+from fvs_service.errors import ForbiddenError
+from fvs_service.gateway.detached import DETACHED
+from fvs_service.gateway.rest.app import create_app
+from fvs_service.settings import Settings
+
+_STOP_WITHIN_S = 5
+
+
+def run_gateway(
+    settings: Settings, backend: Backend = DETACHED, *, announce: Callable[[str], object] = lambda _: None
+) -> None:
+    """Serve until SIGINT or SIGTERM; ``announce`` is told where.
+
+    Raises ``ForbiddenError`` when others could reach the service and no API key protects it.
+    """
+    _require_protection(settings)
+    config = uvicorn.Config(
+        create_app(settings, backend),
+        host=settings.host,
+        port=settings.port,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_keep_alive=30,
+        timeout_graceful_shutdown=_STOP_WITHIN_S,
+        ssl_certfile=settings.tls_certificate,
+        ssl_keyfile=settings.tls_key,
+        ssl_ca_certs=None if settings.tls_client_ca is None else str(settings.tls_client_ca),
+        ssl_cert_reqs=ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_REQUIRED,
+    )
+    socket = config.bind_socket()
+    host, port = socket.getsockname()[:2]
+    scheme = "http" if settings.tls_certificate is None else "https"
+    announce(f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}")
+    uvicorn.Server(config).run(sockets=[socket])
+
+
+def _require_protection(settings: Settings) -> None:
+    if not settings.keys_required:
+        return
+    with open_storage(settings) as storage:
+        if not any(key.revoked_at is None for key in storage.keys.all()):
+            raise ForbiddenError(
+                f"Programs on other machines can reach {settings.host}, and there is no API key.",
+                hint="Make one first: fvs keys create NAME. Or listen on 127.0.0.1.",
+            )

@@ -1,0 +1,100 @@
+import json
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+
+def _messages(lines: Iterator[str]) -> Iterator[dict[str, str]]:
+    message: dict[str, str] = {}
+    for line in lines:
+        if line.startswith(":"):
+            yield {"comment": line[1:].strip()}
+        elif line:
+            name, _, value = line.partition(": ")
+            message[name] = value
+        elif "data" in message:
+            yield message
+            message = {}
+        else:
+            message = {}
+
+
+@pytest.fixture
+def server(serve: Any) -> Any:
+    return serve(event_heartbeat_s=0.2, limits={"event_streams_per_tenant": 2})
+
+
+def test_past_and_coming_events_arrive_in_order(server: Any) -> None:
+    scene, other = server.scene(), server.scene()
+    job_id = server.queue(scene)
+    seen: list[dict[str, str]] = []
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        messages = _messages(stream.iter_lines())
+        seen += [next(messages), next(messages)]
+        server.queue(other)
+        canceling = threading.Thread(target=lambda: server.application.jobs.cancel(_local(), job_id))
+        canceling.start()
+        seen.append(next(message for message in messages if "event" in message))
+        canceling.join()
+    assert [message["event"] for message in seen] == ["scene.created", "job.queued", "job.canceled"]
+    data = [json.loads(message["data"]) for message in seen]
+    assert {event["scene_id"] for event in data} == {scene}
+    assert data[1]["data"]["job_id"] == job_id
+    numbers = [int(message["id"]) for message in seen]
+    assert numbers == sorted(numbers)
+
+
+def test_a_broken_stream_resumes_where_it_ended(server: Any) -> None:
+    scene = server.scene()
+    server.queue(scene)
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
+        first = next(_messages(stream.iter_lines()))
+    headers = {"Last-Event-ID": first["id"]}
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", headers=headers) as stream:
+        second = next(_messages(stream.iter_lines()))
+    assert (first["event"], second["event"]) == ("scene.created", "job.queued")
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"after": first["id"]}) as stream:
+        assert next(_messages(stream.iter_lines())) == second
+
+
+def test_a_quiet_stream_says_that_it_lives(server: Any) -> None:
+    scene = server.scene()
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
+        messages = _messages(stream.iter_lines())
+        next(messages)
+        assert next(messages) == {"comment": "nothing new"}
+
+
+def test_streams_are_limited_and_places_come_back(server: Any) -> None:
+    scene = server.scene()
+    path = f"/v1/scenes/{scene}/events"
+    with server.client.stream("GET", path) as one, server.client.stream("GET", path) as two:
+        watched = [_messages(stream.iter_lines()) for stream in (one, two)]  # dropped ones would be closed
+        for messages in watched:
+            next(messages)
+        with server.client.stream("GET", path) as refused:
+            assert refused.status_code == 429
+            assert refused.headers["retry-after"] == "1"
+    deadline = time.monotonic() + 10
+    while True:
+        with server.client.stream("GET", path) as stream:
+            if stream.status_code == 200:
+                break
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_stream_of_no_scene_is_not_found(gateway: Any) -> None:
+    answer = gateway.client.get("/v1/scenes/scn_none/events")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
+    assert gateway.client.get("/v1/scenes/x/events", headers={"Last-Event-ID": "x"}).status_code == 422
+
+
+def _local() -> Any:
+    from fvs_service.principal import LOCAL_USER
+
+    return LOCAL_USER

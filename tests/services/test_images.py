@@ -1,0 +1,327 @@
+import base64
+import hashlib
+import io
+import shutil
+import socket
+import struct
+import time
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import piexif
+import pytest
+from PIL import Image, ImageFilter
+
+Photograph = Callable[..., bytes]
+
+
+def _digest(content: bytes) -> str:
+    return f"sha256:{hashlib.sha256(content).hexdigest()}"
+
+
+def test_an_image_is_stored_once_and_judged(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph()
+    first = gateway.put(scene, content, name="IMG 1.jpg")
+    assert first.status_code == 201
+    image = first.json()
+    assert image["verdict"] == "accepted"
+    assert image["registration"] == "pending"
+    assert (image["width_px"], image["height_px"], image["format"]) == (96, 64, "JPEG")
+    assert image["name"] == "IMG 1.jpg"
+    again = gateway.put(scene, content)
+    assert again.status_code == 200
+    assert again.json() == image
+    assert gateway.client.get(first.headers["location"]).json() == image
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["accepted"] == 1
+    folder = gateway.settings.root / "blobs" / "scenes" / scene / "images"
+    assert [file.read_bytes() for file in folder.iterdir()] == [content]
+    assert list(gateway.settings.staging.iterdir()) == []
+
+
+def test_what_is_known_need_not_be_sent(gateway: Any, photograph: Photograph) -> None:
+    scene, known, missing = gateway.scene(), photograph(1), photograph(2)
+    gateway.put(scene, known)
+    answer = gateway.client.post(
+        f"/v1/scenes/{scene}/images:check", json={"digests": [_digest(missing), _digest(known)]}
+    )
+    assert answer.json() == {"known": [_digest(known)], "missing": [_digest(missing)]}
+
+
+def test_bytes_that_are_not_what_was_promised_are_refused(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph()
+    path = f"/v1/scenes/{scene}/images/{_digest(b'another')}"
+    damaged = gateway.client.put(path, content=content)
+    assert damaged.status_code == 422
+    assert damaged.json()["code"] == "digest-mismatch"
+    promise = base64.b64encode(hashlib.sha256(b"a third").digest()).decode()
+    contradiction = gateway.client.put(
+        path, content=b"another", headers={"Repr-Digest": f"sha-256=:{promise}:"}
+    )
+    assert contradiction.json()["code"] == "digest-mismatch"
+    malformed = gateway.client.put(path, content=b"another", headers={"Repr-Digest": "sha-256=:QUJD:"})
+    assert malformed.status_code == 400
+    assert gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"] == []
+
+
+def test_a_form_takes_many_files(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene()
+    contents = [photograph(seed, (200, 150)) for seed in range(3)]
+    files = [("file", (f"{number}.jpg", content)) for number, content in enumerate([*contents, contents[0]])]
+    answer = gateway.client.post(f"/v1/scenes/{scene}/images", files=files)
+    assert answer.status_code == 200
+    items = answer.json()["items"]
+    assert [item["created"] for item in items] == [True, True, True, False]
+    assert [item["image"]["digest"] for item in items] == [_digest(c) for c in [*contents, contents[0]]]
+    assert [item["name"] for item in items] == ["0.jpg", "1.jpg", "2.jpg", "3.jpg"]
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "a/b.jpg", "a\\b.jpg", "..", "a\x00b", "x" * 256, ""])
+def test_names_are_not_paths(gateway: Any, photograph: Photograph, name: str) -> None:
+    scene, content = gateway.scene(), photograph()
+    answer = gateway.put(scene, content, name=name)
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "name"
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["received"] == 0
+
+
+def test_names_in_a_form_are_not_paths(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene()
+    files = {"file": ("../../passwd", photograph())}
+    answer = gateway.client.post(f"/v1/scenes/{scene}/images", files=files)
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "filename"
+
+
+def test_the_same_pixels_in_another_file_are_a_duplicate(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph(image_format="PNG")
+    out = io.BytesIO()
+    Image.open(io.BytesIO(content)).save(out, "PNG", compress_level=1)
+    assert out.getvalue() != content
+    gateway.put(scene, content, name="first.png")
+    image = gateway.put(scene, out.getvalue(), name="second.png").json()
+    assert image["verdict"] == "duplicate"
+    assert image["duplicate_of"] == _digest(content)
+    assert image["registration"] == "unused"
+    folder = gateway.settings.root / "blobs" / "scenes" / scene / "images"
+    assert len(list(folder.iterdir())) == 1
+
+
+def _png_of(width: int, height: int) -> bytes:
+    """A PNG of a few bytes that claims to be huge."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = zlib.compress(b"\0" * 100_000)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "verdict"),
+    [
+        (b"", "unreadable"),
+        (b"not an image", "unreadable"),
+        (b"\xff\xd8\xff\xe0" + b"\0" * 64, "unreadable"),
+        (b"GIF89a" + b"\0" * 64, "unreadable"),
+        (b"<svg xmlns='http://www.w3.org/2000/svg'/>", "unreadable"),
+        (_png_of(50_000, 50_000), "too-large"),
+        (_png_of(2_000, 900), "unreadable"),
+    ],
+)
+def test_what_is_no_photograph_gets_a_verdict(gateway: Any, content: bytes, verdict: str) -> None:
+    scene = gateway.scene()
+    answer = gateway.put(scene, content)
+    assert answer.status_code == 201
+    assert answer.json()["verdict"] == verdict
+    assert answer.json()["reason"].endswith(".")
+    assert answer.json()["hint"]
+    counts = gateway.client.get(f"/v1/scenes/{scene}").json()["images"]
+    assert (counts["received"], counts["accepted"]) == (1, 0)
+    assert not (gateway.settings.root / "blobs" / "scenes" / scene / "images").exists()
+
+
+def test_a_photograph_cut_off_or_too_small_is_not_used(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph(size=(400, 300))
+    assert gateway.put(scene, content[: len(content) // 2]).json()["verdict"] == "unreadable"
+    assert gateway.put(scene, photograph(size=(40, 20))).json()["verdict"] == "too-small"
+
+
+def test_a_decoder_that_takes_too_much_ends_alone(open_gateway: Any, photograph: Photograph) -> None:
+    """A child with no memory for 200 megapixels: the image is refused, and the next one is judged as ever."""
+    gateway = open_gateway(inspection_bytes=700_000_000, limits={"image_pixels": 250_000_000})
+    scene = gateway.scene()
+    out = io.BytesIO()
+    Image.new("1", (15_000, 15_000)).save(out, "PNG", compress_level=1)
+    assert gateway.put(scene, out.getvalue()).json()["verdict"] == "unreadable"
+    assert gateway.put(scene, photograph()).json()["verdict"] == "accepted"
+
+
+def test_a_blurred_photograph_is_accepted_with_a_warning(gateway: Any, kermit_dir: Any) -> None:
+    scene = gateway.scene()
+    file = sorted(kermit_dir.iterdir())[0]
+    sharp = gateway.put(scene, file.read_bytes()).json()
+    assert (sharp["verdict"], sharp["warnings"]) == ("accepted", [])
+    out = io.BytesIO()
+    Image.open(file).convert("RGB").filter(ImageFilter.GaussianBlur(4)).save(out, "JPEG", quality=95)
+    blurred = gateway.put(scene, out.getvalue()).json()
+    assert (blurred["verdict"], blurred["warnings"]) == ("accepted", ["blurred"])
+    assert blurred["sharpness"] < sharp["sharpness"]
+
+
+def _gps(latitude: tuple[int, int, int], longitude: tuple[int, int, int]) -> dict[str, Any]:
+    return {
+        "GPS": {
+            piexif.GPSIFD.GPSLatitudeRef: b"N",
+            piexif.GPSIFD.GPSLatitude: tuple((part, 1) for part in latitude),
+            piexif.GPSIFD.GPSLongitudeRef: b"E",
+            piexif.GPSIFD.GPSLongitude: tuple((part, 1) for part in longitude),
+            piexif.GPSIFD.GPSAltitudeRef: 0,
+            piexif.GPSIFD.GPSAltitude: (4125, 10),
+        }
+    }
+
+
+def test_the_first_fix_becomes_the_origin_and_stays(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene()
+    image = gateway.put(scene, photograph(1, exif=_gps((48, 18, 0), (7, 15, 0)))).json()
+    assert image["prior"]["latitude_deg"] == pytest.approx(48.3)
+    assert image["prior"]["source"] == "metadata"
+    origin = gateway.client.get(f"/v1/scenes/{scene}").json()["origin"]
+    assert origin == {
+        "latitude_deg": pytest.approx(48.3),
+        "longitude_deg": pytest.approx(7.25),
+        "altitude_m": pytest.approx(412.5),
+        "altitude_datum": "sea-level",
+    }
+    gateway.put(scene, photograph(2, exif=_gps((48, 19, 0), (7, 15, 0))))
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["origin"] == origin
+
+
+def test_what_the_sender_knows_wins_over_the_file(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene()
+    told = {"latitude_deg": 1.5, "longitude_deg": 2.5, "altitude_m": 3.5, "yaw_deg": 90, "pitch_deg": -45}
+    prior = gateway.put(scene, photograph(exif=_gps((48, 18, 0), (7, 15, 0))), **told).json()["prior"]
+    assert prior["source"] == "request"
+    assert {name: prior[name] for name in told} == told
+
+
+def test_positions_must_fit_the_world(gateway: Any, photograph: Photograph) -> None:
+    automatic, local = gateway.scene(), gateway.scene(world={"kind": "local"})
+    assert gateway.put(automatic, photograph(), x_m=1, y_m=2, z_m=3).status_code == 422
+    assert gateway.put(local, photograph(), latitude_deg=1, longitude_deg=2, altitude_m=3).status_code == 422
+    assert gateway.put(local, photograph(), x_m=1, y_m=2).status_code == 422
+    assert gateway.put(local, photograph(), x_m="nan", y_m=2, z_m=3).status_code == 422
+    assert gateway.put(local, photograph(), x_m=1, y_m=2, z_m=3).json()["prior"]["z_m"] == 3
+
+
+def test_types_that_are_no_images_are_refused(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph()
+    path = f"/v1/scenes/{scene}/images/{_digest(content)}"
+    assert gateway.client.put(path, content=content, headers={"Content-Type": "text/html"}).status_code == 415
+    assert (
+        gateway.client.put(path, content=content, headers={"Content-Type": "image/jpeg"}).status_code == 201
+    )
+    assert gateway.client.post(f"/v1/scenes/{scene}/images", json={}).status_code == 415
+
+
+def test_bodies_larger_than_the_limit_are_refused(open_gateway: Any, photograph: Photograph) -> None:
+    gateway = open_gateway(limits={"image_bytes": 10_000, "multipart_bytes": 15_000, "json_bytes": 2_000})
+    scene, content = gateway.scene(), photograph(size=(300, 300))
+    assert len(content) > 15_000
+    path = f"/v1/scenes/{scene}/images/{_digest(content)}"
+    declared = gateway.client.put(path, content=content)
+    undeclared = gateway.client.put(path, content=iter([content[:9_000], content[9_000:]]))
+    form = gateway.client.post(f"/v1/scenes/{scene}/images", files={"file": ("a.jpg", content)})
+    document = gateway.client.post("/v1/scenes", json={"name": "a" * 2_000})
+    for answer in (declared, undeclared, form, document):
+        assert answer.status_code == 413, answer.text
+        assert answer.json()["code"] == "payload-too-large"
+    assert list(gateway.settings.staging.iterdir()) == []
+
+
+def test_a_full_disk_takes_no_bytes_and_loses_none(
+    gateway: Any, photograph: Photograph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, content = gateway.scene(), photograph()
+    usage = shutil.disk_usage(gateway.settings.root)
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=10))
+        refused = gateway.put(scene, content)
+        form = gateway.client.post(f"/v1/scenes/{scene}/images", files={"file": ("a.jpg", content)})
+    for answer in (refused, form):
+        assert answer.status_code == 507
+        assert answer.json()["code"] == "out-of-space"
+        assert answer.json()["retryable"] is True
+    assert gateway.put(scene, content).status_code == 201
+
+
+def test_a_disk_that_fills_while_bytes_arrive(
+    gateway: Any, photograph: Photograph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import errno
+
+    from fvs_service.images.staging import Receiver
+
+    scene, content = gateway.scene(), photograph()
+
+    def write(_receiver: Receiver, _chunk: bytes) -> None:
+        from fvs_service.storage.blobs import full_disk_as_error
+
+        with full_disk_as_error():
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Receiver, "write", write)
+        assert gateway.put(scene, content).status_code == 507
+    assert list(gateway.settings.staging.iterdir()) == []
+
+
+def test_a_client_that_stops_sending_is_let_go(serve: Any) -> None:
+    server = serve(upload_idle_s=0.3)
+    scene = server.scene()
+    with socket.create_connection((server.client.base_url.host, server.client.base_url.port)) as connection:
+        path = f"/v1/scenes/{scene}/images/{_digest(b'never')}"
+        head = f"PUT {path} HTTP/1.1\r\nHost: a\r\nContent-Length: 1000\r\n\r\n"
+        connection.sendall(head.encode() + b"only this")
+        began = time.monotonic()
+        connection.settimeout(10)
+        answer = connection.recv(4096)
+    assert b" 408 " in answer.split(b"\r\n")[0]
+    assert time.monotonic() - began < 5
+    assert list(server.settings.staging.iterdir()) == []
+
+
+def test_a_broken_form_keeps_what_has_arrived(gateway: Any, photograph: Photograph) -> None:
+    scene, content = gateway.scene(), photograph()
+    part = b'--x\r\nContent-Disposition: form-data; name="file"; filename="%s"\r\n\r\n%s\r\n'
+    body = part % (b"a.jpg", content) + part % (b"b.jpg", b"half of it")
+    answer = gateway.client.post(
+        f"/v1/scenes/{scene}/images",
+        content=iter([body]),
+        headers={"Content-Type": "multipart/form-data; boundary=x"},
+    )
+    assert answer.status_code == 400
+    items = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
+    assert [item["name"] for item in items] == ["a.jpg"]
+
+
+def test_a_full_scene_takes_no_more(open_gateway: Any, photograph: Photograph) -> None:
+    gateway = open_gateway(limits={"images_per_scene": 1})
+    scene = gateway.scene()
+    gateway.put(scene, photograph(1))
+    assert gateway.put(scene, photograph(1)).status_code == 200
+    assert gateway.put(scene, photograph(2)).status_code == 409
+
+
+def test_sharpness_does_not_depend_on_contrast() -> None:
+    from fvs_service.images.inspection import measure_sharpness
+
+    noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3), dtype=np.uint8)
+    dim = (noise // 4).astype(np.uint8)
+    assert measure_sharpness(Image.fromarray(noise)) == pytest.approx(
+        measure_sharpness(Image.fromarray(dim)), rel=0.1
+    )
+    assert measure_sharpness(Image.new("RGB", (64, 64), "grey")) == 1.0

@@ -1,0 +1,182 @@
+from typing import Any
+
+import pytest
+from fvs_service.errors import StaleLeaseError
+from fvs_service.jobs.model import JobError, JobState
+
+
+def _job(gateway: Any, job_id: str) -> dict[str, Any]:
+    return gateway.client.get(f"/v1/jobs/{job_id}").json()
+
+
+def _events(gateway: Any, scene: str) -> list[str]:
+    from fvs_service.events.repository import events_after
+
+    with gateway.application.storage.database.reading() as session:
+        return [event.kind.value for event in events_after(session, scene, 0)]
+
+
+def test_a_job_is_queued_and_given_to_the_engine(gateway: Any) -> None:
+    scene = gateway.scene()
+    answer = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
+    assert answer.status_code == 202
+    job = answer.json()
+    assert answer.headers["location"] == f"/v1/jobs/{job['id']}"
+    assert (job["state"], job["progress"], job["attempt"]) == ("queued", 0.0, 1)
+    assert gateway.engine.submitted[f"{job['id']}.1"].scene_id == scene
+    again = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
+    assert again.json()["id"] == job["id"]
+
+
+def test_a_job_whose_queue_was_away_is_submitted_later(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.engine.reachable = False
+    try:
+        job_id = gateway.queue(scene)
+        assert f"{job_id}.1" not in gateway.engine.submitted
+    finally:
+        gateway.engine.reachable = True
+    gateway.application.jobs.submit_waiting()
+    assert f"{job_id}.1" in gateway.engine.submitted
+
+
+def test_progress_never_goes_back(gateway: Any) -> None:
+    scene = gateway.scene()
+    job_id, lease = gateway.queue(scene), gateway.lease(scene)
+    ledger = gateway.application.storage.ledger
+    assert ledger.start(lease, job_id, 1).state is JobState.RUNNING
+    shown = []
+    for stage, progress in (("features", 0.2), ("matching", 0.1), ("mapping", 0.5), ("train", 0.4)):
+        ledger.report(lease, job_id, stage, progress, eta_s=3.0)
+        shown.append((_job(gateway, job_id)["stage"], _job(gateway, job_id)["progress"]))
+    assert shown == [("features", 0.2), ("matching", 0.2), ("mapping", 0.5), ("train", 0.5)]
+    ledger.warn(lease, job_id, "Something is odd.")
+    ledger.warn(lease, job_id, "Something is odd.")
+    ledger.succeed(lease, job_id)
+    ended = _job(gateway, job_id)
+    assert (ended["state"], ended["progress"], ended["eta_s"]) == ("succeeded", 1.0, None)
+    assert ended["warnings"] == ["Something is odd."]
+    assert _events(gateway, scene) == ["scene.created", "job.queued", "job.started", "job.succeeded"]
+
+
+def test_a_queued_job_is_canceled_at_once(gateway: Any) -> None:
+    scene = gateway.scene()
+    job_id, lease = gateway.queue(scene), gateway.lease(scene)
+    answer = gateway.client.post(f"/v1/jobs/{job_id}:cancel")
+    assert (answer.status_code, answer.json()["state"]) == (202, "canceled")
+    assert gateway.engine.canceled[-1].job_id == job_id
+    assert gateway.application.storage.ledger.start(lease, job_id, 1) is None
+
+
+def test_a_running_job_learns_that_it_should_stop(gateway: Any) -> None:
+    scene = gateway.scene()
+    job_id, lease = gateway.queue(scene), gateway.lease(scene)
+    ledger = gateway.application.storage.ledger
+    ledger.start(lease, job_id, 1)
+    assert not ledger.cancel_requested(job_id)
+    assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "running"
+    assert ledger.cancel_requested(job_id)
+    ledger.cancel(lease, job_id)
+    assert _job(gateway, job_id)["state"] == "canceled"
+    assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "canceled"
+
+
+def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gateway: Any) -> None:
+    scene = gateway.scene()
+    job_id, lease = gateway.queue(scene), gateway.lease(scene)
+    ledger = gateway.application.storage.ledger
+    ledger.start(lease, job_id, 1)
+    ledger.commit_stage(lease, job_id, "features", {"images": 3})
+    ledger.commit_stage(lease, job_id, "features", {"images": 4})
+    error = JobError(code="training-failed", message="No.", hint="Try.", retryable=True, stage="train")
+    ledger.fail(lease, job_id, error)
+    failed = _job(gateway, job_id)
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "training-failed")
+    retried = gateway.client.post(f"/v1/jobs/{job_id}:retry")
+    assert retried.status_code == 202
+    job = retried.json()
+    assert (job["state"], job["attempt"], job["error"], job["progress"]) == ("queued", 2, None, 0.0)
+    assert f"{job_id}.2" in gateway.engine.submitted
+    assert ledger.stage(job_id, "features") == {"images": 3}
+    assert ledger.start(lease, job_id, 1) is None
+    assert ledger.start(lease, job_id, 2).attempt == 2
+    refused = gateway.client.post(f"/v1/jobs/{job_id}:retry")
+    assert refused.status_code == 409
+
+
+def test_a_fine_job_needs_an_update_first(gateway: Any) -> None:
+    answer = gateway.client.post(f"/v1/scenes/{gateway.scene()}/jobs", json={"kind": "fine"})
+    assert answer.status_code == 409
+
+
+def test_open_jobs_are_limited(open_gateway: Any) -> None:
+    gateway = open_gateway(limits={"open_jobs_per_tenant": 1})
+    gateway.queue(gateway.scene())
+    refused = gateway.client.post(f"/v1/scenes/{gateway.scene()}/jobs", json={"kind": "update"})
+    assert refused.status_code == 429
+    assert "retry-after" in refused.headers
+
+
+@pytest.mark.parametrize(
+    ("policy", "queued_after"),
+    [
+        ({"trigger": "on-request"}, [0, 0, 0, 0]),
+        ({"trigger": "each-image", "first": 2}, [0, 1, 1, 1]),
+        ({"trigger": "every-k-images", "k": 2, "first": 3}, [0, 0, 1, 1]),
+    ],
+)
+def test_images_start_updates_as_the_policy_says(
+    gateway: Any, photograph: Any, policy: dict[str, Any], queued_after: list[int]
+) -> None:
+    scene, seen = gateway.scene(policy=policy), []
+    for seed in range(len(queued_after)):
+        gateway.put(scene, photograph(seed))
+        seen.append(len(gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]))
+    assert seen == queued_after
+
+
+def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
+    """Frozen, outlived by its lease, and woken: whatever it writes is refused."""
+    storage = gateway.application.storage
+    scene = gateway.scene()
+    job_id, frozen = gateway.queue(scene), gateway.lease(scene, "frozen")
+    storage.ledger.start(frozen, job_id, 1)
+    assert storage.leases.acquire(scene, "other") is None
+    storage.leases.release(frozen)
+    other = gateway.lease(scene, "other")
+    assert other.token > frozen.token
+    error = JobError(code="x", message="x", hint="", retryable=False, stage=None)
+    writes = [
+        lambda: storage.leases.extend(frozen),
+        lambda: storage.ledger.start(frozen, job_id, 1),
+        lambda: storage.ledger.report(frozen, job_id, "train", 0.9),
+        lambda: storage.ledger.warn(frozen, job_id, "late"),
+        lambda: storage.ledger.commit_stage(frozen, job_id, "train", {}),
+        lambda: storage.ledger.succeed(frozen, job_id),
+        lambda: storage.ledger.cancel(frozen, job_id),
+        lambda: storage.ledger.fail(frozen, job_id, error),
+    ]
+    before = _job(gateway, job_id)
+    for write in writes:
+        with pytest.raises(StaleLeaseError):
+            write()
+    assert _job(gateway, job_id) == before
+    assert storage.ledger.stage(job_id, "train") is None
+    assert storage.ledger.start(other, job_id, 1).id == job_id
+
+
+def test_a_lease_that_ran_out_can_be_taken(open_gateway: Any) -> None:
+    import time
+
+    gateway = open_gateway(lease_s=0.05)
+    leases, scene = gateway.application.storage.leases, gateway.scene()
+    first = leases.extend(leases.acquire(scene, "one"), endpoint="127.0.0.1:5000")
+    assert leases.holder(scene) == first
+    assert leases.held_by("one") == (first,)
+    deadline = time.monotonic() + 5
+    while (second := leases.acquire(scene, "two")) is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert second.token == first.token + 1
+    with pytest.raises(StaleLeaseError):
+        leases.extend(first)

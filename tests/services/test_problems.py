@@ -1,0 +1,89 @@
+from typing import Any
+
+import pytest
+from fvs_service import errors
+
+_FIELDS = {"type", "title", "status", "code", "detail", "hint", "retryable", "request_id", "errors"}
+
+
+def _subclasses(kind: type[errors.ServiceError]) -> list[type[errors.ServiceError]]:
+    return [kind, *[deeper for child in kind.__subclasses__() for deeper in _subclasses(child)]]
+
+
+def test_every_error_has_a_code_of_its_own() -> None:
+    kinds = [kind for kind in _subclasses(errors.ServiceError) if kind is not errors.InternalError]
+    codes = [kind.code for kind in kinds]
+    assert len(set(codes)) == len(codes)
+    for kind in kinds:
+        assert 400 <= kind.http_status < 600
+        assert kind.grpc_status.isupper()
+        assert kind.title
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "options", "status", "code"),
+    [
+        ("GET", "/nothing", {}, 404, "not-found"),
+        ("GET", "/v1/scenes/", {}, 404, "not-found"),
+        ("GET", "/v1/scenes/scn_none", {}, 404, "not-found"),
+        ("DELETE", "/v1/scenes", {}, 405, "method-not-allowed"),
+        ("POST", "/v1/scenes", {"content": b"{"}, 400, "malformed-request"),
+        ("POST", "/v1/scenes", {"content": b"\xff\xfe{}"}, 400, "malformed-request"),
+        ("POST", "/v1/scenes", {"data": {"name": "a"}}, 415, "unsupported-media-type"),
+        ("POST", "/v1/scenes", {"content": b"", "headers": {}}, 422, "invalid-request"),
+        ("GET", "/v1/scenes", {"params": {"limit": 0}}, 422, "invalid-request"),
+        ("GET", "/v1/scenes", {"params": {"colour": "red"}}, 422, "invalid-request"),
+        ("PUT", "/v1/scenes/x/images/sha256:xyz", {"content": b""}, 422, "invalid-request"),
+        ("PUT", f"/v1/scenes/x/images/sha256:{'0' * 64}", {"content": b""}, 404, "not-found"),
+        ("GET", "/v1/jobs/job_none", {}, 404, "not-found"),
+        ("GET", "/v1/snapshots/%00", {}, 404, "not-found"),
+        ("GET", "/v1/scenes/..%2f..", {}, 404, "not-found"),
+    ],
+)
+def test_every_error_is_a_problem_document(
+    gateway: Any, method: str, path: str, options: dict[str, Any], status: int, code: str
+) -> None:
+    if "content" in options:
+        options = {"headers": {"Content-Type": "application/json"}, **options}
+        if method == "PUT":
+            options["headers"] = {}
+    answer = gateway.client.request(method, path, **options)
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert set(problem) == _FIELDS
+    assert (problem["status"], problem["code"]) == (status, code)
+    assert problem["request_id"] == answer.headers["x-request-id"]
+    if status == 405:
+        assert answer.headers["allow"]
+
+
+def test_a_request_keeps_its_own_id(gateway: Any) -> None:
+    answer = gateway.client.get("/nothing", headers={"X-Request-Id": "mission-7.1"})
+    assert answer.json()["request_id"] == "mission-7.1"
+    evil = gateway.client.get("/nothing", headers={"X-Request-Id": "a b<script>"})
+    assert evil.json()["request_id"].startswith("req_")
+
+
+def test_a_defect_is_a_problem_too(gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: Any) -> None:
+        raise RuntimeError("a secret of the inside")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(gateway.application.scenes, "all", broken, raising=True)
+        answer = gateway.client.get("/v1/scenes")
+    assert answer.status_code == 500
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["code"] == "internal"
+    assert "secret" not in answer.text
+
+
+def test_the_service_tells_how_it_is(gateway: Any) -> None:
+    assert gateway.client.get("/livez").json() == {"status": "ok"}
+    assert gateway.client.get("/readyz").json() == {"status": "ok"}
+    capabilities = gateway.client.get("/v1/capabilities").json()
+    assert capabilities["methods"] == ["median-frequency"]
+    assert capabilities["limits"]["image_pixels"] == 2_000_000
+    gateway.client.get("/v1/scenes/scn_none")
+    metrics = gateway.client.get("/metrics").text
+    assert 'fvs_requests_total{method="GET",route="/v1/scenes/{scene_id}",status="404"}' in metrics

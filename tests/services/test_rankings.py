@@ -1,0 +1,221 @@
+import io
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+from PIL import Image
+
+LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+AWAY = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [0.0, 1.0, 0.0, 0.0]}
+
+
+def _rank(gateway: Any, scene: str, **request: Any) -> Any:
+    return gateway.client.post(f"/v1/scenes/{scene}/rankings", json=request)
+
+
+@pytest.fixture(scope="module")
+def scene(gateway: Any) -> str:
+    scene = gateway.scene()
+    gateway.model(scene)
+    return scene
+
+
+def test_candidates_are_ranked_by_the_engine(gateway: Any, scene: str) -> None:
+    candidates = [
+        {"id": "near", "pose": {**LOOK, "position": [0.0, 0.0, -2.5]}},
+        {"id": "far", "pose": LOOK},
+        {"id": "away", "pose": AWAY},
+    ]
+    answer = _rank(gateway, scene, candidates=candidates)
+    assert answer.status_code == 201, answer.text
+    ranking = answer.json()
+    assert answer.headers["location"] == f"/v1/rankings/{ranking['id']}"
+    assert ranking["request"]["candidates"] == candidates
+    by_id = {place["id"]: place for place in ranking["candidates"]}
+    assert by_id["away"]["status"] == "out-of-model"
+    assert by_id["away"]["rank"] is None
+    ranked = [place for place in ranking["candidates"] if place["status"] == "ranked"]
+    assert [place["rank"] for place in ranked] == list(range(1, len(ranked) + 1))
+    scores = [place["score"] for place in ranked]
+    assert scores == sorted(scores)
+    assert gateway.client.get(answer.headers["location"]).json() == ranking
+
+
+def test_a_replayed_ranking_gives_the_same(gateway: Any, scene: str) -> None:
+    first = _rank(gateway, scene, generator={"kind": "orbit", "count": 7}).json()
+    replay = gateway.client.post(
+        f"/v1/scenes/{scene}/rankings",
+        json={**first["request"], "snapshot_id": first["snapshot_id"]},
+    ).json()
+    assert replay["candidates"] == first["candidates"]
+    assert replay["id"] != first["id"]
+
+
+def test_what_is_out_of_range_or_visited_is_not_rendered(gateway: Any, scene: str) -> None:
+    here = gateway.application.rankings._cameras(
+        gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    ).views[0]
+    visited = {"position": list(here.position), "orientation_wxyz": list(here.orientation_wxyz)}
+    candidates = [
+        {"id": "visited", "pose": visited},
+        {"id": "beyond", "pose": {**LOOK, "position": [0.0, 0.0, -40.0]}},
+        {"id": "good", "pose": LOOK},
+    ]
+    gateway.runners.asked.clear()
+    ranking = _rank(gateway, scene, candidates=candidates, current_pose=LOOK, radius_m=10.0).json()
+    assert [view.id for view in gateway.runners.asked[0].views] == ["good"]
+    status = {place["id"]: (place["status"], place["distance_m"]) for place in ranking["candidates"]}
+    assert status["beyond"] == ("out-of-range", 36.0)
+    assert status["visited"][0] == "visited"
+    assert status["good"][1] == 0.0
+    assert ranking["candidates"][0]["id"] == "good"
+
+
+def test_when_nothing_is_in_range_nobody_is_asked(gateway: Any, scene: str) -> None:
+    far = {"id": "beyond", "pose": {**LOOK, "position": [0.0, 0.0, -40.0]}}
+    gateway.runners.asked.clear()
+    answer = _rank(gateway, scene, candidates=[far], current_pose=LOOK, radius_m=1.0)
+    assert answer.status_code == 201
+    assert gateway.runners.asked == []
+
+
+@pytest.mark.parametrize(
+    ("generator", "count"),
+    [
+        ({"kind": "orbit", "count": 5, "radius_m": 3.0, "height_m": 1.0}, 5),
+        ({"kind": "grid", "columns": 3, "rows": 2}, 6),
+        ({"kind": "grid", "columns": 2, "rows": 2, "look": "down"}, 4),
+        ({"kind": "dataset"}, 6),
+        ({"kind": "around-current", "count": 9}, 9),
+    ],
+)
+def test_generators_make_candidates(gateway: Any, scene: str, generator: dict[str, Any], count: int) -> None:
+    request = {"generator": generator, "current_pose": LOOK, "radius_m": 100.0}
+    if generator["kind"] == "around-current":
+        request["radius_m"] = 2.0
+    ranking = _rank(gateway, scene, **request).json()
+    assert ranking["total"] == count
+    for place in ranking["candidates"]:
+        assert math.isclose(np.linalg.norm(place["pose"]["orientation_wxyz"]), 1.0, abs_tol=1e-6)
+        assert place["distance_m"] <= request["radius_m"] + 1e-9
+    if generator["kind"] == "orbit":
+        for place in ranking["candidates"]:
+            x, y, z = place["pose"]["position"]
+            assert (math.hypot(x, y), z) == (pytest.approx(3.0), pytest.approx(1.0))
+    assert _rank(gateway, scene, **request, top_k=2).json()["candidates"] == ranking["candidates"][:2]
+
+
+def test_the_world_is_where_the_alignment_says(gateway: Any) -> None:
+    """The same cameras, told in a world that is scaled, turned and moved, score the same."""
+    plain, moved = gateway.scene(), gateway.scene(world={"kind": "local"})
+    gateway.model(plain)
+    half = math.sqrt(0.5)
+    alignment = Alignment(
+        status=AlignmentStatus.ALIGNED,
+        scale=2.0,
+        rotation_wxyz=(half, 0.0, 0.0, half),
+        translation=(100.0, 0.0, 0.0),
+        rms_m=0.1,
+        inliers=6,
+        positions=6,
+    )
+    gateway.model(moved, alignment=alignment)
+    looked = _rank(gateway, plain, candidates=[{"id": "a", "pose": LOOK}]).json()["candidates"][0]
+    pose = {"position": [100.0, 0.0, -8.0], "orientation_wxyz": [half, 0.0, 0.0, half]}
+    found = _rank(gateway, moved, candidates=[{"id": "a", "pose": pose}]).json()["candidates"][0]
+    assert found["score"] == pytest.approx(looked["score"], abs=1e-4)
+    assert found["pose"]["position"] == pytest.approx(pose["position"])
+    in_model = _rank(gateway, moved, candidates=[{"id": "a", "pose": {**LOOK, "frame": "model"}}]).json()
+    assert in_model["candidates"][0]["pose"]["position"] == pytest.approx(pose["position"])
+
+
+def test_candidates_are_drawn(gateway: Any, scene: str) -> None:
+    ranking = _rank(gateway, scene, candidates=[{"id": "a", "pose": LOOK}]).json()
+    path = f"/v1/rankings/{ranking['id']}/candidates/a/render.png"
+    drawn = gateway.client.get(path)
+    assert drawn.headers["content-type"] == "image/png"
+    image = np.asarray(Image.open(io.BytesIO(drawn.content)))
+    assert image.shape == (24, 32, 3)
+    assert image.max() > 50
+    gateway.runners.reachable = False
+    try:
+        assert gateway.client.get(path).content == drawn.content
+    finally:
+        gateway.runners.reachable = True
+    assert gateway.client.get(path.replace("/a/", "/b/")).status_code == 404
+    assert gateway.client.get(path.replace("render", "photograph")).status_code == 422
+
+
+def test_without_a_model_nothing_is_ranked(gateway: Any) -> None:
+    answer = _rank(gateway, gateway.scene(), generator={"kind": "orbit"})
+    assert answer.status_code == 409
+    assert (answer.json()["code"], answer.json()["retryable"]) == ("no-snapshot", True)
+
+
+def test_without_a_runner_the_answer_says_when_to_ask_again(gateway: Any, scene: str) -> None:
+    gateway.runners.reachable = False
+    try:
+        answer = _rank(gateway, scene, generator={"kind": "orbit"})
+    finally:
+        gateway.runners.reachable = True
+    assert (answer.status_code, answer.headers["retry-after"]) == (503, "3")
+    assert answer.json()["retryable"] is True
+
+
+def test_the_same_idempotency_key_ranks_once(gateway: Any, scene: str) -> None:
+    path, headers = f"/v1/scenes/{scene}/rankings", {"Idempotency-Key": f"rank {scene}".replace(" ", "-")}
+    body = {"generator": {"kind": "orbit", "count": 3}}
+    first = gateway.client.post(path, json=body, headers=headers).json()
+    assert gateway.client.post(path, json=body, headers=headers).json() == first
+
+
+@pytest.mark.parametrize(
+    ("request_body", "field"),
+    [
+        ({}, ""),
+        ({"candidates": []}, "candidates"),
+        ({"candidates": [{"id": "../a", "pose": LOOK}]}, "candidates.0.id"),
+        ({"candidates": [{"id": "a", "pose": LOOK}, {"id": "a", "pose": LOOK}]}, ""),
+        ({"candidates": [{"id": "a", "pose": {**LOOK, "orientation_wxyz": [2, 0, 0, 0]}}]}, "orientation"),
+        ({"candidates": [{"id": "a", "pose": {**LOOK, "position": [0, 0]}}]}, "candidates.0.pose"),
+        ({"candidates": [{"id": "a", "pose": {**LOOK, "speed": 3}}]}, "speed"),
+        ({"generator": {"kind": "orbit"}, "radius_m": 3}, ""),
+        ({"generator": {"kind": "orbit"}, "radius_m": -3, "current_pose": LOOK}, "radius_m"),
+        ({"generator": {"kind": "around-current"}, "current_pose": LOOK}, ""),
+        ({"generator": {"kind": "orbit"}, "method": "guess"}, ""),
+        ({"generator": {"kind": "orbit", "count": 100_000}}, "generator.orbit.count"),
+        ({"generator": {"kind": "orbit"}, "top_k": 0}, "top_k"),
+    ],
+)
+def test_what_is_wrong_with_a_ranking_is_named(
+    gateway: Any, scene: str, request_body: dict[str, Any], field: str
+) -> None:
+    answer = _rank(gateway, scene, **request_body)
+    assert answer.status_code == 422, answer.text
+    assert field in "".join(error["field"] for error in answer.json()["errors"])
+
+
+def test_vehicle_poses_need_a_georeferenced_scene(gateway: Any, scene: str) -> None:
+    pose = {
+        "latitude_deg": 48.0,
+        "longitude_deg": 7.0,
+        "altitude_m": 400.0,
+        "yaw_deg": 0.0,
+        "pitch_deg": -30.0,
+    }
+    answer = _rank(gateway, scene, candidates=[{"id": "a", "pose": pose}])
+    assert answer.status_code == 422
+    assert "georeferenced" in answer.json()["detail"]
+
+
+def test_vehicle_poses_are_placed_about_the_origin(gateway: Any) -> None:
+    origin = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 400.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, rms_m=0.1, inliers=6))
+    pose = {**origin, "altitude_m": 410.0, "yaw_deg": 90.0, "pitch_deg": -90.0}
+    place = _rank(gateway, scene, candidates=[{"id": "a", "pose": pose}]).json()["candidates"][0]
+    assert place["pose"]["position"] == pytest.approx([0.0, 0.0, 10.0], abs=1e-6)
+    wrong_datum = {**pose, "altitude_datum": "ellipsoid"}
+    assert _rank(gateway, scene, candidates=[{"id": "a", "pose": wrong_datum}]).status_code == 422

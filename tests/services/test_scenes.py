@@ -1,0 +1,73 @@
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+
+def test_a_scene_is_made_and_shown(gateway: Any) -> None:
+    made = gateway.client.post("/v1/scenes", json={"name": "quarry", "policy": {"trigger": "each-image"}})
+    assert made.status_code == 201
+    scene = made.json()
+    assert made.headers["location"] == f"/v1/scenes/{scene['id']}"
+    assert scene["name"] == "quarry"
+    assert scene["world"] == {"kind": "automatic"}
+    assert scene["images"] == {"received": 0, "accepted": 0, "rejected": 0, "pending": 0}
+    assert scene["snapshot_id"] is None
+    assert gateway.client.get(made.headers["location"]).json() == scene
+
+
+def test_the_same_idempotency_key_makes_one_scene(open_gateway: Callable[..., Any]) -> None:
+    gateway = open_gateway()
+    headers = {"Idempotency-Key": "a-1"}
+    first = gateway.client.post("/v1/scenes", json={"name": "quarry"}, headers=headers)
+    second = gateway.client.post("/v1/scenes", json={"name": "quarry"}, headers=headers)
+    assert first.json() == second.json()
+    other = gateway.client.post("/v1/scenes", json={"name": "castle"}, headers=headers)
+    assert other.status_code == 422
+    assert other.json()["code"] == "idempotency-key-reused"
+    assert len(gateway.client.get("/v1/scenes").json()["items"]) == 1
+
+
+def test_lists_continue_where_the_page_ended(open_gateway: Callable[..., Any]) -> None:
+    gateway = open_gateway()
+    made = [gateway.scene() for _ in range(5)]
+    seen: list[str] = []
+    after: dict[str, str] = {}
+    while True:
+        page = gateway.client.get("/v1/scenes", params={"limit": 2, **after}).json()
+        seen += [scene["id"] for scene in page["items"]]
+        if page["next"] is None:
+            break
+        after = {"after": page["next"]}
+    assert seen == made
+
+
+def test_no_more_scenes_than_allowed(open_gateway: Callable[..., Any]) -> None:
+    gateway = open_gateway(limits={"scenes_per_tenant": 1})
+    gateway.scene()
+    refused = gateway.client.post("/v1/scenes", json={"name": "another"})
+    assert refused.status_code == 429
+    assert int(refused.headers["retry-after"]) > 0
+    assert refused.json()["retryable"] is True
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ('{"name": "a", "colour": "red"}', "colour"),
+        ('{"name": ""}', "name"),
+        ('{"name": 7}', "name"),
+        ('{"name": "a", "camera": {"focal_length_px": NaN, "width_px": 640}}', "camera.focal_length_px"),
+        ('{"name": "a", "camera": {"focal_length_px": Infinity, "width_px": 640}}', "camera.focal_length_px"),
+        ('{"name": "a", "camera": {"focal_length_px": "9", "width_px": 640}}', "camera.focal_length_px"),
+        ('{"name": "a", "world": {"kind": "enu"}}', "world.enu.origin"),
+        ('{"name": "a", "world": {"kind": "flat"}}', "world"),
+    ],
+)
+def test_what_is_wrong_with_a_scene_is_named(gateway: Any, body: str, field: str) -> None:
+    answer = gateway.client.post("/v1/scenes", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert problem["code"] == "invalid-request"
+    assert [error["field"] for error in problem["errors"]] == [field]
