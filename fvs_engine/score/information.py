@@ -68,9 +68,8 @@ def estimated_information(
     leaves = Gaussians(**{name: tensor.detach() for name, tensor in gaussians.tensors().items()})
     inputs = [getattr(leaves, name).requires_grad_() for name in _PARAMETERS]
     with torch.enable_grad():
-        color = (
-            rendering := rasterizer.render(leaves, view.camera, view.camera_from_model, sh_degree=sh_degree)
-        ).color
+        rendering = rasterizer.render(leaves, view.camera, view.camera_from_model, sh_degree=sh_degree)
+    color = rendering.color
     generator = torch.Generator().manual_seed(seed)
     sums = [torch.zeros_like(tensor) for tensor in inputs]
     for done in range(1, probes + 1):
@@ -80,12 +79,11 @@ def estimated_information(
         )
         for total, gradient in zip(sums, gradients, strict=True):
             total += gradient.square() / probes
-    return ViewInformation(_columns(sums, gaussians, sh_degree), float(rendering.alpha.mean()))
+    return ViewInformation(_columns(sums, gaussians, sh_degree), float(rendering.alpha.detach().mean()))
 
 
 def _columns(parts: list[Tensor], gaussians: Gaussians, sh_degree: int | None) -> Tensor:
     """All parameters of a Gaussian in one row, without the harmonics that the render did not use."""
     *others, sh_rest = parts
-    degree = gaussians.sh_degree if sh_degree is None else min(sh_degree, gaussians.sh_degree)
-    used = sh_rest[:, : sh_coefficient_count(degree) - 1]
+    used = sh_rest[:, : sh_coefficient_count(gaussians.degree_in_use(sh_degree)) - 1]
     return torch.cat([part.flatten(1) if part.ndim > 1 else part[:, None] for part in (*others, used)], dim=1)
