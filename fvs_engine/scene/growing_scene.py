@@ -31,6 +31,12 @@ from fvs_engine.splat.views import TrainingView
 MIN_POINTS = 100
 """With fewer sparse points than this a new model starts from guesses as well."""
 
+FIRM_POINTS = 1_000
+"""A model that started from guesses begins anew whenever the points that its views share have doubled, until
+it stands on so many: what training made of the guesses stays in the way of whatever comes later. Measured on
+bonsai, four views far from one another and then sixteen more: 12.8 dB on held-out views without this, 19.8 dB
+with it."""
+
 _SAVE_EVERY_S = 60.0
 
 
@@ -54,13 +60,19 @@ class SceneUpdate:
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """What an addition asks for: views with their photographs, and where Gaussians start."""
+    """What an addition asks for: views with their photographs, and where Gaussians start.
+
+    ``anew``: a new model takes the place of the one that was there, if any; then all views are ``added``.
+    ``infirm_points``: see ``GrowingScene._infirm_points``.
+    """
 
     added: tuple[tuple[PosedView, TrainingView], ...]
     moved: tuple[tuple[PosedView, TrainingView], ...]
     lost: frozenset[str]
     seeds: Seeds
     warnings: tuple[str, ...]
+    anew: bool
+    infirm_points: int | None
 
 
 class GrowingScene:
@@ -94,6 +106,8 @@ class GrowingScene:
         self._posed: dict[str, PosedView] = {}  # in the order of the trainer's views, lenses and all
         self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
         self._initial_views = 0
+        self._infirm_points: int | None = None
+        """On how few points the model began, guesses aside; None if on enough of them."""
         self._generation = 0
         self._dirty = False
 
@@ -180,10 +194,11 @@ class GrowingScene:
         standing = self._source.stand(visited, monitor)
         found = time.monotonic()
         change = self._change(standing, visited, monitor)
+        registered = tuple(view.name for view, _ in change.added if view.name not in self._posed)
         self._apply(change)
         self._visited, self._generation, self._dirty = visited, standing.generation, True
         return SceneUpdate(
-            registered=tuple(view.name for view, _ in change.added),
+            registered=registered,
             waiting=self.waiting,
             moved=len(change.moved),
             new_gaussians=len(change.seeds),
@@ -210,6 +225,7 @@ class GrowingScene:
             visited=self._visited,
             views=tuple(ViewMemory.of(view) for view in self._posed.values()),
             initial_views=self._initial_views,
+            infirm_points=self._infirm_points,
             generation=self._generation,
         ).model_dump(mode="json")
         if self._trainer is None:
@@ -255,13 +271,14 @@ class GrowingScene:
 
     def _change(self, standing: Standing, visited: Sequence[str], monitor: Monitor) -> _Change:
         """What the standing poses and points ask for; reads photographs, changes nothing."""
+        anew = self._trainer is None or self._outgrown(standing)
         order = {name: place for place, name in enumerate(visited)}
         loaded = {} if self._trainer is None else {view.name: view for view in self._trainer.views}
         added, moved = [], []
         views = sorted(standing.views, key=lambda view: order[view.name])
         for done, view in enumerate(views, start=1):
             monitor.check()
-            before = self._posed.get(view.name)
+            before = None if anew else self._posed.get(view.name)
             if before is None:
                 added.append((view, self._photograph(view)))
             elif not self._photographs.same_image(before.camera, view.camera):
@@ -271,43 +288,65 @@ class GrowingScene:
                 moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
             monitor.report("load", done, len(views))
         lost = frozenset(self._posed).difference(view.name for view in views)
-        seeds, warnings = self._seeds(standing, [view for _, view in added])
-        return _Change(tuple(added), tuple(moved), lost, seeds, warnings)
+        if anew:
+            seeds, infirm_points, warnings = self._first_seeds(standing, [view for _, view in added])
+        else:
+            seeds, infirm_points, warnings = self._further_seeds(standing), self._infirm_points, ()
+        return _Change(tuple(added), tuple(moved), lost, seeds, warnings, anew, infirm_points)
 
     def _photograph(self, view: PosedView) -> TrainingView:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
 
-    def _seeds(self, standing: Standing, added: Sequence[TrainingView]) -> tuple[Seeds, tuple[str, ...]]:
+    def _outgrown(self, standing: Standing) -> bool:
+        """Whether the model began with guesses, and there is something better to begin with now."""
+        return self._infirm_points is not None and len(standing.points) >= max(
+            MIN_POINTS, 2 * self._infirm_points
+        )
+
+    def _further_seeds(self, standing: Standing) -> Seeds:
+        means = self._model().gaussians.means.detach().cpu().numpy()
+        occupied = np.concatenate([means, self._seeded]).astype(np.float64)
+        return seeds_on_free_points(
+            standing.points, occupied, self.settings.training.max_gaussians - len(means)
+        )
+
+    def _first_seeds(
+        self, standing: Standing, views: Sequence[TrainingView]
+    ) -> tuple[Seeds, int | None, tuple[str, ...]]:
+        """Where a model begins, on how few points if on too few, and what to say of it."""
         room = self.settings.training.max_gaussians
-        if self._trainer is not None:
-            means = self._trainer.gaussians.means.detach().cpu().numpy()
-            occupied = np.concatenate([means, self._seeded]).astype(np.float64)
-            return seeds_on_free_points(standing.points, occupied, room - len(means)), ()
         seeds = seeds_on_free_points(standing.points, np.zeros((0, 3)), room)
-        if len(seeds) >= MIN_POINTS or not added:
-            return seeds, ()
-        guesses = guessed_seeds(added, room - len(seeds), self.settings.seed)
+        begun_anew = self._infirm_points is not None
+        if len(seeds) >= MIN_POINTS or not views:
+            infirm = begun_anew and len(seeds) < FIRM_POINTS
+            warning = f"The model begins anew on the {len(seeds)} points that {len(views)} views share."
+            return seeds, len(seeds) if infirm else None, (warning,) if begun_anew else ()
+        guesses = guessed_seeds(views, room - len(seeds), self.settings.seed)
         warning = (
-            f"The first {len(added)} views share only {len(seeds)} points: "
+            f"The first {len(views)} views share only {len(seeds)} points: "
             f"{len(guesses)} Gaussians start at guessed depths."
         )
-        return seeds.and_also(guesses), (warning,)
+        return seeds.and_also(guesses), len(seeds), (warning,)
 
     def _apply(self, change: _Change) -> None:
         views = [view for _, view in change.added]
-        if self._trainer is None:
+        if change.anew:
             if not views:
                 return
             gaussians = change.seeds.gaussians(self.settings.training.sh_degree)
             schedule, seed = self.settings.schedule, self.settings.seed
+            if self._trainer is None:
+                self._initial_views = len(views)
             self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, seed)
-            self._initial_views = len(views)
+            self._seeded = self._seeded[:0]
         else:
-            self._trainer.update_views([view for _, view in change.moved])
-            self._trainer.add_views(views)
-            self._trainer.drop_views(change.lost)
+            trainer = self._model()
+            trainer.update_views([view for _, view in change.moved])
+            trainer.add_views(views)
+            trainer.drop_views(change.lost)
             if len(change.seeds):
-                self._trainer.add_gaussians(change.seeds.gaussians(self.settings.training.sh_degree))
+                trainer.add_gaussians(change.seeds.gaussians(self.settings.training.sh_degree))
+        self._infirm_points = change.infirm_points
         self._posed.update({view.name: view for view, _ in (*change.moved, *change.added)})
         self._posed = {name: view for name, view in self._posed.items() if name not in change.lost}
         self._seeded = np.concatenate([self._seeded, change.seeds.points.xyz.astype(np.float32)])
@@ -317,7 +356,7 @@ class GrowingScene:
         memory = self._files.memory(state)
         self._visited, self._generation = memory.visited, memory.generation
         self._posed = {view.name: view.posed() for view in memory.views}
-        self._initial_views = memory.initial_views
+        self._initial_views, self._infirm_points = memory.initial_views, memory.infirm_points
         if not self._posed:
             return
         self._seeded = tensors["owner.seeded"].numpy()

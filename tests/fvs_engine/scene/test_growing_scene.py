@@ -11,7 +11,7 @@ from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.growing_scene import MIN_POINTS, GrowingScene
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
@@ -252,6 +252,32 @@ def test_views_that_share_no_point_start_from_guesses_in_front_of_them(
     before = quality_db(scene, ["0.png", "5.png"])
     scene.train(Monitor())
     assert quality_db(scene, ["0.png", "5.png"]) > before + 5
+
+
+def test_a_model_of_guesses_begins_anew_once_its_views_share_points(
+    tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
+) -> None:
+    settings = quick_settings()
+    scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    scene.add(["0.png", "5.png"], Monitor())
+    scene.train(Monitor())
+    scene.save()
+    resumed = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    for grown in (scene, resumed):  # as if the first was killed before it saved again
+        update = grown.add(["1.png", "9.png"], Monitor())
+        assert "begins anew" in update.warnings[0]
+        assert update.registered == ("1.png", "9.png")
+        assert [view.name for view in grown.views] == ["0.png", "5.png", "1.png", "9.png"]
+        assert (grown.iteration, grown.target_iteration) == (0, 40)
+        assert ball.points is not None
+        places = ball.points.seen_by(grown.visited).xyz.astype(np.float32)
+        assert len(grown.gaussians) == update.new_gaussians == len(places) > MIN_POINTS
+        assert set(map(tuple, grown.gaussians.means.tolist())) == set(map(tuple, places.tolist()))
+        grown.train(Monitor())
+    assert resumed.gaussians.means.equal(scene.gaussians.means)
+    update = scene.add(["4.png"], Monitor())  # the points have not doubled again
+    assert update.warnings == ()
+    assert scene.iteration == 40
 
 
 def test_the_cap_on_gaussians_binds_additions_too(
