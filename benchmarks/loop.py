@@ -1,0 +1,176 @@
+"""One whole step of the loop, against the paper's way: everything again after every photograph.
+
+    python benchmarks/loop.py DATASET [--counts 10 25 50] [--long-side 400] [--candidates 50] [--json
+    loop.json]
+
+A selection by the median frequency runs to the largest count, structure from motion on the visited
+photographs only. A step is: 50 candidates rendered and ranked, the chosen photograph registered in the
+standing reconstruction, new Gaussians, 100 more iterations, all of it saved. Around every count n the median
+of three steps is taken. The paper's way with the same n + 1 photographs, in the same run and on the same
+threads: structure from motion from nothing, 1,000 + 100 per view iterations from nothing, the same
+candidates ranked (goal: a step costs ≤ 1/20 of that at 50, and does not grow with the number of views beyond
+what matching needs).
+"""
+
+import argparse
+import itertools
+import os
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from measurement import Timing, report
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.select import scene_settings
+from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.score import Candidate, MedianFrequency, rank
+from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord
+from fvs_engine.select.model_alignment import align_to_model
+from fvs_engine.splat.raster import create_rasterizer
+
+INITIAL = 10
+TIMED = 3
+"""Steps that are timed around a count."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A turn of the loop, and the processor time that it took on all cores and in all processes."""
+
+    record: StepRecord
+    processor_s: float
+
+
+@dataclass(frozen=True)
+class Again:
+    """What everything again costs, in seconds, and what it finds."""
+
+    sfm: float
+    train: float
+    score: float
+    processor_s: float
+    registered: int
+
+    @property
+    def total(self) -> float:
+        return self.sfm + self.train + self.score
+
+
+def processor_s() -> float:
+    """Processor time so far, children that ended included: what a busy machine does not stretch as much."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def everything_again(loop: SelectionLoop, step: StepRecord) -> Again:
+    """The state after a step, made from nothing, and as many candidates ranked as the step had."""
+    names = loop.visited[: step.views]
+    settings = loop.settings.scene
+    iterations = settings.initial_iterations + settings.iterations_per_view * (len(names) - INITIAL)
+    candidates = [place.id for place in step.choice.ranked]
+    worked = processor_s()
+    with tempfile.TemporaryDirectory() as folder:
+        scene = GrowingScene.open(
+            Path(folder),
+            loop.dataset,
+            settings.model_copy(update={"initial_iterations": iterations}),
+            loop.scene.rasterizer,
+            Monitor(),
+        )
+        times = [time.perf_counter()]
+        scene.add(names, Monitor())
+        times.append(time.perf_counter())
+        scene.train(Monitor())
+        times.append(time.perf_counter())
+        rank(MedianFrequency().score(scene.gaussians, in_model(candidates, scene), scene.rasterizer))
+        times.append(time.perf_counter())
+        sfm, train, score = (after - before for before, after in itertools.pairwise(times))
+        return Again(sfm, train, score, processor_s() - worked, len(scene.views))
+
+
+def in_model(names: list[str], scene: GrowingScene) -> list[Candidate]:
+    """Views of the dataset as candidates in the frame of the scene's model."""
+    worlds = {name: scene.dataset.by_name[name].camera_from_world.inverse() for name in scene.dataset.names}
+    alignment = align_to_model(
+        [worlds[view.name] for view in scene.views],
+        [view.camera_from_model.inverse() for view in scene.views],
+    )
+    return [
+        Candidate(
+            name,
+            scene.expected_camera(name),
+            alignment.model_from_world.move_camera(worlds[name]).inverse(),
+        )
+        for name in names
+    ]
+
+
+def compare(loop: SelectionLoop, steps: list[Step], views: int) -> dict[str, Any]:
+    """A row of the table: the step that begins with ``views`` views, and everything again."""
+    (middle,) = (index for index, step in enumerate(steps) if step.record.views == views + 1)
+    around = steps[max(middle - TIMED // 2, 0) : middle + TIMED // 2 + 1]
+    seconds = [step.record.seconds for step in around]
+    totals = [part.total for part in seconds]
+    worked = median(step.processor_s for step in around)
+    again = everything_again(loop, steps[middle].record)
+    print(f"{views + 1} views from nothing: {again}", flush=True)
+    return {
+        "views": views,
+        "a step": Timing(min(totals), median(totals), max(totals), len(totals)),
+        "ranking": median(part.score for part in seconds),
+        "adding": median(part.add for part in seconds),
+        "training": median(part.train for part in seconds),
+        "again, s": again.total,
+        "SfM": again.sfm,
+        "all training": again.train,
+        "stand": f"{steps[middle].record.registered} / {again.registered}",
+        "× faster": again.total / median(totals),
+        "processor, s": worked,
+        "again, processor": again.processor_s,
+        "× less": again.processor_s / worked,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dataset", type=Path, help="photographs with poses, as for `fvs select`")
+    parser.add_argument("--counts", type=int, nargs="+", default=[10, 25, 50])
+    parser.add_argument("--long-side", type=int, default=400)
+    parser.add_argument("--candidates", type=int, default=50)
+    parser.add_argument("--backend", default="auto")
+    parser.add_argument("--threads", type=int, default=1, help="of structure from motion")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+
+    dataset = open_dataset(options.dataset)
+    settings = LoopSettings(
+        scene=scene_settings(poses="sfm", long_side_px=options.long_side, threads=options.threads),
+        initial=INITIAL,
+        budget=max(options.counts) + TIMED // 2 + 1,
+        nearest=options.candidates,
+    )
+    steps = []
+    with tempfile.TemporaryDirectory() as folder:
+        rasterizer = create_rasterizer(options.backend)
+        loop = SelectionLoop.open(Path(folder) / "selection", dataset, settings, rasterizer, Monitor())
+        loop.begin(Monitor())
+        worked = processor_s()
+        while isinstance(record := loop.step(Monitor()), StepRecord):
+            steps.append(Step(record, processor_s() - worked))
+            worked = processor_s()
+            print(f"{record.views} views, {record.registered} registered: {record.seconds}", flush=True)
+        print(record.message, flush=True)
+        rows = [compare(loop, steps, count) for count in options.counts]
+    name = f"loop, {dataset.name}, {options.long_side} px, {rasterizer.name}, {options.threads} SfM thread(s)"
+    report(name, rows, options.json)
+
+
+if __name__ == "__main__":
+    main()
