@@ -80,8 +80,7 @@ class GrowingScene:
 
     A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins). Whoever
     repeats the calls that followed it, after a kill, comes to the same scene bit by bit (on the CPU, with
-    ``settings.sfm.threads=1`` where poses are estimated; ADR 1 says what the process that compiles the
-    kernels does differently). One process at a time may own a folder.
+    ``settings.sfm.threads=1`` where poses are estimated). One process at a time may own a folder.
 
     The cost of an added view does not depend on how many there are, but for what structure from motion does:
     images stay in memory, and are read again only if their camera's lens or zoom changed.
@@ -338,7 +337,7 @@ class GrowingScene:
             if self._trainer is None:
                 self._initial_views = len(views)
             self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, seed)
-            self._seeded = self._seeded[:0]
+            self._seeded, self._posed = self._seeded[:0], {}
         else:
             trainer = self._model()
             trainer.update_views([view for _, view in change.moved])

@@ -201,6 +201,24 @@ def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, Mo
     assert scene.iteration == scene.target_iteration == 40
 
 
+def test_a_scene_that_began_anew_resumes_with_its_views_in_order(
+    moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
+) -> None:
+    scene, source = moving
+    points, source.points, source.late = source.points, np.zeros((0, 3)), {"0.png"}
+    scene.add(FIRST, Monitor())
+    source.late = set()
+    scene.add(["7.png"], Monitor())
+    assert [view.name for view in scene.views] == ["4.png", "2.png", "6.png", "0.png", "7.png"]
+    source.points = points
+    scene.add(["8.png"], Monitor())
+    assert [view.name for view in scene.views] == [*FIRST, "7.png", "8.png"]
+    scene.save()
+    resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
+    resumed._resume(Monitor())
+    assert_same(scene, resumed)
+
+
 def test_a_scene_without_any_camera_says_so_and_waits(
     moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
 ) -> None:
