@@ -37,7 +37,9 @@ class Metrics:
 
 def configure_logging(*, machine: bool) -> None:
     """Log to stderr: JSON lines for machines, colours on a terminal. Call once, when a program starts."""
-    people = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    people = structlog.dev.ConsoleRenderer(
+        colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
+    )
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

@@ -1,0 +1,127 @@
+import io
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
+from typing import Any
+
+import piexif
+import pytest
+from PIL import Image
+
+from fvs_engine.geometry.priors import PhotographPriors, read_priors
+
+DEGREES, MINUTES, SECONDS = (48, 1), (18, 1), (3600, 100)
+
+
+def _jpeg(exif: dict[str, Any] | None = None, xmp: str = "") -> bytes:
+    out = io.BytesIO()
+    options = {"exif": piexif.dump(exif)} if exif else {}
+    Image.new("RGB", (8, 8)).save(out, "JPEG", **options)
+    content = out.getvalue()
+    if not xmp:
+        return content
+    packet = b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode()
+    segment = b"\xff\xe1" + (len(packet) + 2).to_bytes(2, "big") + packet
+    return content[:2] + segment + content[2:]
+
+
+def _gps(**changes: Any) -> dict[str, Any]:
+    tags = {
+        "GPSLatitudeRef": b"S",
+        "GPSLatitude": (DEGREES, MINUTES, SECONDS),
+        "GPSLongitudeRef": b"E",
+        "GPSLongitude": ((7, 1), (30, 1), (0, 1)),
+        "GPSAltitudeRef": 0,
+        "GPSAltitude": (4125, 10),
+        **changes,
+    }
+    return {"GPS": {getattr(piexif.GPSIFD, name): value for name, value in tags.items() if value is not None}}
+
+
+def _xmp(attributes: str = "", elements: str = "") -> str:
+    return (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {attributes}>{elements}'
+        "</rdf:Description></rdf:RDF></x:xmpmeta>"
+    )
+
+
+def test_a_fix_is_read_with_its_hemispheres() -> None:
+    priors = read_priors(_jpeg(_gps()))
+    assert priors.latitude_deg == pytest.approx(-(48 + 18 / 60 + 36 / 3600))
+    assert priors.longitude_deg == pytest.approx(7.5)
+    assert priors.altitude_m == pytest.approx(412.5)
+    assert not priors.doubtful
+    west = read_priors(_jpeg(_gps(GPSLongitudeRef=b"W", GPSAltitudeRef=1)))
+    assert (west.longitude_deg, west.altitude_m) == (pytest.approx(-7.5), pytest.approx(-412.5))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"GPSLatitudeRef": None},
+        {"GPSLongitudeRef": b"Q"},
+        {"GPSLongitude": None},
+        {"GPSLatitude": ((0, 1), (0, 1), (0, 1)), "GPSLongitude": ((0, 1), (0, 1), (0, 1))},
+        {"GPSLatitude": ((91, 1), (0, 1), (0, 1))},
+        {"GPSLatitude": ((48, 0), (0, 1), (0, 1))},
+    ],
+)
+def test_a_fix_that_cannot_be_true_is_left_out_and_said(changes: dict[str, Any]) -> None:
+    priors = read_priors(_jpeg(_gps(**changes)))
+    assert (priors.latitude_deg, priors.longitude_deg, priors.altitude_m) == (None, None, None)
+    assert priors.doubtful
+
+
+@pytest.mark.parametrize("longitude", ["GpsLongitude", "GpsLongtitude"])
+@pytest.mark.parametrize("as_elements", [True, False])
+def test_gimbal_angles_and_dji_positions_are_read(longitude: str, as_elements: bool) -> None:
+    values = {
+        "GpsLatitude": "+22.5",
+        longitude: "-113.25",
+        "AbsoluteAltitude": "+84.10",
+        "GimbalYawDegree": "-127.60",
+        "GimbalPitchDegree": "-89.90",
+        "GimbalRollDegree": "+0.00",
+    }
+    if as_elements:
+        xmp = _xmp(elements="".join(f"<drone-dji:{k}>{v}</drone-dji:{k}>" for k, v in values.items()))
+    else:
+        xmp = _xmp(attributes=" ".join(f'drone-dji:{k}="{v}"' for k, v in values.items()))
+    priors = read_priors(_jpeg(xmp=xmp))
+    assert (priors.latitude_deg, priors.longitude_deg, priors.altitude_m) == (22.5, -113.25, 84.1)
+    assert (priors.yaw_deg, priors.pitch_deg, priors.roll_deg) == (-127.6, -89.9, 0.0)
+
+
+def test_exif_wins_over_xmp_and_xmp_helps_out() -> None:
+    xmp = _xmp('drone-dji:GpsLatitude="1.5" drone-dji:GpsLongitude="2.5"')
+    assert read_priors(_jpeg(_gps(), xmp)).longitude_deg == pytest.approx(7.5)
+    helped = read_priors(_jpeg(_gps(GPSLatitudeRef=None), xmp))
+    assert (helped.latitude_deg, helped.doubtful) == (1.5, False)
+
+
+@pytest.mark.parametrize(
+    "xmp",
+    [
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><broken</x:xmpmeta>',
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"',
+        _xmp('drone-dji:GimbalYawDegree="NaN" drone-dji:GimbalPitchDegree="down"'),
+        _xmp('drone-dji:GimbalYawDegree="1e9"'),
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><!DOCTYPE a [<!ENTITY b "c">]>&b;</x:xmpmeta>',
+    ],
+)
+def test_damaged_metadata_says_nothing(xmp: str) -> None:
+    assert read_priors(_jpeg(xmp=xmp)) == PhotographPriors()
+
+
+@pytest.mark.parametrize("damage", [lambda c: b"", lambda c: c[:40], lambda c: c[:30] + b"\xff" * 60 + c[90:]])
+def test_damaged_files_do_not_raise(damage: Callable[[bytes], bytes]) -> None:
+    read_priors(damage(_jpeg(_gps())))
+
+
+def test_the_time_has_its_zone_and_fraction() -> None:
+    exif = {"Exif": {piexif.ExifIFD.DateTimeOriginal: b"2026:05:04 03:02:01"}}
+    assert read_priors(_jpeg(exif)).captured_at == datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC)
+    exif["Exif"] |= {0x9291: b"25", 0x9011: b"-03:30"}
+    zone = timezone(-timedelta(hours=3, minutes=30))
+    moment = read_priors(_jpeg(exif)).captured_at
+    assert moment == datetime(2026, 5, 4, 3, 2, 1, 250_000, tzinfo=zone)

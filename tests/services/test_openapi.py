@@ -1,0 +1,126 @@
+import contextlib
+from collections import Counter
+from typing import Any
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis.errors import Unsatisfiable
+from schemathesis import GenerationMode
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+
+@pytest.fixture(scope="module")
+def document(gateway: Any) -> dict[str, Any]:
+    return gateway.client.get("/openapi.json").json()
+
+
+def _operations(document: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]]]:
+    return [
+        (method, path, operation)
+        for path, operations in document["paths"].items()
+        for method, operation in operations.items()
+    ]
+
+
+def test_the_document_is_openapi_31_and_names_every_operation(document: dict[str, Any]) -> None:
+    assert document["openapi"].startswith("3.1")
+    for method, path, operation in _operations(document):
+        assert operation["summary"], (method, path)
+        assert operation["description"], (method, path)
+        answers = operation["responses"]
+        for status in ("4XX", "5XX"):
+            assert list(answers[status]["content"]) == ["application/problem+json"]
+        assert "422" not in answers
+    paths = {path for _, path, _ in _operations(document)}
+    for wanted in (
+        "/v1/scenes",
+        "/v1/scenes/{scene_id}/images:check",
+        "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}",
+        "/v1/scenes/{scene_id}/events",
+        "/v1/jobs/{job_id}:cancel",
+        "/v1/jobs/{job_id}:retry",
+        "/v1/rankings/{ranking_id}/candidates/{candidate_id}/{picture}.png",
+        "/v1/snapshots/{snapshot_id}/artifacts/{name}",
+        "/v1/capabilities",
+        "/livez",
+        "/readyz",
+        "/metrics",
+    ):
+        assert wanted in paths
+
+
+def test_examples_work_when_they_are_pasted(gateway: Any, document: dict[str, Any]) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    pasted = 0
+    for method, path, operation in _operations(document):
+        body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+        if body is None:
+            continue
+        examples = document["components"]["schemas"][body["schema"]["$ref"].rpartition("/")[2]]["examples"]
+        for example in examples:
+            answer = gateway.client.request(method, path.format(scene_id=scene), json=example)
+            assert answer.status_code in (200, 201, 202), (path, example, answer.text)
+            pasted += 1
+    assert pasted >= 7
+
+
+def test_every_reference_in_the_document_leads_somewhere(document: dict[str, Any]) -> None:
+    def walk(node: Any) -> None:
+        if isinstance(node, dict):
+            if "$ref" in node:
+                assert node["$ref"].rpartition("/")[2] in document["components"]["schemas"]
+            for child in node.values():
+                walk(child)
+        elif isinstance(node, list):
+            for child in node:
+                walk(child)
+
+    walk(document)
+
+
+_CHECKS = (
+    schemathesis.checks.not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+)
+
+
+@pytest.mark.parametrize("mode", [GenerationMode.POSITIVE, GenerationMode.NEGATIVE])
+def test_whatever_is_sent_is_answered_as_the_document_says(serve: Any, mode: GenerationMode) -> None:
+    """Requests made from the document, valid and not; event streams never end, and are left out."""
+    url = str(serve().client.base_url)
+    schema = schemathesis.openapi.from_url(f"{url}/openapi.json").exclude(path_regex="/events$")
+    answered: Counter[int] = Counter()
+    for result in schema.get_all_operations():
+        operation = result.ok()
+        try:
+            cases = operation.as_strategy(generation_mode=mode)
+        except Unsatisfiable:  # nothing can be wrong with a request that has no part
+            continue
+
+        @settings(
+            max_examples=6,
+            deadline=None,
+            derandomize=True,
+            database=None,
+            phases=(Phase.generate,),
+            suppress_health_check=list(HealthCheck),
+        )
+        @given(case=cases)
+        def run(case: Any) -> None:
+            answer = case.call_and_validate(checks=_CHECKS)
+            answered[answer.status_code] += 1
+
+        with contextlib.suppress(Unsatisfiable):
+            run()
+    assert sum(answered.values()) >= 100
+    assert set(answered) & {200, 201} if mode is GenerationMode.POSITIVE else set(answered) & {422}
