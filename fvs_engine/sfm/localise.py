@@ -1,5 +1,7 @@
 """Place photographs in a standing model without changing it, to judge it by photographs that it never saw."""
 
+import contextlib
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,12 +9,13 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.database import feature_counts
+from fvs_engine.sfm.database import feature_counts, require_sound_database
 from fvs_engine.sfm.features import add_features, camera_groups, import_images
 from fvs_engine.sfm.neighbours import Looks, match_with_neighbours
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, camera_from_pycolmap
-from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
 
 
 def localise(
@@ -33,6 +36,8 @@ def localise(
     """
     stages.folder.root.mkdir(parents=True, exist_ok=True)
     guests = stages.folder.database
+    require_sound_database(guests)
+    _forget_changed(stages.folder, image_dir, names)
     with stages.timed("features"):
         import_images(stages, image_dir, [*order, *names])
     add_features(stages, image_dir, names)
@@ -69,6 +74,18 @@ def localise(
         )
     stages.monitor.report("localisation", len(usable), len(usable))
     return {name: _view(name, placed[name]) for name in names if name in placed}
+
+
+def _forget_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) -> None:
+    """Start the database again when it knows another photograph by one of these names."""
+    known: dict[str, int] = {}
+    with contextlib.suppress(OSError, ValueError):
+        known = json.loads(folder.state.read_text(encoding="utf-8"))
+    sizes = {name: (image_dir / name).stat().st_size for name in names}
+    if any(known.get(name, size) != size for name, size in sizes.items()):
+        delete_database(folder.database)
+        known = {}
+    write_text_atomically(folder.state, json.dumps(known | sizes))
 
 
 def _view(name: str, placed: Mapping[str, Any]) -> PosedView:

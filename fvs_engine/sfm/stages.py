@@ -119,9 +119,9 @@ class Stages:
         changed = any(before.get("images", {}).get(name, size) != size for name, size in sizes.items())
         gone = set(before.get("images", {})) - set(sizes)
         if before.get("features") != state["features"] or changed or gone:
-            _delete_database(self.folder.database)
+            delete_database(self.folder.database)
         if before.get("models") != state["models"] or changed:
-            _delete_database(self.folder.calibrated)
+            delete_database(self.folder.calibrated)
             shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)
         if before.get("mapping") != state["mapping"] or changed:
             self.folder.report.unlink(missing_ok=True)
@@ -173,6 +173,7 @@ def _digest(value: object) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
-def _delete_database(database: Path) -> None:
+def delete_database(database: Path) -> None:
+    """Remove a database with its journal."""
     for suffix in ("", "-wal", "-shm"):
         Path(f"{database}{suffix}").unlink(missing_ok=True)

@@ -184,6 +184,22 @@ def test_strangers_and_collages_are_neither_localised_nor_registered(
     assert growing.generation == 1
 
 
+def test_an_image_of_another_camera_finds_its_place_too(
+    grown: Grown, kermit_copy: Path, kermit_names: list[str], kermit_sfm: SfmResult, tmp_path: Path
+):
+    with Image.open(kermit_copy / kermit_names[-1]) as image:
+        image.convert("RGB").resize((512, 384)).save(kermit_copy / kermit_names[-1], quality=95)
+    growing = GrowingReconstruction.open(copy_of(grown.folder, tmp_path), kermit_copy, SETTINGS, Monitor())
+    (guest,) = growing.localise(kermit_names[-1:], Monitor()).values()
+    assert growing.add(kermit_names[-1:], Monitor()).registered == (kermit_names[-1],)
+    added = growing.reconstruction.views[-1]
+    assert (guest.camera.width, added.camera.width) == (512, 512)
+    # One image alone says less of its focal length, and so of its distance, than many of one camera.
+    spread = centre_spread(np.stack(list(kermit_sfm.reconstruction.centres().values())))
+    assert shares_apart(growing.reconstruction, kermit_sfm.reconstruction).max() < 2 * AGREEMENT
+    assert np.linalg.norm(guest.centre - added.centre) < 5 * AGREEMENT * spread
+
+
 def strangers(data_dir: Path, folder: Path, count: int) -> list[str]:
     """Photographs of other places, each of another one."""
     places = ("fountain-P11", "castle-P19", "brighton", "banana")
