@@ -1,0 +1,114 @@
+from dataclasses import dataclass, field
+
+import pytest
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.select.interface import select
+from fvs_engine.select.selectors import SELECTORS, create_selector
+
+
+@dataclass
+class Told:
+    """A selector that says what it was told, and remembers what it was asked."""
+
+    answers: dict[str, tuple[float | None, CandidateStatus]]
+    depends_on_visited: bool = False
+    name: str = "told"
+    asked: list[tuple[list[str], int]] = field(default_factory=list)
+
+    def score(self, context, monitor=None):  # noqa: ARG002 - what every selector takes
+        self.asked.append(([view.id for view in context.visited], context.step))
+        return tuple(CandidateScore(c.id, *self.answers[c.id], 0.5) for c in context.candidates)
+
+
+def ranked(**scores):
+    return {name: (score, CandidateStatus.RANKED) for name, score in scores.items()}
+
+
+@pytest.fixture
+def views(view_at):
+    return {name: view_at(name, (x, 3, 0)) for name, x in [("a", 0), ("b", 1), ("c", 9), ("d", 2)]}
+
+
+def test_the_lowest_score_is_chosen_and_ties_go_to_the_nearest(context, views):
+    here = context([views["a"]], [views["b"], views["c"], views["d"]])
+    selection = select(here, Told(ranked(b=1.0, c=0.5, d=0.5)), {"b": 1.0, "c": 9.0, "d": 2.0})
+    assert selection.chosen == ("d",)
+    assert selection.fallback is None
+    assert [place.id for place in selection.ranked] == ["d", "c", "b"]
+
+
+def test_low_coverage_is_taken_only_when_nothing_is_ranked(context, views):
+    here = context([views["a"]], [views["b"], views["c"], views["d"]])
+    low, out = CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL
+    answers = {"b": (5.0, low), "c": (4.0, low), "d": (9.0, CandidateStatus.RANKED)}
+    assert select(here, Told(answers), {}).chosen == ("d",)
+    selection = select(here, Told({**answers, "d": (None, out)}), {})
+    assert (selection.chosen, selection.fallback) == (("c",), "low-coverage")
+
+
+def test_without_any_score_the_farthest_view_is_taken(context, views):
+    out = (None, CandidateStatus.OUT_OF_MODEL)
+    here = context([views["a"]], [views["b"], views["c"], views["d"]])
+    selection = select(here, Told({"b": out, "c": out, "d": out}), {})
+    assert (selection.chosen, selection.fallback) == (("c",), "farthest")
+    assert all(place.score is None for place in selection.ranked)
+
+
+def test_several_views_are_chosen_from_one_ranking_or_one_after_another(context, views):
+    here = context([views["a"]], [views["b"], views["c"], views["d"]])
+    at_once = Told(ranked(b=3.0, c=2.0, d=1.0))
+    assert select(here, at_once, {}, count=2).chosen == ("d", "c")
+    assert at_once.asked == [(["a"], 0)]
+    one_by_one = Told(ranked(b=3.0, c=2.0, d=1.0), depends_on_visited=True)
+    assert select(here, one_by_one, {}, count=5).chosen == ("d", "c", "b")
+    assert one_by_one.asked == [(["a"], 0), (["a", "d"], 1), (["a", "d", "c"], 2)]
+
+
+def test_nothing_to_choose_from_is_an_error(context, views):
+    with pytest.raises(InvalidInputError, match="no candidate"):
+        select(context([views["a"]], []), Told({}), {})
+    with pytest.raises(InvalidInputError, match="At least one"):
+        select(context([views["a"]], [views["b"]]), Told(ranked(b=1.0)), {}, count=0)
+
+
+def test_contexts_that_contradict_themselves_cannot_be_made(context, views):
+    with pytest.raises(InvalidInputError, match="more than once"):
+        context([views["a"]], [views["b"], views["a"]])
+    with pytest.raises(InvalidInputError, match="order of capture"):
+        context([views["a"]], [views["b"]], order={"a": 0})
+
+
+def test_the_table_knows_all_names_and_says_so():
+    assert set(SELECTORS) == {
+        "median-frequency", "random", "uniform", "farthest", "nearest", "fisher", "d-optimal", "coverage",
+        "spectral-median",
+    }  # fmt: skip
+    assert all(create_selector(name).name == name for name in SELECTORS)
+    with pytest.raises(InvalidInputError, match=r"'best'.*median-frequency.*d-optimal"):
+        create_selector("best")
+
+
+@pytest.mark.parametrize("name", SELECTORS)
+def test_all_selectors_repeat_themselves_whatever_the_order_of_the_candidates(context, ring, ball, name):
+    visited, candidates = ring(0, 20), ring(60, 100, 180, 250)
+    order = {view.id: place for place, view in enumerate([*visited, *candidates])}
+    scores = create_selector(name).score(context(visited, candidates, order=order))
+    again = create_selector(name).score(context(visited, candidates[::-1], order=order))
+    assert scores == again[::-1]
+    assert [score.id for score in scores] == [view.id for view in candidates]
+    assert all(score.status is CandidateStatus.RANKED for score in scores)
+    assert all(tensor.grad is None and not tensor.requires_grad for tensor in ball.tensors().values())
+
+
+@pytest.mark.parametrize("name", SELECTORS)
+def test_views_of_nothing_never_have_a_number_that_is_not_finite(context, ring, view_at, name):
+    blank = view_at("blank", (3, 0, 0), target=(9, 0, 0))
+    here = context(ring(0, 30), [blank, *ring(90)])
+    void, seen = create_selector(name).score(here)
+    if void.coverage is not None:
+        assert void.status is CandidateStatus.OUT_OF_MODEL
+        assert void.score is None
+    assert seen.status is CandidateStatus.RANKED
+    assert select(context(ring(0, 30), [blank]), create_selector(name), {}).chosen == ("blank",)
