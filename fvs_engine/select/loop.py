@@ -289,6 +289,7 @@ class SelectionLoop:
 
     def _learn(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
         """Add views and train as far as the schedule goes; returns warnings and seconds per part."""
+        before = self.scene.visited, self.scene.iteration
         times = [time.monotonic()]
         update = self.scene.add(tuple(names), monitor)
         times.append(time.monotonic())
@@ -300,7 +301,8 @@ class SelectionLoop:
             )
         self.scene.train(monitor)
         times.append(time.monotonic())
-        self.scene.save()
+        if (self.scene.visited, self.scene.iteration) != before:
+            self.scene.save()
         times.append(time.monotonic())
         add, train, save = np.diff(times).tolist()
         return update.warnings, {"add": add, "train": train, "save": save}
