@@ -42,7 +42,8 @@ class Dataset:
     """Photographs in ``image_dir`` with their poses; ``views`` in order of capture, which is by name.
 
     ``points`` are those of the dataset's model, None when it has none. ``warnings`` are sentences about what
-    was left out.
+    was left out. ``arriving``: photographs are still to come into the folder, and nobody knows their poses;
+    there are no views then, and a scene of it finds its poses by structure from motion.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Dataset:
     views: tuple[DatasetView, ...]
     points: SparsePoints | None = None
     warnings: tuple[str, ...] = field(default=())
+    arriving: bool = False
 
     @cached_property
     def by_name(self) -> dict[str, DatasetView]:

@@ -179,7 +179,7 @@ class GrowingScene:
         ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
         """
         unknown = [name for name in names if name not in self.dataset.by_name]
-        if unknown:
+        if unknown and not self.dataset.arriving:
             raise InvalidInputError(
                 f"{self.dataset.name} has no view {unknown[0]}.", hint="Give names of the dataset's views."
             )

@@ -31,6 +31,30 @@ class Limits(BaseModel):
     page_items: PositiveInt = 1_000
 
 
+class WorkerSettings(BaseModel):
+    """How workers share the machine, and how scenes learn unless a job says otherwise.
+
+    ``memory_bytes`` is for all scenes of one worker, by default three quarters of the machine's shared by its
+    workers; what does not fit waits. ``threads`` are those of one job, by default all cores.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    count: PositiveInt = 1
+    jobs_at_once: PositiveInt = 1
+    memory_bytes: PositiveInt | None = None
+    idle_s: PositiveFloat = 600.0
+    threads: PositiveInt | None = None
+    backend: str = "auto"
+    long_side_px: int = Field(default=800, ge=64, le=8192)
+    initial_iterations: PositiveInt = 1_000
+    iterations_per_image: PositiveInt = 100
+    fine_iterations: PositiveInt = 30_000
+    max_gaussians: PositiveInt = 100_000
+    fine_max_gaussians: PositiveInt = 1_000_000
+    queue_poll_s: PositiveFloat = 0.15
+
+
 class Settings(BaseSettings):
     """Read from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or given in code.
 
@@ -60,11 +84,24 @@ class Settings(BaseSettings):
     inspection_s: PositiveFloat = 60.0
     inspection_bytes: PositiveInt = 4096 * MEGABYTE
     limits: Limits = Limits()
+    worker: WorkerSettings = WorkerSettings()
 
     @property
     def database(self) -> str:
         """The database's URL, as SQLAlchemy spells it."""
         return self.database_url or f"sqlite:///{self.root.absolute() / 'fvs.sqlite3'}"
+
+    @property
+    def queue(self) -> str:
+        """The URL of the job engine's database: the same server, or a file of its own."""
+        if self.database_url and not self.database_url.startswith("sqlite"):
+            return self.database_url
+        return f"sqlite:///{self.root.absolute() / 'queue.sqlite3'}"
+
+    @property
+    def scenes(self) -> Path:
+        """Where workers keep what scenes go on from."""
+        return self.root / "scenes"
 
     @property
     def staging(self) -> Path:
