@@ -1,5 +1,6 @@
 """The native stages of growth: images registered into a standing model, and images placed in it."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,9 @@ Keypoints = Mapping[int, NDArray[np.float64]]
 
 _MIN_POSE_INLIERS = 30
 """Points that an image must see for its pose to be estimated; COLMAP's own limit."""
+
+_MAX_REFUSALS = 3
+"""So often the place found for an image may be contradicted before it is left for another call."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ def grow(
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
             adjusted = True
     growth.mapper.end_reconstruction(False)
+    growth.take_out_contradicted()
     _color(model, image_dir, standing)
     model.update_point_3d_errors()
     model.write_binary(out_dir)
@@ -122,6 +127,8 @@ class _Growth:
         self.model = model
         self.registered: list[str] = []
         self.refused: dict[str, str] = {}
+        self._refusals: Counter[str] = Counter()
+        self._resting: set[str] = set()
         self._cache = cache
         self._options = options
         self._min_image_support = min_image_support
@@ -141,11 +148,10 @@ class _Growth:
         for structure_less in (False, True):
             for image_id in self.mapper.find_next_images(self._local, structure_less):
                 name = self.model.image(image_id).name
-                if (
-                    name in names
-                    and name not in self.refused
-                    and self._register_one(image_id, structure_less)
-                ):
+                if name not in names or name in self._resting or self._refusals[name] >= _MAX_REFUSALS:
+                    continue
+                if self._register_one(image_id, structure_less):
+                    self._resting.clear()  # the model has grown: they may be placed better now
                     return True
         return False
 
@@ -164,9 +170,7 @@ class _Growth:
         self.mapper.filter_frames(options.get_mapper())
         try:
             move(self.model, align_poses(camera_poses(self.model), before))
-        except (
-            InvalidInputError
-        ):  # all cameras stand in one place: only the adjustment's own anchor holds them
+        except InvalidInputError:  # all stand in one place: only the adjustment's own anchor holds them
             return
 
     def support(self) -> float | None:
@@ -191,8 +195,7 @@ class _Growth:
             self.model, image_id, self._pairs, self._keypoints, self._min_image_support
         )
         if contradiction is not None:
-            self.refused[image.name] = contradiction
-            self.model.deregister_frame(image.frame_id)
+            self._refuse(image, contradiction)
             camera.params = params
             self.mapper.end_reconstruction(False)  # its books count the image; new ones do not
             self.mapper = self._begin()
@@ -207,8 +210,26 @@ class _Growth:
             triangulation,
             image_id,
         )
+        self.refused.pop(image.name, None)
         self.registered.append(image.name)
         return True
+
+    def take_out_contradicted(self) -> None:
+        """Look at the new cameras once more, where all adjustments have left them."""
+        for name in self.registered:
+            image = self.model.find_image_with_name(name)
+            if image is not None and image.has_pose:
+                contradiction = contradicts(
+                    self.model, image.image_id, self._pairs, self._keypoints, self._min_image_support
+                )
+                if contradiction is not None:
+                    self._refuse(image, contradiction)
+
+    def _refuse(self, image: pycolmap.Image, contradiction: str) -> None:
+        self.refused[image.name] = contradiction
+        self._refusals[image.name] += 1
+        self._resting.add(image.name)
+        self.model.deregister_frame(image.frame_id)
 
     def _begin(self) -> pycolmap.IncrementalMapper:
         mapper = pycolmap.IncrementalMapper(self._cache)
