@@ -31,17 +31,16 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
     here = loop.dataset.by_name[loop.visited[-1]].centre
     centres = {name: loop.dataset.by_name[name].centre for name in names}
     in_reach = frozenset(loop.reach.distances(here, centres))
-    psnr_db = {}
+    psnr_db, found = {}, []
     with torch_threads_for(scene.rasterizer.device):
         for view in aligned_views(loop, names):
             monitor.check()
             psnr_db[view.name] = psnr(rendered(scene, view), view.image.astype(np.float32) / 255)
-    found = []
-    context = loop.context(names, loop.align())
-    for done, method in enumerate(methods, start=1):
-        scores = create_selector(method).score(context, monitor)
-        found.append(rank_correlation(method, scores, psnr_db, in_reach))
-        monitor.report(STAGE, done, len(methods))
+        context = loop.context(names, loop.align())
+        for done, method in enumerate(methods, start=1):
+            scores = create_selector(method).score(context, monitor)
+            found.append(rank_correlation(method, scores, psnr_db, in_reach))
+            monitor.report(STAGE, done, len(methods))
     return Calibration(visited=len(loop.visited), selectors=tuple(found))
 
 
