@@ -61,6 +61,19 @@ def test_a_broken_stream_resumes_where_it_ended(server: Any) -> None:
         assert next(_messages(stream.iter_lines())) == second
 
 
+def test_a_tail_leaves_out_the_past_unless_it_is_resumed(server: Any) -> None:
+    scene = server.scene()
+    path = f"/v1/scenes/{scene}/events"
+    with server.client.stream("GET", path, params={"tail": True}) as stream:
+        messages = _messages(stream.iter_lines())
+        server.queue(scene)
+        first = next(message for message in messages if "event" in message)
+    assert first["event"] == "job.queued"
+    earlier = {"Last-Event-ID": str(int(first["id"]) - 1)}
+    with server.client.stream("GET", path, params={"tail": True}, headers=earlier) as stream:
+        assert next(_messages(stream.iter_lines())) == first
+
+
 def test_a_quiet_stream_says_that_it_lives(server: Any) -> None:
     scene = server.scene()
     with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:

@@ -43,6 +43,10 @@ class EventFeed:
         principal.require(Scope.READ, scene_id)
         self._require(principal, scene_id)
 
+    async def newest(self) -> int:
+        """The number of the newest event of all scenes: who follows from it sees only what comes."""
+        return await self._read(last_number)
+
     async def watch(self) -> None:
         """Look for new events while somebody watches, until cancelled."""
         while True:

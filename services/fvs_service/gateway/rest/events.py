@@ -27,10 +27,15 @@ async def watch_events(
     metrics: Counters,
     scene_id: SceneId,
     after: Annotated[int, Query(ge=0, le=2**53, description="Begin after this event.")] = 0,
+    tail: Annotated[
+        bool, Query(description="Leave out the past: begin with what happens from now on.")
+    ] = False,
     last: Annotated[int | None, Header(alias="Last-Event-ID", ge=0, le=2**53)] = None,
 ) -> StreamingResponse:
     """Watch a scene: past events after `Last-Event-ID` (or `after`), then new ones as they come."""
     await asyncio.to_thread(feed.check, caller, scene_id)
+    if tail and last is None:
+        after = await feed.newest()
     place = ExitStack()
     place.enter_context(feed.at_once.use(caller.tenant_id))
     stream = _stream(feed, metrics, place, scene_id, after if last is None else last)
