@@ -27,16 +27,21 @@ def serve(
         typer.Option(help="Address to listen on; others than this machine's own need an API key."),
     ] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65_535, help="0 takes a free one.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="How many workers.", show_default="1")] = None,
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
     from fvs_service.errors import ServiceError
-    from fvs_service.gateway.server import run_gateway
+    from fvs_service.serving.supervisor import Supervisor
     from fvs_service.telemetry import configure_logging
 
     configure_logging(machine=log_json)
+    settings = _settings(root=root, host=host, port=port)
+    if workers is not None:
+        shared = settings.worker.model_copy(update={"count": workers})
+        settings = settings.model_copy(update={"worker": shared})
     try:
-        run_gateway(_settings(root=root, host=host, port=port), announce=typer.echo)
+        Supervisor(settings, log_json=log_json).run(announce=typer.echo)
     except ServiceError as error:
         typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
         raise typer.Exit(USAGE) from error

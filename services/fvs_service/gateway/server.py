@@ -1,5 +1,6 @@
 """The gateway's process: a socket, perhaps TLS, and the rule that nobody else gets in without a key."""
 
+import socket
 import ssl
 from collections.abc import Callable
 
@@ -21,7 +22,7 @@ def run_gateway(
 
     Raises ``ForbiddenError`` when others could reach the service and no API key protects it.
     """
-    _require_protection(settings)
+    require_protection(settings)
     config = uvicorn.Config(
         create_app(settings, backend),
         host=settings.host,
@@ -36,14 +37,29 @@ def run_gateway(
         ssl_ca_certs=None if settings.tls_client_ca is None else str(settings.tls_client_ca),
         ssl_cert_reqs=ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_REQUIRED,
     )
-    socket = config.bind_socket()
-    host, port = socket.getsockname()[:2]
+    listening = config.bind_socket()
+    host, port = listening.getsockname()[:2]
     scheme = "http" if settings.tls_certificate is None else "https"
-    announce(f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}")
-    uvicorn.Server(config).run(sockets=[socket])
+    url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+    _Server(config, lambda: announce(url)).run(sockets=[listening])
 
 
-def _require_protection(settings: Settings) -> None:
+class _Server(uvicorn.Server):
+    """Says when it answers."""
+
+    def __init__(self, config: uvicorn.Config, started: Callable[[], object]) -> None:
+        super().__init__(config)
+        self._say_started = started
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open the application, then listen, then say so."""
+        await super().startup(sockets)
+        if self.started:
+            self._say_started()
+
+
+def require_protection(settings: Settings) -> None:
+    """Raise ``ForbiddenError`` when others could reach the service and no API key protects it."""
     if not settings.keys_required:
         return
     with open_storage(settings) as storage:

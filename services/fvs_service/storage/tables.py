@@ -85,6 +85,15 @@ class SceneLeaseRow(Table):
     expires_at_ms: Mapped[int] = mapped_column(BigInteger)
 
 
+class WorkerRow(Table):
+    """A worker that lives; it is dead for good when ``expires_at_ms`` (the database's clock) has passed."""
+
+    __tablename__ = "workers"
+
+    id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    expires_at_ms: Mapped[int] = mapped_column(BigInteger)
+
+
 class ImageRow(Table):
     """An image of a scene; ``number`` is its place in the order of arrival."""
 

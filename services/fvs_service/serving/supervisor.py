@@ -1,0 +1,154 @@
+"""``fvs serve``: starts a gateway and workers, starts again what dies, and stops all of them together."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+import structlog
+
+from fvs_service.application import open_storage
+from fvs_service.errors import UnavailableError
+from fvs_service.gateway.server import require_protection
+from fvs_service.serving.child import ChildOrder
+from fvs_service.settings import Settings
+from fvs_service.worker.queue import prepare
+
+_POLL_S = 0.1
+_START_S = 60.0
+_STOP_S = 15.0
+_QUICK_S = 5.0
+"""A child that dies sooner than this is started again less and less eagerly."""
+_FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
+
+_log = structlog.get_logger()
+
+
+@dataclass
+class _Child:
+    """A process that shall run; ``name`` stays the same over all its lives."""
+
+    name: str
+    module: str
+    process: "subprocess.Popen[str] | None" = None
+    began: float = 0.0
+    pause_s: float = _FIRST_PAUSE_S
+    due: float = field(default=0.0)
+
+
+class Supervisor:
+    """Runs the service until it is asked to stop; only the main thread may call ``run``."""
+
+    def __init__(self, settings: Settings, *, log_json: bool) -> None:
+        self._settings = settings
+        self._log_json = log_json
+        self._stop = threading.Event()
+        self._gateway = _Child("gateway", "fvs_service.serving.gateway_process")
+        self._workers = [
+            _Child(f"worker-{number}", "fvs_service.serving.worker_process")
+            for number in range(settings.worker.count)
+        ]
+
+    def run(self, announce: Callable[[str], object]) -> None:
+        """Start all, tell ``announce`` where the gateway listens, and watch until SIGINT or SIGTERM.
+
+        Raises ``ForbiddenError`` when others could reach it and no API key protects it, ``UnavailableError``
+        when the gateway does not start.
+        """
+        require_protection(self._settings)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: self._stop.set())
+        with open_storage(self._settings):
+            prepare(self._settings.queue)
+        try:
+            announce(self._start_gateway())
+            for worker in self._workers:
+                self._start(worker)
+            while not self._stop.wait(_POLL_S):
+                for child in (self._gateway, *self._workers):
+                    self._revive(child)
+        finally:
+            self._stop_all()
+
+    def _start_gateway(self) -> str:
+        self._start(self._gateway)
+        url = _first_line(self._gateway, self._stop)
+        if not url:
+            raise UnavailableError(
+                f"The gateway cannot listen on {self._settings.host}:{self._settings.port}.",
+                hint="Another program may use the port: choose another with --port, or 0 for a free one.",
+            )
+        # Whenever it is started again it must be where clients know it.
+        self._settings = self._settings.model_copy(update={"port": urlsplit(url).port})
+        return url
+
+    def _start(self, child: _Child) -> None:
+        order = ChildOrder(
+            name=child.name, parent=os.getpid(), settings=self._settings, log_json=self._log_json
+        )
+        child.began = time.monotonic()
+        child.process = subprocess.Popen(
+            [sys.executable, "-m", child.module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE if child is self._gateway else sys.stderr,
+            text=True,
+            start_new_session=True,  # Ctrl-C comes here, and we stop the children in order
+        )
+        assert child.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            child.process.stdin.write(order.model_dump_json() + "\n")
+            child.process.stdin.flush()
+
+    def _revive(self, child: _Child) -> None:
+        if child.process is None:
+            if time.monotonic() >= child.due:
+                self._start(child)
+            return
+        status = child.process.poll()
+        if status is None:
+            return
+        lived_s = time.monotonic() - child.began
+        child.pause_s = min(2 * child.pause_s, _LAST_PAUSE_S) if lived_s < _QUICK_S else _FIRST_PAUSE_S
+        _log.warning("child died", name=child.name, status=status, again_in_s=child.pause_s)
+        _close(child.process)
+        child.process, child.due = None, time.monotonic() + child.pause_s
+
+    def _stop_all(self) -> None:
+        """Ask all to end, the gateway first so that nothing new comes; then do not ask any more."""
+        running = [child.process for child in (self._gateway, *self._workers) if child.process is not None]
+        for process in running:
+            process.terminate()
+        until = time.monotonic() + _STOP_S
+        for process in running:
+            try:
+                process.wait(max(0.1, until - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            _close(process)
+
+
+def _first_line(child: _Child, stop: threading.Event) -> str:
+    """What a child says first; empty when it ends, or is silent for too long."""
+    assert child.process is not None
+    assert child.process.stdout is not None
+    said: list[str] = []
+    reader = threading.Thread(target=lambda: said.append(child.process.stdout.readline()), daemon=True)  # type: ignore[union-attr]
+    reader.start()
+    until = time.monotonic() + _START_S
+    while reader.is_alive() and time.monotonic() < until and not stop.is_set():
+        reader.join(_POLL_S)
+    return said[0].strip() if said else ""
+
+
+def _close(process: "subprocess.Popen[str]") -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()

@@ -1,0 +1,80 @@
+"""Memory that scenes may use on one worker: what does not fit waits for its turn."""
+
+import os
+import threading
+from collections.abc import Callable
+
+from fvs_engine.images.pixels import reduced_size
+from fvs_engine.splat.settings import memory_need_bytes
+from fvs_service.images.model import Image
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.settings import WorkerSettings
+
+PROGRAM_BYTES = 700_000_000
+"""What a runner needs before it has learnt anything: the interpreter, torch, Numba, and structure from
+motion's child. Measured with `/proc/<pid>/status`."""
+_WARM_GAUSSIAN_BYTES = 2 * 4 * 59
+_SHARE = 0.75
+_POLL_S = 0.25
+
+
+def memory_limit_bytes(settings: WorkerSettings) -> int:
+    """What the scenes of one worker may use together."""
+    if settings.memory_bytes is not None:
+        return settings.memory_bytes
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return round(_SHARE * machine / settings.count)
+
+
+def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: WorkerSettings) -> int:
+    """What a job needs at most and about, its runner included."""
+    side = request.long_side_px or settings.long_side_px
+    sizes = [reduced_size(image.width_px or side, image.height_px or side, side) for image in images]
+    width, height = max(sizes, key=lambda size: size[0] * size[1], default=(side, side))
+    fine = request.kind is JobKind.FINE
+    gaussians = settings.fine_max_gaussians if fine else settings.max_gaussians
+    training = memory_need_bytes(gaussians, 3 if fine else 0, len(images), width, height)
+    return PROGRAM_BYTES + training
+
+
+def warm_need_bytes(gaussians: int) -> int:
+    """What a runner that only answers needs for a model of so many Gaussians."""
+    return PROGRAM_BYTES + gaussians * _WARM_GAUSSIAN_BYTES
+
+
+class MemoryBudget:
+    """Shares a limit among scenes; a scene that needs more than all of it may run alone."""
+
+    def __init__(self, limit_bytes: int, make_room: Callable[[], bool]) -> None:
+        """``make_room`` gives up something that nobody uses, and says whether there was anything."""
+        self._limit_bytes = limit_bytes
+        self._make_room = make_room
+        self._changed = threading.Condition()
+        self._reserved: dict[str, int] = {}
+
+    def reserve(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> bool:
+        """Wait until the scene may use so much, in place of what it had; False when ``give_up`` says so."""
+        while True:
+            with self._changed:
+                others = sum(size for name, size in self._reserved.items() if name != scene_id)
+                if others == 0 or others + need_bytes <= self._limit_bytes:
+                    self._reserved[scene_id] = need_bytes
+                    return True
+            if give_up():
+                return False
+            if not self._make_room():
+                with self._changed:
+                    self._changed.wait(_POLL_S)
+
+    def shrink(self, scene_id: str, need_bytes: int) -> None:
+        """The scene needs less now."""
+        with self._changed:
+            if scene_id in self._reserved:
+                self._reserved[scene_id] = min(need_bytes, self._reserved[scene_id])
+                self._changed.notify_all()
+
+    def release(self, scene_id: str) -> None:
+        """The scene uses nothing any more."""
+        with self._changed:
+            self._reserved.pop(scene_id, None)
+            self._changed.notify_all()

@@ -1,0 +1,81 @@
+"""The job engine of the service: DBOS' queues, and the worker that takes from them."""
+
+import signal
+import threading
+
+import structlog
+
+from fvs_service.application import Storage
+from fvs_service.errors import UnavailableError
+from fvs_service.jobs.port import JobTicket
+from fvs_service.jobs.service import Jobs
+from fvs_service.worker.attempt import Attempts
+from fvs_service.worker.host import Host
+from fvs_service.worker.presence import Presence
+from fvs_service.worker.queue import Queue, take_jobs
+
+_TEND_S = 2.0
+_FORGET_S = 600.0
+
+_log = structlog.get_logger()
+
+
+class DbosEngine:
+    """See ``JobEngine``."""
+
+    def __init__(self, storage: Storage) -> None:
+        self._storage = storage
+        self._queue = Queue(storage.settings.queue)
+
+    def submit(self, ticket: JobTicket) -> None:
+        """See ``JobEngine``."""
+        self._queue.submit(ticket)
+
+    def request_cancel(self, ticket: JobTicket) -> None:
+        """See ``JobEngine``."""
+        self._queue.request_cancel(ticket)
+
+    def run_worker(self, worker_id: str) -> None:
+        """See ``JobEngine``; to be called in the main thread of a process of its own."""
+        stop = threading.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: stop.set())
+        settings = self._storage.settings
+        host = Host(self._storage, worker_id)
+        attempts = Attempts(self._storage, host)
+        stop_taking = take_jobs(
+            settings.queue,
+            worker_id,
+            attempts.run,
+            host.warm,
+            jobs_at_once=settings.worker.jobs_at_once,
+            poll_s=settings.worker.queue_poll_s,
+        )
+        _log.info("worker ready", worker=worker_id)
+        try:
+            self._tend(worker_id, stop)
+        finally:
+            host.stop()
+            stop_taking()
+
+    def reap(self, worker_id: str) -> int:
+        """See ``JobEngine``."""
+        return self._queue.resume(worker_id)
+
+    def _tend(self, worker_id: str, stop: threading.Event) -> None:
+        """Until asked to stop: show that the worker lives, and see to what others left lying."""
+        presence = Presence(self._storage.database, self._storage.settings.lease_s)
+        jobs = Jobs(self._storage.database, self, self._storage.settings.limits)
+        forget_in_s = _FORGET_S
+        while not stop.wait(_TEND_S):
+            presence.show(worker_id)
+            for dead in presence.take_dead(worker_id):
+                _log.warning("reaping", worker=dead, jobs=self.reap(dead))
+            try:
+                jobs.submit_waiting()
+            except UnavailableError as error:
+                _log.warning("queue unavailable", reason=error.message)
+            forget_in_s -= _TEND_S
+            if forget_in_s <= 0:
+                self._queue.forget_finished()
+                forget_in_s = _FORGET_S

@@ -1,0 +1,179 @@
+"""The job engine on DBOS: durable queues in SQLite or PostgreSQL that survive the death of any process.
+
+What DBOS leaves to us, and what is done about it:
+
+* cancelling a running workflow would free its scene's place while its step still runs: running jobs are asked
+  by the flag in their row, and only what has not begun is taken out of the queue;
+* nothing takes over a dead executor's workflows: a worker keeps its name over restarts and recovers its own,
+  ``reap`` resumes those of one that does not come back;
+* work is done at least once: every stage of a job is a no-op once it is committed.
+"""
+
+import functools
+import logging
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+
+from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer
+from sqlalchemy import make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from fvs_service.errors import UnavailableError
+from fvs_service.jobs.model import JobKind
+from fvs_service.jobs.port import JobTicket
+
+_APPLICATION = "fvs"
+_VERSION = "1"
+"""Of what is in the queues; workers take only what is of their own."""
+_RUN, _WARM = "run_job", "warm_scene"
+_WARM_QUEUE = "warm"
+_QUEUES = {JobKind.UPDATE: "updates", JobKind.FINE: "fine-models"}
+_WARM_AT_ONCE = 4
+_KEPT_WORKFLOWS = 1_000
+
+
+class Queue:
+    """The queues as seen by whoever puts something in; safe to use from any thread."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+
+    @functools.cached_property
+    def _client(self) -> DBOSClient:
+        prepare(self._url)
+        return DBOSClient(
+            system_database_url=self._url,
+            serializer=DBOSPortableJSONSerializer(),
+            application_name=_APPLICATION,
+        )
+
+    def submit(self, ticket: JobTicket) -> None:
+        """See ``JobEngine``."""
+        try:
+            self._client.enqueue(
+                {
+                    "workflow_name": _RUN,
+                    "queue_name": _QUEUES[ticket.kind],
+                    "workflow_id": ticket.key,
+                    "app_version": _VERSION,
+                    "queue_partition_key": ticket.scene_id,
+                },
+                ticket.job_id,
+                ticket.scene_id,
+                ticket.kind.value,
+                ticket.attempt,
+            )
+        except SQLAlchemyError as error:
+            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+
+    def request_cancel(self, ticket: JobTicket) -> None:
+        """See ``JobEngine``."""
+        try:
+            waiting = self._client.list_workflows(workflow_ids=[ticket.key], status="ENQUEUED")
+            if waiting:
+                self._client.cancel_workflow(ticket.key)
+        except SQLAlchemyError as error:
+            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+
+    def warm(self, scene_id: str) -> None:
+        """Have some worker load the scene's model; without effect while that is queued already."""
+        try:
+            self._client.enqueue(
+                {
+                    "workflow_name": _WARM,
+                    "queue_name": _WARM_QUEUE,
+                    "app_version": _VERSION,
+                    "deduplication_id": scene_id,
+                    "duplication_policy": "return-existing",
+                },
+                scene_id,
+            )
+        except SQLAlchemyError as error:
+            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+
+    def resume(self, worker_id: str) -> int:
+        """Queue again what a worker that is dead for good had begun; returns how many."""
+        lost = self._client.list_workflows(executor_id=worker_id, status="PENDING")
+        by_queue: dict[str | None, list[str]] = {}
+        for workflow in lost:
+            by_queue.setdefault(workflow.queue_name, []).append(workflow.workflow_id)
+        for queue_name, ids in by_queue.items():
+            self._client.resume_workflows(ids, queue_name=queue_name)
+        return len(lost)
+
+    def forget_finished(self) -> None:
+        """Delete what was finished long ago: the rows of jobs tell all there is to tell."""
+        ended = self._client.list_workflows(
+            status=["SUCCESS", "ERROR", "CANCELLED"],
+            sort_desc=True,
+            offset=_KEPT_WORKFLOWS,
+            limit=_KEPT_WORKFLOWS,
+            load_input=False,
+            load_output=False,
+        )
+        if ended:
+            self._client.delete_workflows([workflow.workflow_id for workflow in ended])
+
+
+def prepare(url: str) -> None:
+    """Create the queues' tables, if they are not there; several processes may try at once."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite" and parsed.database:
+        with closing(sqlite3.connect(parsed.database, timeout=30)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+    logging.getLogger("dbos").setLevel(logging.WARNING)
+    DBOS.migrate(url)
+
+
+def take_jobs(
+    url: str,
+    worker_id: str,
+    run_job: Callable[[JobTicket], None],
+    warm_scene: Callable[[str], None],
+    *,
+    jobs_at_once: int,
+    poll_s: float,
+) -> Callable[[], None]:
+    """Begin to take jobs from the queues, in threads of their own; what this worker had begun comes first.
+
+    At most ``jobs_at_once`` of a kind run here, and one of a kind per scene anywhere. Returns what stops
+    taking. A process can do this once.
+    """
+    prepare(url)
+    config = DBOSConfig(
+        name=_APPLICATION,
+        system_database_url=url,
+        application_version=_VERSION,
+        executor_id=worker_id,
+        serializer=DBOSPortableJSONSerializer(),
+        log_level="WARNING",
+        run_migrations=False,
+    )
+    DBOS(config=config)
+
+    @DBOS.workflow(name=_RUN, max_recovery_attempts=None)
+    def _run_job(job_id: str, scene_id: str, kind: str, attempt: int) -> None:
+        run_job(JobTicket(job_id, scene_id, JobKind(kind), attempt))
+
+    @DBOS.workflow(name=_WARM, max_recovery_attempts=None)
+    def _warm_scene(scene_id: str) -> None:
+        warm_scene(scene_id)
+
+    DBOS.listen_queues([*_QUEUES.values(), _WARM_QUEUE])
+    DBOS.launch()
+    for kind, name in _QUEUES.items():
+        DBOS.register_queue(
+            name,
+            worker_concurrency=jobs_at_once if kind is JobKind.UPDATE else 1,
+            partition_concurrency=1,
+            polling_interval_sec=poll_s,
+            on_conflict="always_update",
+        )
+    DBOS.register_queue(
+        _WARM_QUEUE,
+        worker_concurrency=_WARM_AT_ONCE,
+        polling_interval_sec=poll_s,
+        on_conflict="always_update",
+    )
+    return DBOS.destroy

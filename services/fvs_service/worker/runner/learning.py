@@ -1,0 +1,286 @@
+"""What a job does in the runner: cameras first, then the model, then the files of a snapshot."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from fvs_engine.atomic_file import write_text_atomically
+from fvs_engine.errors import Cancelled, InvalidInputError, ReconstructionError
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.monitor import Monitor, SavingMonitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.sfm.growing import GrowingReconstruction
+from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.settings import PRESETS
+from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView
+from fvs_service.images.model import Image
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.settings import WorkerSettings
+from fvs_service.snapshots.model import SnapshotMetrics
+from fvs_service.storage.blobs import Blobs
+from fvs_service.worker.protocol import JobOutcome, JobQuestion
+from fvs_service.worker.runner.model_files import write_model_files
+from fvs_service.worker.runner.pace import JobMonitor
+from fvs_service.worker.runner.photographs import place_photographs
+from fvs_service.worker.runner.states import States
+
+_SAVE_EVERY_S = 30.0
+
+Warn = Callable[[str], None]
+
+
+class SceneChoice(BaseModel):
+    """How the scene learns: chosen by its first update, kept for its life."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    long_side_px: int
+    initial_iterations: int
+    iterations_per_image: int
+    max_gaussians: int
+
+
+@dataclass(frozen=True)
+class SceneFolder:
+    """What a scene keeps on the worker's disk."""
+
+    root: Path
+
+    @property
+    def images(self) -> Path:
+        """The photographs that were taken up."""
+        return self.root / "images"
+
+    @property
+    def growing(self) -> Path:
+        """The growing scene's own folder."""
+        return self.root / "growing"
+
+    @property
+    def choice(self) -> Path:
+        """The ``SceneChoice``."""
+        return self.root / "choice.json"
+
+    def fine(self, job_id: str) -> Path:
+        """The checkpoint of a fine model."""
+        return self.root / "fine" / f"{job_id}.safetensors"
+
+    def outcome(self, job_id: str) -> Path:
+        """Where a job leaves the files of its snapshot."""
+        return self.root / "outcome" / job_id
+
+
+class Learner:
+    """Does a scene's jobs, one at a time; keeps the growing scene warm between them."""
+
+    def __init__(
+        self, folder: Path, blobs: Blobs, settings: WorkerSettings, rasterizer: Rasterizer, states: States
+    ) -> None:
+        self._folder = SceneFolder(folder)
+        self._blobs = blobs
+        self._settings = settings
+        self._rasterizer = rasterizer
+        self._states = states
+        self._scene: GrowingScene | None = None
+
+    def run(self, question: JobQuestion, monitor: JobMonitor, warn: Warn) -> JobOutcome:
+        """Do the job; a repeated call goes on where the last one stopped. Raises ``EngineError``."""
+        try:
+            if question.request.kind is JobKind.UPDATE:
+                return self._update(question, monitor, warn)
+            return self._fine(question, monitor)
+        except BaseException:
+            self._scene = None  # what is in memory may be ahead of, or beside, what is on disk
+            raise
+        finally:
+            self._states.forget_live()
+
+    def on_step(self, question: JobQuestion, iteration: int) -> None:
+        """Let rankings use the model while an update trains it, whenever it is fit to be looked at.
+
+        Shortly after Gaussians were split a model renders worse; the schedule puts these moments half-way
+        between those at which it is published.
+        """
+        scene = self._scene
+        updating = question.request.kind is JobKind.UPDATE
+        if not updating or question.snapshot_id is None or scene is None:
+            return
+        every = scene.settings.iterations_per_view
+        if (iteration - scene.settings.initial_iterations) % every == 0:
+            self._states.publish(question.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
+
+    def _update(self, question: JobQuestion, monitor: JobMonitor, warn: Warn) -> JobOutcome:
+        images = place_photographs(self._blobs, question.images, self._folder.images, monitor)
+        if len(images) < 2:
+            raise ReconstructionError(
+                f"The scene has {len(images)} usable photographs, and a model needs two or more.",
+                hint="Send more photographs that overlap; eight or more make a good start.",
+            )
+        scene = self._open_scene(question.request, monitor, warn)
+        update = scene.add(tuple(images), monitor)
+        for sentence in update.warnings:
+            warn(sentence)
+        if update.registered or update.moved:
+            scene.save()
+        scene.train(monitor)
+        scene.save()
+        return self._outcome(
+            question, scene.views, images, scene.gaussians, scene.sh_degree, scene.iteration, monitor
+        )
+
+    def _open_scene(self, request: JobRequest, monitor: Monitor, warn: Warn) -> GrowingScene:
+        choice = self._choose(request, warn)
+        if self._scene is None:
+            self._scene = GrowingScene.open(
+                self._folder.growing,
+                Dataset("scene", self._folder.images, (), arriving=True),
+                SceneSettings(
+                    long_side_px=choice.long_side_px,
+                    initial_iterations=choice.initial_iterations,
+                    iterations_per_view=choice.iterations_per_image,
+                    training=GROWING_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
+                    sfm=self._sfm,
+                ),
+                self._rasterizer,
+                monitor,
+            )
+        return self._scene
+
+    def _choose(self, request: JobRequest, warn: Warn) -> SceneChoice:
+        """What the first update chose; of a later one's wishes it is told that they come too late."""
+        try:
+            kept = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            settings = self._settings
+            kept = SceneChoice(
+                long_side_px=request.long_side_px or settings.long_side_px,
+                initial_iterations=request.iterations or settings.initial_iterations,
+                iterations_per_image=settings.iterations_per_image,
+                max_gaussians=settings.max_gaussians,
+            )
+            write_text_atomically(self._folder.choice, kept.model_dump_json(indent=1))
+        for name, wanted, used in (
+            ("long_side_px", request.long_side_px, kept.long_side_px),
+            ("iterations", request.iterations, kept.initial_iterations),
+        ):
+            if wanted is not None and wanted != used:
+                warn(f"{name} stays {used}, which the scene's first update chose.")
+        return kept
+
+    def _fine(self, question: JobQuestion, monitor: JobMonitor) -> JobOutcome:
+        images = place_photographs(self._blobs, question.images, self._folder.images, monitor)
+        standing = self._reconstruction(monitor).reconstruction
+        if not standing.views:
+            raise InvalidInputError(
+                "The scene has no cameras yet.", hint="Run an update first; a fine model uses its cameras."
+            )
+        request, settings = question.request, self._settings
+        photographs = Photographs(self._folder.images, request.long_side_px or self._usual_side())
+        views = []
+        for done, view in enumerate(standing.views, start=1):
+            monitor.check()
+            views.append(photographs.load(view.name, view.camera, view.camera_from_model))
+            monitor.report("load", done, len(standing.views))
+        training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
+        training = training.with_iterations(request.iterations or settings.fine_iterations)
+        checkpoint = self._fine_checkpoint(question.job_id)
+        if checkpoint.exists():
+            trainer = Trainer.resume(checkpoint, views, self._rasterizer)
+        else:
+            seeds = initialise_from_points(standing.points, standing.point_colors, training.sh_degree)
+            trainer = Trainer(views, seeds, training, self._rasterizer)
+        try:
+            saving = SavingMonitor(monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
+            trainer.train(training.iterations, saving)
+        except Cancelled:
+            trainer.save(checkpoint)
+            raise
+        trainer.save(checkpoint)
+        return self._outcome(
+            question, views, images, trainer.gaussians, trainer.sh_degree, trainer.iteration, monitor
+        )
+
+    def _fine_checkpoint(self, job_id: str) -> Path:
+        """The job's checkpoint; those of jobs before it are deleted."""
+        checkpoint = self._folder.fine(job_id)
+        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        for other in checkpoint.parent.iterdir():
+            if other != checkpoint:
+                other.unlink()
+        return checkpoint
+
+    def _usual_side(self) -> int:
+        """The size that the scene's updates learn from."""
+        choice = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
+        return choice.long_side_px
+
+    @property
+    def _sfm(self) -> SfmSettings:
+        return SfmSettings(threads=self._settings.threads)
+
+    def _reconstruction(self, monitor: Monitor) -> GrowingReconstruction:
+        """The scene's cameras and points, as the last update left them."""
+        return GrowingReconstruction.open(
+            self._folder.growing / "sfm", self._folder.images, self._sfm, monitor
+        )
+
+    def _outcome(
+        self,
+        question: JobQuestion,
+        views: Sequence[TrainingView],
+        images: Mapping[str, Image],
+        gaussians: Gaussians,
+        sh_degree: int,
+        iterations: int,
+        monitor: Monitor,
+    ) -> JobOutcome:
+        """Write the snapshot's files, which the worker commits."""
+        monitor.report("snapshot", 0, 1)
+        standing = self._reconstruction(monitor)
+        assert standing.model_dir is not None
+        posed = {view.name for view in views}
+        waiting = tuple(image.digest for name, image in images.items() if name not in posed)
+        metrics = SnapshotMetrics(
+            registered=len(views),
+            waiting=len(waiting),
+            points=len(standing.reconstruction.points),
+            iterations=iterations,
+            gaussians=len(gaussians),
+            sh_degree=sh_degree,
+        )
+        folder = self._folder.outcome(question.job_id)
+        points = _seen_points(standing.reconstruction)
+        files = write_model_files(folder, views, images, points, gaussians, metrics, standing.model_dir)
+        return JobOutcome(
+            folder=str(folder),
+            files=files,
+            model_from_camera={
+                images[view.name].digest: _rows(view.camera_from_model.inverse()) for view in views
+            },
+            waiting=waiting,
+            metrics=metrics,
+        )
+
+
+def _seen_points(reconstruction: Reconstruction) -> NDArray[np.float64]:
+    """The sparse points; where there are none, as in a model that began from guesses, the cameras."""
+    if len(reconstruction.points):
+        return reconstruction.points
+    return np.stack([view.centre for view in reconstruction.views])
+
+
+def _rows(transform: RigidTransform) -> tuple[tuple[float, float, float, float], ...]:
+    """A transform as a matrix [3, 4]."""
+    return tuple((row[0], row[1], row[2], row[3]) for row in transform.matrix[:3].tolist())

@@ -1,0 +1,85 @@
+"""The files of a snapshot, made from what was learnt."""
+
+import shutil
+import zipfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.sfm.reconstruction import MODEL_FILES
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.ply import write_ply
+from fvs_engine.splat.views import TrainingView
+from fvs_service.images.model import Image
+from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
+from fvs_service.snapshots.service import CAMERAS, GAUSSIANS
+from fvs_service.worker.runner.states import METRICS
+
+COLMAP = "colmap.zip"
+"""The artefact with COLMAP's binary model of the same cameras and points."""
+
+Array = NDArray[np.float64]
+
+_BOX_PERCENTILES = (2.0, 98.0)
+"""Of the points along each axis: sparse points have far outliers."""
+
+
+def write_model_files(
+    folder: Path,
+    views: Sequence[TrainingView],
+    images: Mapping[str, Image],
+    points: Array,
+    gaussians: Gaussians,
+    metrics: SnapshotMetrics,
+    colmap: Path,
+) -> tuple[str, ...]:
+    """Write the artefacts into an empty ``folder``; returns their names. ``images`` are by view name."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    write_ply(folder / GAUSSIANS, gaussians)
+    (folder / CAMERAS).write_text(_cameras(views, images, points).model_dump_json(indent=1))
+    (folder / METRICS).write_text(metrics.model_dump_json(indent=1))
+    with zipfile.ZipFile(folder / COLMAP, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in MODEL_FILES:
+            archive.write(colmap / f"{name}.bin", f"sparse/0/{name}.bin")
+    return (GAUSSIANS, CAMERAS, METRICS, COLMAP)
+
+
+def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points: Array) -> SnapshotCameras:
+    usual = Counter(view.camera for view in views).most_common(1)[0][0]
+    lower, upper = np.percentile(points, _BOX_PERCENTILES, axis=0)
+    model_from_camera = {view.name: view.camera_from_model.inverse() for view in views}
+    return SnapshotCameras(
+        camera=PinholeIntrinsics(
+            width_px=usual.width,
+            height_px=usual.height,
+            fx_px=usual.fx,
+            fy_px=usual.fy,
+            cx_px=usual.cx,
+            cy_px=usual.cy,
+        ),
+        views=tuple(
+            SnapshotView(
+                image=images[name].digest,
+                name=images[name].name,
+                position=tuple(camera.translation.tolist()),
+                orientation_wxyz=tuple(quaternion_from_matrix(camera.rotation).tolist()),
+            )
+            for name, camera in model_from_camera.items()
+        ),
+        centre=tuple(np.median(points, axis=0).tolist()),
+        up=tuple(_up([camera.rotation for camera in model_from_camera.values()]).tolist()),
+        lower=tuple(lower.tolist()),
+        upper=tuple(upper.tolist()),
+    )
+
+
+def _up(rotations: Sequence[Array]) -> Array:
+    """The direction that is up in most images, in the model's frame."""
+    mean = -np.mean([rotation[:, 1] for rotation in rotations], axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])

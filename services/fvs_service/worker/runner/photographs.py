@@ -1,0 +1,36 @@
+"""The scene's photographs as files for the engine: upright, 8 bits, in the order of arrival."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from fvs_engine.images.catalog import catalog_images
+from fvs_engine.images.normalise import normalise_images
+from fvs_engine.monitor import Monitor
+from fvs_service.images.model import Image
+from fvs_service.images.service import fill_folder
+from fvs_service.storage.blobs import Blobs
+
+
+def place_photographs(
+    blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor
+) -> Mapping[str, Image]:
+    """Put what is missing into ``folder``; returns file name → image, sorted as they arrived.
+
+    Files have the names that ``file_name`` gives, with another suffix where the format had to change. An
+    image that the engine cannot use after all is left out.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [image for image in images if image.number not in _present(folder)]
+    if missing:
+        arrivals = folder.with_name("arrivals")
+        shutil.rmtree(arrivals, ignore_errors=True)
+        fill_folder(blobs, tuple(missing), arrivals)
+        normalise_images(catalog_images(arrivals, monitor=monitor).photographs, folder, monitor=monitor)
+        shutil.rmtree(arrivals)
+    present = _present(folder)
+    return {present[image.number]: image for image in images if image.number in present}
+
+
+def _present(folder: Path) -> dict[int, str]:
+    return {int(file.name.split("-")[0]): file.name for file in folder.iterdir() if file.name[0].isdigit()}
