@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Annotated
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 
 class Model(BaseModel):
@@ -14,7 +14,15 @@ class Model(BaseModel):
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; not a string that looks like one."""
-Count = Annotated[int, Field(strict=True, ge=0)]
+
+
+def _whole(value: object) -> object:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
+"""A whole number, also written ``3.0``, which JSON does not tell apart; not a string, not ``true``."""
+Count = Annotated[WholeNumber, Field(ge=0)]
 PositiveNumber = Annotated[Number, Field(gt=0)]
 Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 """The SHA-256 of an image's bytes."""

@@ -157,6 +157,13 @@ def test_keys_expire_and_are_revoked(locked: Any) -> None:
     assert locked.client.get("/v1/scenes", headers=good).status_code == 401
 
 
+def test_credentials_of_another_kind_are_refused_even_where_none_are_needed(gateway: Any) -> None:
+    assert gateway.client.get("/v1/scenes").status_code == 200
+    for authorization in ("Basic dTpw", "Bearer", "Bearer fvs_x_y", "fvs_x_y"):
+        answer = gateway.client.get("/v1/scenes", headers={"Authorization": authorization})
+        assert answer.status_code == 401, authorization
+
+
 @pytest.mark.parametrize("key", ["", "x", "fvs_", "fvs_unknown_secret", "fvs__", "a" * 5000])
 def test_keys_that_are_none_are_refused(locked: Any, key: str) -> None:
     answer = locked.client.get("/v1/scenes", headers={"Authorization": f"Bearer {key}"})

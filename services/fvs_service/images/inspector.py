@@ -13,8 +13,12 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+import structlog
+
 from fvs_service.images.inspection import Inspection, InspectionLimits, inspect
 from fvs_service.images.model import Verdict
+
+_log = structlog.get_logger()
 
 _ATTEMPTS = 2
 """A file that was looked at beside another that killed its child deserves a second look, alone."""
@@ -74,6 +78,7 @@ class Inspector:
     def _replace(self, broken: ProcessPoolExecutor) -> None:
         with self._lock:
             if self._pool is broken:
+                _log.warning("a child that looked at an image died")
                 self._pool = self._start()
         broken.shutdown(wait=False, cancel_futures=True)
 

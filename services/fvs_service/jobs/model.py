@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from fvs_service.model import Count, Model, Number, Timestamp
+from fvs_service.model import Count, Model, Number, Timestamp, WholeNumber
 
 
 class JobKind(StrEnum):
@@ -40,9 +40,9 @@ class JobRequest(Model):
     )
 
     kind: JobKind
-    iterations: Annotated[int, Field(strict=True, gt=0, le=100_000)] | None = None
+    iterations: Annotated[WholeNumber, Field(gt=0, le=100_000)] | None = None
     """Training iterations; by default as many as the kind of job needs for the images there are."""
-    long_side_px: Annotated[int, Field(strict=True, ge=64, le=8192)] | None = None
+    long_side_px: Annotated[WholeNumber, Field(ge=64, le=8192)] | None = None
     """Train on images reduced to this long side."""
 
 

@@ -5,13 +5,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp
+from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
 from fvs_service.scenes.model import Alignment, Coordinate, Vector
 from fvs_service.scenes.poses import FramePose, Pose
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
-_PlaceCount = Annotated[int, Field(strict=True, ge=1, le=2_000)]
+_PlaceCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
 _Distance = Annotated[PositiveNumber, Field(le=1e9)]
 
 
@@ -52,8 +52,8 @@ class Grid(Model):
     """Poses on a level grid above the model, looking straight down or at its middle."""
 
     kind: Literal["grid"]
-    columns: Annotated[int, Field(strict=True, ge=1, le=100)] = 6
-    rows: Annotated[int, Field(strict=True, ge=1, le=100)] = 6
+    columns: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
+    rows: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
     height_m: Coordinate | None = None
     """Above the middle of the model; by default as high as the highest image."""
     look: Literal["centre", "down"] = "centre"
@@ -83,6 +83,8 @@ class RankingRequest(Model):
 
     model_config = ConfigDict(
         json_schema_extra={
+            "oneOf": [{"required": ["candidates"]}, {"required": ["generator"]}],
+            "dependentRequired": {"radius_m": ["current_pose"]},
             "examples": [
                 {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
                 {
@@ -98,7 +100,7 @@ class RankingRequest(Model):
                     ],
                     "method": "median-frequency",
                 },
-            ]
+            ],
         }
     )
 
@@ -107,14 +109,14 @@ class RankingRequest(Model):
     current_pose: Pose | None = None
     radius_m: _Distance | None = None
     """How far the vehicle can go from the current pose."""
-    top_k: Annotated[int, Field(strict=True, ge=1, le=100_000)] | None = None
+    top_k: Annotated[WholeNumber, Field(ge=1, le=100_000)] | None = None
     """Return only the first so many candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
     snapshot_id: str | None = None
     """By default the newest state of the model."""
-    budget: Annotated[int, Field(strict=True, ge=1, le=10_000)] = 1
+    budget: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 1
     """How many photographs are still to be taken; some methods plan ahead."""
-    seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1)] = 0
+    seed: Annotated[WholeNumber, Field(ge=0, le=2**31 - 1)] = 0
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

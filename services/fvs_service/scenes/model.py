@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp
+from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
 
 Latitude = Annotated[Number, Field(ge=-90, le=90)]
 Longitude = Annotated[Number, Field(ge=-180, le=180)]
@@ -62,7 +62,7 @@ class CameraPrior(Model):
     """What is known of the camera beforehand, for images whose EXIF does not tell."""
 
     focal_length_px: PositiveNumber
-    width_px: Annotated[int, Field(strict=True, gt=0, le=65_535)]
+    width_px: Annotated[WholeNumber, Field(gt=0, le=65_535)]
     """The image width that the focal length belongs to."""
 
 
@@ -78,9 +78,9 @@ class Policy(Model):
     """When the scene is updated without being asked."""
 
     trigger: Trigger = Trigger.ON_REQUEST
-    k: Annotated[int, Field(strict=True, ge=1, le=10_000)] = 10
+    k: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 10
     """With `every-k-images`: after so many new images."""
-    first: Annotated[int, Field(strict=True, ge=2, le=10_000)] = 8
+    first: Annotated[WholeNumber, Field(ge=2, le=10_000)] = 8
     """The first update waits for so many images: fewer seldom make a model."""
 
 

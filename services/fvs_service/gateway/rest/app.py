@@ -67,5 +67,5 @@ def create_app(settings: Settings, backend: Backend) -> FastAPI:
     problems.install(app)
     for module in (scenes, images, jobs, events, rankings, snapshots, service):
         app.include_router(module.router)
-    openapi.describe(app)
+    openapi.describe(app, keys_required=settings.keys_required)
     return app

@@ -6,6 +6,7 @@ from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from fvs_service.application import Application
+from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.ids import new_id
 from fvs_service.model import Page
@@ -40,9 +41,15 @@ Counters = Annotated[Metrics, Depends(_metrics)]
 
 
 def _caller(
-    app: App, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+    request: Request,
+    app: App,
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
 ) -> Principal:
-    return app.storage.keys.authenticate(None if credentials is None else credentials.credentials)
+    if credentials is not None:
+        return app.storage.keys.authenticate(credentials.credentials)
+    if "authorization" in request.headers:  # whoever shows something must not be taken for nobody
+        raise UnauthenticatedError("The Authorization is not a Bearer key.")
+    return app.storage.keys.authenticate(None)
 
 
 Caller = Annotated[Principal, Depends(_caller)]

@@ -95,6 +95,8 @@ async def post_images(
             image, new = await asyncio.to_thread(app.images.store, caller, scene_id, file.staged, metadata)
             _count(metrics, image, created=new)
             items.append(UploadItem(name=file.name, created=new, image=image))
+    if not items:
+        raise InvalidRequestError("The form has no file.", hint="curl -F file=@photograph.jpg does it.")
     return UploadAnswer(items=tuple(items))
 
 

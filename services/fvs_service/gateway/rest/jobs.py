@@ -1,6 +1,7 @@
 """Jobs over REST."""
 
 from fastapi import APIRouter, Response
+from starlette.convertors import StringConvertor, register_url_convertor
 
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -14,6 +15,15 @@ from fvs_service.gateway.rest.dependencies import (
 from fvs_service.jobs.model import Job, JobList, JobRequest
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
+
+
+class _Plain(StringConvertor):
+    """An id without a colon: ``job_…:cancel`` is no job."""
+
+    regex = "[^/:]+"
+
+
+register_url_convertor("plain", _Plain())
 
 
 @router.post("/scenes/{scene_id}/jobs", status_code=202)
@@ -49,7 +59,7 @@ def retry_job(app: App, caller: Caller, job_id: JobId) -> Job:
     return app.jobs.retry(caller, job_id)
 
 
-@router.get("/jobs/{job_id}")
+@router.get("/jobs/{job_id:plain}")
 def get_job(app: App, caller: Caller, job_id: JobId) -> Job:
     """Show a job and how far it is."""
     return app.jobs.get(caller, job_id)

@@ -22,8 +22,8 @@ PROBLEM_ANSWER: dict[str, Any] = {
 }
 
 
-def describe(app: FastAPI) -> None:
-    """Make ``app`` describe its errors as what they are."""
+def describe(app: FastAPI, *, keys_required: bool) -> None:
+    """Make ``app`` describe its errors as what they are, and keys as needed or not."""
     original = app.openapi
     app.description = _DESCRIPTION
 
@@ -42,6 +42,8 @@ def describe(app: FastAPI) -> None:
                 operation["responses"].pop("422", None)
                 operation["responses"]["4XX"] = PROBLEM_ANSWER
                 operation["responses"]["5XX"] = PROBLEM_ANSWER
+                if "security" in operation and not keys_required:
+                    operation["security"] = [{}, *operation["security"]]
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]

@@ -9,6 +9,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from fvs_engine.errors import EngineError
 from fvs_service import errors
@@ -17,6 +18,7 @@ from fvs_service.model import Model
 
 MEDIA_TYPE = "application/problem+json"
 _MOST_FIELDS = 32
+_METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 _BY_STATUS: Mapping[int, type[ServiceError]] = {
     400: errors.MalformedRequestError,
@@ -131,7 +133,20 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
         errors.NotFoundError: f"There is nothing at {request.url.path}.",
         errors.MethodNotAllowedError: f"{request.method} is not allowed at {request.url.path}.",
     }
-    return problem_response(request, kind(details.get(kind, str(error.detail))), error.headers)
+    headers = error.headers
+    if kind is errors.MethodNotAllowedError:
+        headers = {"Allow": ", ".join(_allowed_methods(request))}
+    return problem_response(request, kind(details.get(kind, str(error.detail))), headers)
+
+
+def _allowed_methods(request: Request) -> list[str]:
+    """What all routes of the path take together; the framework names only those of the first."""
+    routes = request.app.routes
+    return [
+        method
+        for method in _METHODS
+        if any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)
+    ]
 
 
 async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:

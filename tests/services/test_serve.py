@@ -1,0 +1,49 @@
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx2
+from fvs_service.cli.app import app
+from typer.testing import CliRunner, Result
+
+PROGRAM = str(Path(sys.executable).with_name("fvs"))
+
+
+def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
+    command = [PROGRAM, "serve", "--root", str(tmp_path / "service"), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        try:
+            assert url.startswith("http://127.0.0.1:")
+            assert httpx2.get(f"{url}/readyz", timeout=10).status_code == 200
+            scene = httpx2.post(f"{url}/v1/scenes", json={"name": "a"}).json()["id"]
+            waiting = httpx2.post(f"{url}/v1/scenes/{scene}/jobs", json={"kind": "update"})
+            assert waiting.json()["state"] == "queued"
+        finally:
+            process.send_signal(signal.SIGTERM)
+        assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def _fvs(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+def test_others_get_in_only_with_a_key(tmp_path: Path) -> None:
+    refused = _fvs("serve", "--root", str(tmp_path / "service"), "--host", "0.0.0.0")
+    assert refused.exit_code == 2
+    assert "fvs keys create" in refused.stderr
+
+
+def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:
+    root = ["--root", str(tmp_path / "service")]
+    key = _fvs("keys", "create", "drone 7", "--scope", "upload", *root).stdout.strip()
+    key_id = key.split("_")[1]
+    listed = _fvs("keys", "list", *root).stdout
+    assert key_id in listed
+    assert "drone 7" in listed
+    assert key.rpartition("_")[2] not in listed
+    assert _fvs("keys", "revoke", key_id, *root).exit_code == 0
+    assert "revoked" in _fvs("keys", "list", *root).stdout
+    assert _fvs("keys", "revoke", "unknown", *root).exit_code == 2
