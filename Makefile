@@ -18,11 +18,11 @@ OUT ?= out/demo
 setup: $(INSTALLED)
 
 # torch goes first and by its pin: it is then the CPU build where one is offered, and stays.
-$(INSTALLED): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . --group dev
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . --editable ./clients/python --group dev
 	touch $@
 
 demo: setup
@@ -40,6 +40,7 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores DEP002=tbb
+	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client
 
 test: check
 	$(BIN)/python -m pytest -m "not slow"

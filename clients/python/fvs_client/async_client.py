@@ -1,0 +1,61 @@
+"""The client for asyncio and trio."""
+
+import ssl
+from types import TracebackType
+from typing import Self
+
+import httpx2
+
+from fvs_client import requests
+from fvs_client.async_resources import AsyncJobs, AsyncRankings, AsyncScenes, AsyncSnapshots
+from fvs_client.awaiting import AsyncSession
+from fvs_client.connection import Connection
+from fvs_client.models.service import Capabilities, Health
+from fvs_client.retries import Retries
+
+
+class AsyncClient:
+    """The fvs service, as ``Client``, with ``await``.
+
+    ``url`` and ``api_key`` default to ``FVS_URL`` and ``FVS_API_KEY``, and the URL then to
+    ``http://127.0.0.1:8000``. ``ssl_context`` is for certificates of your own; ``transport`` replaces the
+    network, for tests.
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        api_key: str | None = None,
+        *,
+        timeout_s: float = 60.0,
+        retries: Retries | None = None,
+        ssl_context: ssl.SSLContext | None = None,
+        transport: httpx2.AsyncBaseTransport | None = None,
+    ) -> None:
+        connection = Connection.resolve(url, api_key, timeout_s, ssl_context)
+        self.url = connection.url
+        self._session = AsyncSession(connection, retries or Retries(), transport)
+        self.scenes = AsyncScenes(self._session)
+        self.jobs = AsyncJobs(self._session)
+        self.snapshots = AsyncSnapshots(self._session)
+        self.rankings = AsyncRankings(self._session)
+
+    async def capabilities(self) -> Capabilities:
+        """What the service can do, and its limits."""
+        return await self._session.fetch(Capabilities, requests.capabilities())
+
+    async def health(self) -> Health:
+        """That the service is ready; raises when it is not."""
+        return await self._session.fetch(Health, requests.health())
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._session.close()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()

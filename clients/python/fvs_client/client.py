@@ -1,0 +1,61 @@
+"""The client that waits for each answer."""
+
+import ssl
+from types import TracebackType
+from typing import Self
+
+import httpx2
+
+from fvs_client import requests
+from fvs_client.blocking import Session
+from fvs_client.connection import Connection
+from fvs_client.models.service import Capabilities, Health
+from fvs_client.resources import Jobs, Rankings, Scenes, Snapshots
+from fvs_client.retries import Retries
+
+
+class Client:
+    """The fvs service; safe to be used from several threads.
+
+    ``url`` and ``api_key`` default to ``FVS_URL`` and ``FVS_API_KEY``, and the URL then to
+    ``http://127.0.0.1:8000``. ``ssl_context`` is for certificates of your own; ``transport`` replaces the
+    network, for tests.
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        api_key: str | None = None,
+        *,
+        timeout_s: float = 60.0,
+        retries: Retries | None = None,
+        ssl_context: ssl.SSLContext | None = None,
+        transport: httpx2.BaseTransport | None = None,
+    ) -> None:
+        connection = Connection.resolve(url, api_key, timeout_s, ssl_context)
+        self.url = connection.url
+        self._session = Session(connection, retries or Retries(), transport)
+        self.scenes = Scenes(self._session)
+        self.jobs = Jobs(self._session)
+        self.snapshots = Snapshots(self._session)
+        self.rankings = Rankings(self._session)
+
+    def capabilities(self) -> Capabilities:
+        """What the service can do, and its limits."""
+        return self._session.fetch(Capabilities, requests.capabilities())
+
+    def health(self) -> Health:
+        """That the service is ready; raises when it is not."""
+        return self._session.fetch(Health, requests.health())
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._session.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,94 @@
+"""Where the service is, who asks, and what a failed connection means in words."""
+
+import importlib.metadata
+import ipaddress
+import os
+import platform
+import ssl
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx2
+
+from fvs_client.effects import Request
+from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsError, UnexpectedAnswerError
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+_CONNECT_TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class Connection:
+    """How to reach the service. What is not given comes from ``FVS_URL`` and ``FVS_API_KEY``."""
+
+    url: str
+    api_key: str | None
+    timeout_s: float
+    ssl_context: ssl.SSLContext | None
+
+    @classmethod
+    def resolve(
+        cls, url: str | None, api_key: str | None, timeout_s: float, ssl_context: ssl.SSLContext | None
+    ) -> "Connection":
+        """Fill in the environment; raises ``ValueError`` for a URL that is none."""
+        chosen = (url or os.environ.get("FVS_URL") or DEFAULT_URL).rstrip("/")
+        parts = urlsplit(chosen)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError(f"{chosen!r} is no URL of a service; write for example {DEFAULT_URL}")
+        return cls(chosen, api_key or os.environ.get("FVS_API_KEY") or None, timeout_s, ssl_context)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of ``httpx2.Client`` and ``httpx2.AsyncClient``."""
+        headers = {"User-Agent": _user_agent(), "Accept": "application/json"}
+        if self.api_key is not None:
+            headers["Authorization"] = f"Bearer {self.api_key}"
+        return {
+            "base_url": self.url,
+            "headers": headers,
+            "timeout": httpx2.Timeout(self.timeout_s, connect=min(_CONNECT_TIMEOUT_S, self.timeout_s)),
+            "verify": True if self.ssl_context is None else self.ssl_context,
+            "trust_env": not self._loopback,  # no proxy reaches this machine's loopback
+        }
+
+    @property
+    def _loopback(self) -> bool:
+        host = urlsplit(self.url).hostname or ""
+        try:
+            return ipaddress.ip_address(host).is_loopback
+        except ValueError:
+            return host == "localhost"
+
+    def request_options(self, request: Request) -> dict[str, Any]:
+        """Arguments of ``build_request``, without the body."""
+        options: dict[str, Any] = {"headers": dict(request.headers), "params": dict(request.params)}
+        if request.document is not None:
+            options["json"] = request.document
+        if request.read_timeout_s is not None:
+            options["timeout"] = httpx2.Timeout(
+                self.timeout_s, connect=min(_CONNECT_TIMEOUT_S, self.timeout_s), read=request.read_timeout_s
+            )
+        return options
+
+    def failure(self, error: httpx2.HTTPError) -> FvsError:
+        """What went wrong, in the words of this client."""
+        if isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout):
+            return ConnectionFailedError(
+                f"There is no answer at {self.url}.",
+                hint="Is the service running? `fvs serve` starts one; FVS_URL says where it is.",
+            )
+        if isinstance(error, httpx2.TimeoutException):
+            return AnswerTimeoutError(
+                f"{self.url} did not answer in time.",
+                hint="The link or the service is slow: try again, or give the client a longer timeout_s.",
+            )
+        if isinstance(error, httpx2.TransportError):
+            return ConnectionFailedError(
+                f"The connection to {self.url} broke: {str(error) or 'no reason known'}."
+            )
+        return UnexpectedAnswerError(f"The answer of {self.url} cannot be read: {error}")
+
+
+def _user_agent() -> str:
+    return f"fvs-client/{importlib.metadata.version('fvs-client')} python/{platform.python_version()}"

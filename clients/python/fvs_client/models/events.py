@@ -1,0 +1,30 @@
+"""Events: what happened in a scene."""
+
+from typing import Any
+
+from fvs_client.models.base import Answer, Timestamp, Word
+
+
+class EventKind(Word):
+    """What happened."""
+
+    SCENE_CREATED = "scene.created"
+    IMAGE_RECEIVED = "image.received"
+    JOB_QUEUED = "job.queued"
+    JOB_STARTED = "job.started"
+    JOB_PROGRESS = "job.progress"
+    JOB_SUCCEEDED = "job.succeeded"
+    JOB_FAILED = "job.failed"
+    JOB_CANCELED = "job.canceled"
+    SNAPSHOT_CREATED = "snapshot.created"
+    RANKING_CREATED = "ranking.created"
+
+
+class Event(Answer):
+    """One thing that happened; ``number`` grows, and ``scene.events(after=number)`` goes on from it."""
+
+    number: int
+    scene_id: str
+    kind: EventKind
+    data: dict[str, Any]
+    created_at: Timestamp

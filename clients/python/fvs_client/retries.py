@@ -1,0 +1,45 @@
+"""When a request is sent again, and after how long."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fvs_client.errors import ApiError, ConnectionFailedError, DigestMismatchError, FvsError
+
+_TRANSIENT = frozenset({408, 429, 500, 502, 503, 504})
+
+
+@dataclass(frozen=True)
+class Retries:
+    """Requests that may be repeated are sent up to ``attempts`` times, all within about ``within_s``.
+
+    The pauses have full jitter: anything from nothing to ``first_s`` · 2ⁿ, at most ``longest_s``, so that
+    clients that failed together do not come back together. It comes on top of the ``Retry-After`` of the
+    service, if there is one.
+    """
+
+    attempts: int = 5
+    first_s: float = 0.5
+    longest_s: float = 8.0
+    within_s: float = 60.0
+    draw: Callable[[], float] = random.random
+    """Uniform in [0, 1)."""
+
+    def pause_s(self, error: FvsError, attempt: int, elapsed_s: float) -> float | None:
+        """How long to wait after the failed ``attempt`` (the first is 1); None to give up."""
+        if attempt >= self.attempts or not _is_transient(error):
+            return None
+        pause = self.draw() * min(self.longest_s, self.first_s * 2.0 ** (attempt - 1))
+        asked = error.retry_after_s if isinstance(error, ApiError) else None
+        if asked is not None:
+            pause += asked
+        return pause if elapsed_s + pause <= self.within_s else None
+
+
+NO_RETRIES = Retries(attempts=1)
+
+
+def _is_transient(error: FvsError) -> bool:
+    if isinstance(error, ConnectionFailedError | DigestMismatchError):
+        return True
+    return isinstance(error, ApiError) and error.status in _TRANSIENT and error.retryable

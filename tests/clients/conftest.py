@@ -1,0 +1,130 @@
+"""The service that clients are tested against: the gateway of ``tests/services``, on a socket of loopback."""
+
+import importlib.util
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+import uvicorn
+from fvs_client import Client, Retries
+from fvs_service.application import Backend
+from fvs_service.gateway.rest.app import create_app
+
+_SERVICE_TESTS = Path(__file__).resolve().parent.parent / "services" / "conftest.py"
+
+
+def _load_service_fixtures() -> Any:
+    spec = importlib.util.spec_from_file_location("fixtures_of_the_service", _SERVICE_TESTS)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+_service = _load_service_fixtures()
+serve = _service.serve
+photograph = _service.photograph
+_plain_logs = _service._plain_logs
+
+
+@pytest.fixture(scope="session")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
+    settings = _service._settings(tmp_path_factory.mktemp("clients") / "service", {"event_heartbeat_s": 0.2})
+    engine = _service.TicketBox()
+    app = create_app(settings, Backend(engine=lambda _: engine, runners=_service.ComputingRunners))
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        assert thread.is_alive()
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
+        yield _service.Gateway(app, plain, engine, settings)
+    server.should_exit = True
+    thread.join()
+
+
+@pytest.fixture
+def url(gateway: Any) -> str:
+    """Where it is."""
+    return str(gateway.client.base_url).rstrip("/")
+
+
+@pytest.fixture
+def client(url: str) -> Iterator[Client]:
+    """A client of the gateway."""
+    with Client(url, retries=Retries(first_s=0.01, longest_s=0.05)) as client:
+        yield client
+
+
+@pytest.fixture
+def photographs(tmp_path: Path, photograph: Callable[..., bytes]) -> Path:
+    """A folder with three photographs, one of them in a folder below, and other files."""
+    folder = tmp_path / "photographs"
+    (folder / "left").mkdir(parents=True)
+    (folder / ".cache").mkdir()
+    (folder / "b.jpg").write_bytes(photograph(1))
+    (folder / "a.JPG").write_bytes(photograph(2))
+    (folder / "left" / "c.png").write_bytes(photograph(3, image_format="PNG"))
+    (folder / "notes.txt").write_text("no photograph")
+    (folder / ".cache" / "d.jpg").write_bytes(photograph(4))
+    return folder
+
+
+class Script:
+    """A server that misbehaves as it is told: each request takes the next act, the last one stays."""
+
+    def __init__(self, server: ThreadingHTTPServer) -> None:
+        self._server = server
+        self.acts: list[Callable[[BaseHTTPRequestHandler], None]] = []
+        self.requests: list[tuple[str, str, dict[str, str], bytes]] = []
+        self._lock = threading.Lock()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self._server.server_port}"
+
+    def play(self, handler: BaseHTTPRequestHandler) -> None:
+        length = int(handler.headers.get("Content-Length") or 0)
+        body = handler.rfile.read(length)
+        headers = {name.lower(): value for name, value in handler.headers.items()}
+        with self._lock:
+            self.requests.append((handler.command, handler.path, headers, body))
+            act = self.acts.pop(0) if len(self.acts) > 1 else self.acts[0]
+        act(handler)
+
+
+@pytest.fixture
+def script() -> Iterator[Script]:
+    """A misbehaving server."""
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def _play(self) -> None:
+            script.play(self)
+
+        do_GET = do_PUT = do_POST = _play  # noqa: N815
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    script = Script(server)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    yield script
+    server.shutdown()
+    thread.join()
+    server.server_close()

@@ -1,0 +1,170 @@
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fvs_client import (
+    Client,
+    FvsError,
+    ImageMetadata,
+    NotFoundError,
+    Outcome,
+    UploadProgress,
+    Verdict,
+)
+
+
+def test_a_folder_is_sent_once_and_its_bytes_never_again(
+    client: Client, gateway: Any, photographs: Path
+) -> None:
+    scene = client.scenes.create("quarry")
+    seen: list[UploadProgress] = []
+    first = scene.images.upload(photographs, progress=seen.append)
+    assert [file.path.name for file in first.files] == ["a.JPG", "b.jpg", "c.png"]
+    assert {file.outcome for file in first.files} == {Outcome.SENT}
+    assert [file.image.name for file in first.files if file.image] == ["a.JPG", "b.jpg", "left_c.png"]
+    size = sum(file.path.stat().st_size for file in first.files)
+    assert first.ok
+    assert first.bytes_sent == size
+    assert (seen[-1].files_done, seen[-1].bytes_done, seen[-1].bytes_total) == (3, size, size)
+    assert [step.bytes_done for step in seen] == sorted(step.bytes_done for step in seen)
+
+    before = _received_bytes(gateway)
+    again = scene.images.upload(photographs, progress=seen.append)
+    assert [file.outcome for file in again.already_there] == [Outcome.ALREADY_THERE] * 3
+    assert again.bytes_sent == 0
+    assert seen[-1].bytes_done == size
+    assert [file.image for file in again.files] == [file.image for file in first.files]
+    assert _received_bytes(gateway) - before < 1_000
+    assert scene.refresh().image_counts.received == 3
+
+
+def test_verdicts_of_many_known_images_come_from_the_list(
+    client: Client, tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    scene = client.scenes.create("quarry")
+    for number in range(12):
+        (tmp_path / f"{number:02d}.jpg").write_bytes(photograph(number))
+    first = scene.images.upload(tmp_path)
+    again = scene.images.upload(tmp_path)
+    assert len(again.already_there) == 12
+    assert [file.image for file in again.files] == [file.image for file in first.files]
+
+
+def test_each_file_has_its_verdict_and_a_bad_one_does_not_stop_the_rest(
+    client: Client, tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    scene = client.scenes.create("quarry")
+    (tmp_path / "good.jpg").write_bytes(photograph(1))
+    (tmp_path / "twin.jpg").write_bytes(photograph(1))
+    (tmp_path / "torn.jpg").write_bytes(photograph(2)[:300])
+    (tmp_path / "locked.jpg").symlink_to(tmp_path / "nowhere.jpg")
+    (tmp_path / "empty.jpg").write_bytes(b"")
+    paths = [tmp_path / f"{name}.jpg" for name in ("torn", "good", "twin", "empty")]
+    report = scene.images.upload([*paths])
+    verdicts = {file.path.stem: file.image.verdict for file in report.files if file.image is not None}
+    assert verdicts["torn"] == Verdict.UNREADABLE
+    assert verdicts["good"] == verdicts["twin"] == Verdict.ACCEPTED
+    assert {file.path.stem: file.outcome for file in report.files}["twin"] is Outcome.ALREADY_THERE
+    assert {file.path.stem for file in report.rejected} | {file.path.stem for file in report.failed} == {
+        "torn",
+        "empty",
+    }
+    assert not report.ok
+    with pytest.raises(FileNotFoundError, match="locked"):
+        scene.images.upload(tmp_path / "locked.jpg")
+
+
+def test_a_file_that_vanishes_is_reported(
+    client: Client, tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    scene = client.scenes.create("quarry")
+    for number in range(3):
+        (tmp_path / f"{number}.jpg").write_bytes(photograph(number))
+
+    def remove(progress: UploadProgress) -> None:
+        if progress.files_done == 0 and progress.bytes_done == 0:
+            (tmp_path / "1.jpg").unlink(missing_ok=True)
+
+    report = scene.images.upload(tmp_path, progress=remove, parallel=1)
+    assert [file.outcome for file in report.files] == [Outcome.SENT, Outcome.FAILED, Outcome.SENT]
+    assert isinstance(report.failed[0].error, FileNotFoundError)
+
+
+def test_a_file_that_is_too_large_fails_alone(
+    serve: Callable[..., Any], tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    small, large = photograph(1, size=(40, 40)), photograph(2, size=(400, 400))
+    gateway = serve(limits={"image_bytes": len(small)})
+    (tmp_path / "large.jpg").write_bytes(large)
+    (tmp_path / "small.jpg").write_bytes(small)
+    with Client(str(gateway.client.base_url)) as client:
+        report = client.scenes.create("quarry").images.upload(tmp_path)
+    assert [file.outcome for file in report.files] == [Outcome.FAILED, Outcome.SENT]
+    error = report.failed[0].error
+    assert isinstance(error, FvsError)
+    assert error.request_id
+
+
+def test_what_fails_for_every_file_raises(client: Client, photographs: Path) -> None:
+    scene = client.scenes.create("quarry")
+    elsewhere = scene.model_copy(update={"id": "scn_none"})
+    with pytest.raises(NotFoundError):
+        elsewhere.images.upload(photographs)
+
+
+def test_files_can_be_described(client: Client, photographs: Path) -> None:
+    scene = client.scenes.create("quarry")
+
+    def describe(path: Path) -> ImageMetadata | None:
+        if path.name != "b.jpg":
+            return None
+        return ImageMetadata(latitude_deg=48.25, longitude_deg=7.5, altitude_m=412.0, yaw_deg=-90.0)
+
+    report = scene.images.upload(photographs, describe=describe)
+    priors = {file.path.name: file.image.prior for file in report.files if file.image}
+    assert priors["a.JPG"] is None
+    assert priors["b.jpg"] is not None
+    assert (priors["b.jpg"].latitude_deg, priors["b.jpg"].yaw_deg) == (48.25, -90.0)
+    assert report.files[1].image is not None
+    assert report.files[1].image.name == "b.jpg"
+
+
+def test_one_image_can_be_sent_from_memory(client: Client, photograph: Callable[..., bytes]) -> None:
+    scene = client.scenes.create("quarry")
+    content = photograph(7)
+    digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
+    assert scene.images.check([digest]).missing == (digest,)
+    image = scene.images.put(content, ImageMetadata(name="last.jpg"))
+    assert (image.digest, image.name, image.accepted) == (digest, "last.jpg", True)
+    assert scene.images.check([digest]).known == (digest,)
+    assert scene.images.get(digest) == image
+    assert list(scene.images.list()) == [image]
+
+
+def test_a_key_that_may_only_send_gets_no_verdicts_of_known_images(
+    serve: Callable[..., Any], photographs: Path
+) -> None:
+    from fvs_service.principal import Scope
+
+    gateway = serve(require_keys=True)
+    with Client(
+        str(gateway.client.base_url), gateway.key("t").popitem()[1].removeprefix("Bearer ")
+    ) as client:
+        scene = client.scenes.create("quarry")
+    key = gateway.key("t", scopes=frozenset({Scope.UPLOAD}))["Authorization"].removeprefix("Bearer ")
+    with Client(str(gateway.client.base_url), key) as device:
+        images = scene.images.__class__(device._session, scene.id)
+        assert all(file.image is not None for file in images.upload(photographs).files)
+        again = images.upload(photographs)
+    assert [file.image for file in again.already_there] == [None] * 3
+
+
+def _received_bytes(gateway: Any) -> float:
+    return sum(
+        sample.value
+        for family in gateway.app.state.metrics.received_bytes.collect()
+        for sample in family.samples
+        if sample.name.endswith("_total")
+    )
