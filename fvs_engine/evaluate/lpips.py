@@ -45,9 +45,12 @@ def find_lpips() -> LpipsStatus:
     backbone = Path(torch.hub.get_dir()) / "checkpoints" / BACKBONE_FILE
     if not backbone.is_file():
         return LpipsStatus(None, f"the weights of VGG-16 are not at {backbone}, and nothing is downloaded")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # both call torchvision in ways that it has deprecated
-        metric = _from_lpips() if package == "lpips" else _from_torchmetrics()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # both call torchvision in ways that it has deprecated
+            metric = _from_lpips() if package == "lpips" else _from_torchmetrics()
+    except (ImportError, RuntimeError, OSError) as error:  # as a torchvision made for another torch raises
+        return LpipsStatus(None, f"{package} does not work here ({type(error).__name__}: {error})")
 
     def compute(a: ArrayLike, b: ArrayLike) -> float:
         with torch.no_grad():

@@ -76,6 +76,23 @@ def test_without_weights_nothing_is_downloaded(
     assert str(tmp_path) in status.reason
 
 
+def test_a_package_that_does_not_work_is_named(
+    install: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def made_for_another_torch(**_: object) -> None:
+        raise RuntimeError("operator torchvision::nms does not exist")
+
+    module = ModuleType("lpips")
+    module.LPIPS = made_for_another_torch  # type: ignore[attr-defined]
+    install(lpips=module, torchvision=ModuleType("torchvision"))
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / BACKBONE_FILE).touch()
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
+    status = find_lpips()
+    assert status.compute is None
+    assert "torchvision::nms" in status.reason
+
+
 def test_with_package_and_weights_images_are_compared_in_the_network_s_range(
     install: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
