@@ -140,5 +140,7 @@ _COLUMNS: tuple[_Column, ...] = (
     ("travel", lambda row: row.travel, ".2f"),
     ("s per selection", lambda row: row.selection_s, ".3f"),
     ("registered", lambda row: row.registered, ".1f"),
+    ("test views only aligned", lambda row: row.aligned_only, ".1f"),
+    ("worst alignment RMS", lambda row: row.worst_rms, ".4f"),
 )
 _BEST: dict[str, Callable[..., float]] = {"PSNR dB": max, "SSIM": max, "LPIPS": min, "travel": min}

@@ -14,7 +14,8 @@ class Row(Record):
     """One selector after ``visited`` views, over the seeds whose runs got that far.
 
     ``gains``: its PSNR less a baseline's, seed by seed. ``selection_s``: per choice, up to here; None when
-    nothing was chosen yet.
+    nothing was chosen yet. ``aligned_only``: how many test views had to be taken where the alignment puts
+    them, and ``worst_rms``: of the alignment in the whole run; None for known poses.
     """
 
     method: str
@@ -26,6 +27,8 @@ class Row(Record):
     travel: Estimate
     selection_s: Estimate | None
     registered: Estimate
+    aligned_only: Estimate | None
+    worst_rms: Estimate | None
 
 
 class CorrelationRow(Record):
@@ -115,6 +118,7 @@ def _row(
         if baseline != method and baseline in psnr_by_seed
         if (gain := paired_difference(psnr_by_seed[method], psnr_by_seed[baseline])) is not None
     }
+    rms = [run.worst_rms for run, _ in reached if run.worst_rms is not None]
     choices = [run.selection_s[: visited - run.initial] for run, _ in reached]
     return Row(
         method=method,
@@ -126,6 +130,8 @@ def _row(
         travel=required(lambda e: e.travel),
         selection_s=estimate([sum(c) / len(c) for c in choices]) if all(choices) else None,
         registered=required(lambda e: e.registered),
+        aligned_only=required(lambda e: len(e.aligned_only)) if len(rms) == len(reached) else None,
+        worst_rms=estimate(rms) if len(rms) == len(reached) else None,
     )
 
 

@@ -74,6 +74,17 @@ def test_lpips_has_a_column_where_it_is_known(make_run: MakeRun) -> None:
     assert "| 0.250 |" in text
 
 
+def test_estimated_poses_say_how_well_they_fit(make_run: MakeRun) -> None:
+    run = make_run("farthest", 0, {20: 20.0})
+    (last,) = run.evaluations
+    guessed = last.model_copy(update={"aligned_only": ("a.png", "b.png")})
+    estimated = run.model_copy(update={"worst_rms": 0.0123, "evaluations": (guessed,)})
+    text = markdown(summarise("room", PRESETS["paper"], [estimated]))
+    assert "| test views only aligned | worst alignment RMS |" in text
+    assert "| 2.0 | 0.0123 | 1 |" in text
+    assert "aligned" not in markdown(summarise("room", PRESETS["fisherrf"], [run]))
+
+
 def test_runs_that_ended_early_count_where_they_got_to_and_are_named(make_run: MakeRun) -> None:
     runs = [
         make_run("nearest", 0, {10: 15.0, 20: 20.0}),
