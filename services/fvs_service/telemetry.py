@@ -52,5 +52,10 @@ def configure_logging(*, machine: bool) -> None:
             ),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=_to_stderr,
     )
+
+
+def _to_stderr(*_: object) -> structlog.PrintLogger:
+    """A logger to whatever stderr is by now: the one of the start may have been closed since."""
+    return structlog.PrintLogger(sys.stderr)
