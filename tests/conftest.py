@@ -5,9 +5,14 @@ import os
 import shutil
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 from PIL import Image
+
+# How long an example takes says how busy the machine is.
+hypothesis.settings.register_profile("fvs", deadline=None)
+hypothesis.settings.load_profile("fvs")
 
 _REPOSITORY = Path(__file__).resolve().parent.parent
 

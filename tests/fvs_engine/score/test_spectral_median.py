@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.ndimage import gaussian_filter
@@ -39,7 +39,6 @@ def wave(cycles_per_px: float, size: int = 128) -> np.ndarray:
     return np.repeat(values[..., None], 3, axis=2)
 
 
-@settings(deadline=None)
 @given(height=st.integers(3, 20), width=st.integers(3, 20), seed=st.integers(0, 1000))
 def test_it_is_the_definition(height, width, seed):
     image = np.random.default_rng(seed).uniform(size=(height, width, 3)).astype(np.float32)

@@ -31,7 +31,7 @@ def assert_same(found: SimilarityTransform, expected: SimilarityTransform, toler
     np.testing.assert_allclose(found.translation, expected.translation, atol=10 * tolerance * size)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS, st.integers(4, 12))
 def test_it_finds_the_similarity(seed: int, count: int) -> None:
     draw = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ def test_it_finds_the_similarity(seed: int, count: int) -> None:
     assert found.record.attitude_deg < 1e-4
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(SEEDS, st.integers(2, 8))
 def test_a_straight_track_takes_its_rotation_from_the_attitudes(seed: int, count: int) -> None:
     draw = np.random.default_rng(seed)

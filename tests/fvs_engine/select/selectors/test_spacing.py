@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fvs_engine.errors import InvalidInputError
@@ -75,7 +75,6 @@ def test_random_depends_on_seed_step_and_id_alone(context, ring):
     assert (histogram > 25).all()  # 45 expected; under 25 has a probability of 1e-4
 
 
-@settings(deadline=None)
 @given(
     total=st.integers(2, 9),
     remaining=st.integers(1, 3),
