@@ -182,8 +182,7 @@ def _write(paths: ExperimentFolder, summary: Summary) -> None:
 
 
 def _draw(paths: ExperimentFolder, summary: Summary, dataset: Dataset) -> None:
-    methods = {run.method for run in summary.runs}
-    styled = {method: style for method, style in styles(tuple(SELECTORS)).items() if method in methods}
+    styled = styles(tuple(SELECTORS))  # of all: a method keeps its colour, whichever others there are
     plot_quality(paths.root / "psnr.png", summary, styled)
     plot_travel(paths.root / "travel.png", summary, styled)
     if summary.correlations:

@@ -184,7 +184,8 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(
 
     monkeypatch.setattr(experiment, "execute", fails_for_random)
     said: list[str] = []
-    summary = run(tmp_path, ring, quick, cpu, seeds=(0,), said=said)
+    summary = run(tmp_path, ring, quick, cpu, seeds=(0,), said=said, calibrated=True)
+    assert (tmp_path / "calibration.png").exists()  # its scores are known even so
     assert [made.method for made in summary.runs] == ["farthest"]
     assert any("random, seed 0, failed: The loss is no number." in note for note in summary.notes)
     assert len(said) == 1
