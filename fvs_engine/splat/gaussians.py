@@ -5,10 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-
-def sh_coefficient_count(degree: int) -> int:
-    """Number of spherical-harmonics coefficients per colour channel up to ``degree``."""
-    return (degree + 1) ** 2
+from fvs_engine.splat.degrees import sh_coefficient_count as sh_coefficient_count
 
 
 @dataclass

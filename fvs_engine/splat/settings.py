@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from fvs_engine.splat.gaussians import sh_coefficient_count
+from fvs_engine.splat.degrees import sh_coefficient_count
 
 
 class LearningRates(BaseModel):

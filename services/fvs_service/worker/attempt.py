@@ -37,6 +37,7 @@ from fvs_service.worker.protocol import (
     ask,
     connect,
 )
+from fvs_service.worker.turns import Turns
 
 ALIGNMENT = "alignment.json"
 """The artefact with the snapshot's ``Alignment``."""
@@ -56,6 +57,10 @@ class _StoppedError(Exception):
     """The job was stopped on request."""
 
 
+class _PausedError(Exception):
+    """The job goes on later: an update of the scene goes first."""
+
+
 class _FailedError(Exception):
     """The job cannot be done, for a reason that is its own."""
 
@@ -72,20 +77,30 @@ class Attempts:
     def __init__(self, storage: Storage, host: Host) -> None:
         self._storage = storage
         self._host = host
+        self._turns = Turns()
 
     def run(self, ticket: JobTicket) -> None:
-        """Bring the attempt to its end, through as many deaths of its runner as are not its own fault."""
-        deaths = 0
+        """Bring the attempt to its end, also when its runner dies.
+
+        One that dies again and again without coming any farther is given up.
+        """
+        deaths, reached = 0, 0.0
         while not self._over(ticket):
             if self._host.stopping:
                 threading.Event().wait()  # the process ends; the attempt is taken up by the next one
             try:
                 if deaths > _MAX_DEATHS:
                     self._give_up(ticket)
-                else:
-                    self._try(ticket)
+                elif self._turns.take(ticket.scene_id, ticket.kind, lambda: self._over(ticket)):
+                    try:
+                        self._try(ticket)
+                    finally:
+                        self._turns.end(ticket.scene_id)
+            except _PausedError:
+                time.sleep(_PAUSE_S)
             except RunnerGoneError as error:
-                deaths += not self._host.stopping
+                progress = self._progress(ticket)
+                deaths, reached = (deaths + 1, reached) if progress <= reached else (1, progress)
                 _log.warning("runner gone", job=ticket.job_id, deaths=deaths, reason=str(error))
                 time.sleep(_PAUSE_S)
             except StaleLeaseError:
@@ -100,6 +115,10 @@ class Attempts:
         except NotFoundError:
             return True
         return job.state.ended or job.attempt != ticket.attempt
+
+    def _progress(self, ticket: JobTicket) -> float:
+        with self._storage.database.reading() as session:
+            return find_job(session, ticket.job_id).progress
 
     def _try(self, ticket: JobTicket) -> None:
         with self._storage.database.reading() as session:
@@ -119,7 +138,7 @@ class Attempts:
                 self._storage.ledger.cancel(hosted.lease, job.id)
             except _FailedError as failed:
                 self._storage.ledger.fail(hosted.lease, job.id, failed.error)
-            except (RunnerGoneError, StaleLeaseError):
+            except (RunnerGoneError, StaleLeaseError, _PausedError):
                 self._host.drop(hosted)
                 raise
             except ServiceError as error:
@@ -163,18 +182,27 @@ class Attempts:
         talk = _Conversation(hosted.endpoint, question)
         progress = JobProgress(job.kind)
         stage: str | None = None
-        asked_at: float | None = None
+        why: type[_StoppedError] | type[_PausedError] | None = None
+        asked_at = 0.0
+        wanted = False
         while True:
             document = talk.next(_POLL_S)
-            if asked_at is None and self._storage.ledger.cancel_requested(job.id):
-                asked_at = time.monotonic()
-                _ask_to_stop(hosted.endpoint)
-            if asked_at is not None and time.monotonic() - asked_at > _STOP_S:
-                self._kill_runner(hosted)
-                raise _StoppedError
+            if why is None or why is _PausedError:
+                if self._storage.ledger.cancel_requested(job.id):
+                    why = _StoppedError
+                elif job.kind is JobKind.FINE and (wanted or self._turns.update_waits(job.scene_id)):
+                    why = _PausedError
+                if why is not None and not asked_at:
+                    asked_at = time.monotonic()
+                    _ask_to_stop(hosted.endpoint)
+            if why is not None and time.monotonic() - asked_at > _STOP_S:
+                hosted.child.kill()  # the lease stays, so that the job's end can be written down
+                raise why
             match document:
                 case None:
                     continue
+                case {"wanted": _}:
+                    wanted = True
                 case {"progress": told}:
                     note = ProgressNote.model_validate(told)
                     stage, eta_s = note.stage, progress.follow(note)
@@ -184,17 +212,11 @@ class Attempts:
                 case {"result": made}:
                     return JobOutcome.model_validate(made)
                 case ErrorNote():
-                    if asked_at is not None and document.code == "cancelled":
-                        raise _StoppedError
+                    if why is not None and document.code == "cancelled":
+                        raise why
                     raise _FailedError(document, stage)
                 case _:
-                    if asked_at is not None:
-                        raise _StoppedError
-                    raise RunnerGoneError("The runner died.")
-
-    def _kill_runner(self, hosted: Hosted) -> None:
-        """End the runner; the scene's lease stays, so that the job's end can be written down."""
-        hosted.child.kill()
+                    raise why or RunnerGoneError("The runner died.")
 
     def _commit(self, hosted: Hosted, job: Job, outcome: JobOutcome, images: Mapping[str, Image]) -> None:
         with self._storage.database.reading() as session:

@@ -107,6 +107,7 @@ class RunnerChild:
         reader.start()
         waited = 0.0
         while reader.is_alive() and waited < _START_S and not give_up():
+            self.extend()
             reader.join(_POLL_S)
             waited += _POLL_S
         if not said or not said[0]:

@@ -1,11 +1,13 @@
 """What a runner is asked, and how it answers: one JSON document per line over TCP.
 
 A connection carries one question at a time. The first line names the runner's secret; every answer is a line
-with ``result`` or ``error``, before which a job sends lines with ``progress`` or ``warning``.
+with ``result`` or ``error``. Before it a job sends lines with ``progress``, with ``warning``, and with
+``wanted`` when another worker would like to have the scene.
 """
 
 import json
 import socket
+import threading
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
@@ -190,11 +192,14 @@ class Line:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._connection = connection
         self._file = connection.makefile("rb")
+        self._sending = threading.Lock()
 
     def send(self, document: Any) -> None:
         """Send one document; raises ``RunnerGoneError``."""
         try:
-            self._connection.sendall(json.dumps(document, separators=(",", ":")).encode() + b"\n")
+            content = json.dumps(document, separators=(",", ":")).encode() + b"\n"
+            with self._sending:
+                self._connection.sendall(content)
         except OSError as error:
             raise RunnerGoneError("The connection is broken.") from error
 

@@ -1,5 +1,6 @@
 """What a job does in the runner: cameras first, then the model, then the files of a snapshot."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,9 @@ from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
 from fvs_engine.sfm.growing import GrowingReconstruction
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
@@ -74,12 +76,21 @@ class SceneFolder:
         return self.root / "choice.json"
 
     def fine(self, job_id: str) -> Path:
-        """The checkpoint of a fine model."""
-        return self.root / "fine" / f"{job_id}.safetensors"
+        """What a fine model goes on from: its cameras and its checkpoint."""
+        return self.root / "fine" / job_id
 
     def outcome(self, job_id: str) -> Path:
         """Where a job leaves the files of its snapshot."""
         return self.root / "outcome" / job_id
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """What was learnt."""
+
+    gaussians: Gaussians
+    sh_degree: int
+    iterations: int
 
 
 class Learner:
@@ -136,9 +147,10 @@ class Learner:
             scene.save()
         scene.train(monitor)
         scene.save()
-        return self._outcome(
-            question, scene.views, images, scene.gaussians, scene.sh_degree, scene.iteration, monitor
-        )
+        model_dir = self._reconstruction(monitor).model_dir
+        assert model_dir is not None  # training needs a camera, and cameras come from there
+        model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
+        return self._outcome(question, scene.views, images, model, model_dir, monitor)
 
     def _open_scene(self, request: JobRequest, monitor: Monitor, warn: Warn) -> GrowingScene:
         choice = self._choose(request, warn)
@@ -181,11 +193,8 @@ class Learner:
 
     def _fine(self, question: JobQuestion, monitor: JobMonitor) -> JobOutcome:
         images = place_photographs(self._blobs, question.images, self._folder.images, monitor)
-        standing = self._reconstruction(monitor).reconstruction
-        if not standing.views:
-            raise InvalidInputError(
-                "The scene has no cameras yet.", hint="Run an update first; a fine model uses its cameras."
-            )
+        fine = self._fine_folder(question.job_id)
+        standing = self._cameras_of(fine, monitor)
         request, settings = question.request, self._settings
         photographs = Photographs(self._folder.images, request.long_side_px or self._usual_side())
         views = []
@@ -195,7 +204,7 @@ class Learner:
             monitor.report("load", done, len(standing.views))
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(request.iterations or settings.fine_iterations)
-        checkpoint = self._fine_checkpoint(question.job_id)
+        checkpoint = fine / "checkpoint.safetensors"
         if checkpoint.exists():
             trainer = Trainer.resume(checkpoint, views, self._rasterizer)
         else:
@@ -208,18 +217,29 @@ class Learner:
             trainer.save(checkpoint)
             raise
         trainer.save(checkpoint)
-        return self._outcome(
-            question, views, images, trainer.gaussians, trainer.sh_degree, trainer.iteration, monitor
-        )
+        model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
+        return self._outcome(question, views, images, model, fine / "sparse", monitor)
 
-    def _fine_checkpoint(self, job_id: str) -> Path:
-        """The job's checkpoint; those of jobs before it are deleted."""
-        checkpoint = self._folder.fine(job_id)
-        checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        for other in checkpoint.parent.iterdir():
-            if other != checkpoint:
-                other.unlink()
-        return checkpoint
+    def _fine_folder(self, job_id: str) -> Path:
+        """What the job keeps; what jobs before it kept is deleted."""
+        folder = self._folder.fine(job_id)
+        folder.mkdir(parents=True, exist_ok=True)
+        for other in folder.parent.iterdir():
+            if other != folder:
+                shutil.rmtree(other)
+        return folder
+
+    def _cameras_of(self, fine: Path, monitor: Monitor) -> Reconstruction:
+        """The cameras that the fine model is trained with, also if updates find others meanwhile."""
+        kept = fine / "sparse"
+        if not kept.exists():
+            model_dir = self._reconstruction(monitor).model_dir
+            if model_dir is None:
+                raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
+            partial = fresh_folder(fine / "sparse.partial")
+            shutil.copytree(model_dir, partial, dirs_exist_ok=True)
+            partial.rename(kept)
+        return read_colmap(kept)
 
     def _usual_side(self) -> int:
         """The size that the scene's updates learn from."""
@@ -241,28 +261,26 @@ class Learner:
         question: JobQuestion,
         views: Sequence[TrainingView],
         images: Mapping[str, Image],
-        gaussians: Gaussians,
-        sh_degree: int,
-        iterations: int,
+        model: _Model,
+        colmap: Path,
         monitor: Monitor,
     ) -> JobOutcome:
         """Write the snapshot's files, which the worker commits."""
         monitor.report("snapshot", 0, 1)
-        standing = self._reconstruction(monitor)
-        assert standing.model_dir is not None
+        standing = read_colmap(colmap)
         posed = {view.name for view in views}
         waiting = tuple(image.digest for name, image in images.items() if name not in posed)
         metrics = SnapshotMetrics(
             registered=len(views),
             waiting=len(waiting),
-            points=len(standing.reconstruction.points),
-            iterations=iterations,
-            gaussians=len(gaussians),
-            sh_degree=sh_degree,
+            points=len(standing.points),
+            iterations=model.iterations,
+            gaussians=len(model.gaussians),
+            sh_degree=model.sh_degree,
         )
         folder = self._folder.outcome(question.job_id)
-        points = _seen_points(standing.reconstruction)
-        files = write_model_files(folder, views, images, points, gaussians, metrics, standing.model_dir)
+        points = _seen_points(standing)
+        files = write_model_files(folder, views, images, points, model.gaussians, metrics, colmap)
         return JobOutcome(
             folder=str(folder),
             files=files,

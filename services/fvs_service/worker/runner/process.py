@@ -85,6 +85,7 @@ class LeaseWatch:
         """Look whether the worker still is what it was."""
         while os.getppid() == self._parent and time.monotonic() < self._until:
             time.sleep(_WATCH_S)
+        print("The worker is gone, or holds the scene no longer.", file=sys.stderr, flush=True)  # noqa: T201 - the log
         os._exit(_EXIT_ORPHANED)
 
 

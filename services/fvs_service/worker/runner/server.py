@@ -53,6 +53,7 @@ class RunnerServer:
         self._pace = Pace()
         self._working = threading.Lock()
         self._monitor: JobMonitor | None = None
+        self._worker: Line | None = None
         self._yielded = threading.Event()
         self._touched = time.monotonic()
         self._socket = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG)
@@ -123,6 +124,9 @@ class RunnerServer:
                 return None
             case YieldQuestion():
                 if not self._working.acquire(blocking=False):
+                    worker = self._worker
+                    if worker is not None:
+                        worker.send({"wanted": True})
                     raise ConflictError("A job is running.")
                 return None  # and no other job begins
             case PingQuestion():
@@ -132,6 +136,7 @@ class RunnerServer:
         if not self._working.acquire(blocking=False):
             raise ConflictError("Another job is running.")
         try:
+            self._worker = line
             self._monitor = JobMonitor(
                 lambda note: _tell(line, note),
                 self._pace,
@@ -142,7 +147,7 @@ class RunnerServer:
             )
             return outcome.model_dump(mode="json")
         finally:
-            self._monitor, self._touched = None, time.monotonic()
+            self._monitor, self._worker, self._touched = None, None, time.monotonic()
             self._working.release()
 
 

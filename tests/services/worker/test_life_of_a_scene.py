@@ -1,0 +1,119 @@
+"""From photographs to rankings through the processes of the whole service."""
+
+import io
+import os
+import signal
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+RUNNER = "fvs_service.worker.runner.process"
+WORKER = "fvs_service.serving.worker_process"
+
+
+def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
+    scene = service.client.get(f"/v1/scenes/{modelled}").json()
+    assert scene["images"]["pending"] == 0
+    snapshot = service.snapshot(scene["snapshot_id"])
+    assert snapshot["metrics"]["registered"] == 7
+    names = {artifact["name"] for artifact in snapshot["artifacts"]}
+    assert names == {"alignment.json", "cameras.json", "colmap.zip", "metrics.json", "point_cloud.ply"}
+    archive = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/colmap.zip").content
+    with zipfile.ZipFile(io.BytesIO(archive)) as model:
+        assert {Path(name).name for name in model.namelist()} == {
+            *("cameras.bin", "images.bin", "points3D.bin")
+        }
+    ranking = service.rank(modelled)
+    assert [place["rank"] for place in ranking["candidates"] if place["rank"]] == [1, 2, 3, 4]
+    assert ranking["snapshot_id"] == snapshot["id"]
+    assert ranking["iterations"] == snapshot["metrics"]["iterations"] == 120
+    best = ranking["candidates"][0]["id"]
+    for picture in ("render", "spectrum"):
+        png = service.client.get(f"/v1/rankings/{ranking['id']}/candidates/{best}/{picture}.png")
+        with Image.open(io.BytesIO(png.content)) as image:
+            assert np.asarray(image).std() > 1
+
+
+def test_every_method_ranks(service: Any, modelled: str) -> None:
+    methods = service.client.get("/v1/capabilities").json()["methods"]
+    pinned = service.client.get(f"/v1/scenes/{modelled}").json()["snapshot_id"]
+    for method in methods:
+        ranking = service.rank(modelled, method=method, snapshot_id=pinned, budget=3)
+        assert {place["id"] for place in ranking["candidates"]} == {f"orbit-{n:04d}" for n in range(4)}
+
+
+def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[2:])
+    job = service.start(scene, iterations=100_000)
+    for stage in ("matching", "train"):
+        service.wait(job, lambda found, stage=stage: found["stage"] == stage)
+        asked = time.monotonic()
+        service.client.post(f"/v1/jobs/{job}:cancel")
+        deadline = asked + 30
+        while service.job(job)["state"] != "canceled" and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert time.monotonic() - asked < 2.0
+        again = service.client.post(f"/v1/jobs/{job}:retry")
+        assert again.json()["state"] == "queued"
+    found = service.wait(job, lambda found: found["stage"] == "train" and found["eta_s"] is not None)
+    assert found["attempt"] == 3
+    service.client.post(f"/v1/jobs/{job}:cancel")
+    service.wait(job, lambda found: found["state"] == "canceled")
+
+
+def test_rankings_are_answered_while_the_model_learns(
+    service: Any, modelled: str, courtyard_photographs: list[Path]
+) -> None:
+    before = service.client.get(f"/v1/scenes/{modelled}").json()["snapshot_id"]
+    fine = service.start(modelled, "fine", iterations=3000)
+    service.wait(fine, lambda found: found["stage"] == "train")
+    assert service.rank(modelled)["snapshot_id"] == before
+    # An update does not wait for a fine model, which goes on afterwards.
+    service.send(modelled, courtyard_photographs[7:])
+    service.finish(service.start(modelled))
+    assert service.job(fine)["state"] == "running"
+    scene = service.client.get(f"/v1/scenes/{modelled}").json()
+    assert service.snapshot(scene["snapshot_id"])["metrics"]["registered"] == 9
+    assert scene["snapshot_id"] != before
+    service.client.post(f"/v1/jobs/{fine}:cancel")
+    service.wait(fine, lambda found: found["state"] == "canceled")
+    assert service.rank(modelled)["snapshot_id"] == scene["snapshot_id"]
+
+
+def test_a_job_outlives_its_runner_and_its_worker(service: Any, modelled: str) -> None:
+    job = service.start(modelled, "fine", iterations=400)
+    for module in (RUNNER, WORKER):
+        service.wait(job, lambda found: found["stage"] == "train")
+        for process in service.processes(module):
+            os.kill(process, signal.SIGKILL)
+        assert service.rank(modelled)["candidates"]
+    done = service.finish(job)
+    assert done["attempt"] == 1
+    snapshot = service.snapshot(done["snapshot_id"])
+    assert (snapshot["kind"], snapshot["metrics"]["iterations"]) == ("fine", 400)
+    assert snapshot["metrics"]["sh_degree"] == 3
+    events = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"]
+    assert [item["job_id"] for item in events].count(job) == 1
+
+
+def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> None:
+    scene = service.scene()
+    noise = []
+    for number in range(3):
+        pixels = np.random.default_rng(number).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+        noise.append(tmp_path / f"{number}.png")
+        Image.fromarray(pixels).save(noise[-1])
+    service.send(scene, noise)
+    failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
+    assert failed["error"]["code"] == "reconstruction-failed"
+    assert failed["error"]["hint"]
+    assert failed["error"]["stage"]
+    refused = service.client.post(f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit"}})
+    assert refused.json()["code"] == "no-snapshot"
