@@ -60,11 +60,12 @@ class MemoryBudget:
                 if others == 0 or others + need_bytes <= self._limit_bytes:
                     self._reserved[scene_id] = need_bytes
                     return True
+            if self._make_room():
+                continue
             if give_up():
                 return False
-            if not self._make_room():
-                with self._changed:
-                    self._changed.wait(_POLL_S)
+            with self._changed:
+                self._changed.wait(_POLL_S)
 
     def shrink(self, scene_id: str, need_bytes: int) -> None:
         """The scene needs less now."""

@@ -21,6 +21,8 @@ from fvs_service.worker.protocol import RunnerError, RunnerGoneError, YieldQuest
 
 _POLL_S = 0.25
 _ASK_S = 2.0
+_WARM_PATIENCE_S = 60.0
+"""Whoever wanted the scene warm has given up by then."""
 
 _log = structlog.get_logger()
 
@@ -84,7 +86,7 @@ class Host:
 
     def warm(self, scene_id: str) -> None:
         """Start the scene's runner, so that it can answer; no more if it does not start."""
-        until = time.monotonic() + self._storage.settings.lease_s
+        until = time.monotonic() + _WARM_PATIENCE_S
         try:
             with self.hold(scene_id, self._warm_need(scene_id), lambda: time.monotonic() > until):
                 pass

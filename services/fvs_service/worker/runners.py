@@ -1,6 +1,7 @@
 """The gateway's way to the runners: by the scene's lease, straight to the process with the model."""
 
 import base64
+import math
 import threading
 import time
 from collections import defaultdict
@@ -33,6 +34,7 @@ _CONNECT_S = 2.0
 _ANSWER_S = 120.0
 _WARM_S = 45.0
 """How long a question waits for a cold scene: as long as a runner takes to start, with room to spare."""
+_WARM_AGAIN_S = 2.0
 _POLL_S = 0.1
 _KEPT_LINES = 8
 
@@ -60,7 +62,7 @@ class LeasedRunners:
     def _ask(self, scene_id: str, question: BaseModel) -> Any:
         """Ask the scene's runner, again when it died or moved; have it warmed when there is none."""
         until = time.monotonic() + _WARM_S
-        warming = False
+        warmed = -math.inf
         while True:
             holder = self._leases.holder(scene_id)
             if holder is not None and holder.endpoint is not None:
@@ -69,10 +71,10 @@ class LeasedRunners:
                 except RunnerError as error:
                     raise error_of(error.note) from error
                 except RunnerGoneError:
-                    warming = False  # it may have to be warmed once more
-            elif not warming:
+                    pass  # its lease outlives it for a while
+            if time.monotonic() - warmed > _WARM_AGAIN_S:
                 self._queue.warm(scene_id)
-                warming = True
+                warmed = time.monotonic()
             if time.monotonic() > until:
                 raise UnavailableError(
                     "No worker has the scene's model at hand.",
