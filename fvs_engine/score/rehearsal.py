@@ -9,7 +9,8 @@ from fvs_engine.score.spectrum_median import median_log_of_spectra
 
 def _median() -> None:
     draw = torch.Generator().manual_seed(0)
-    median_log_of_spectra(torch.rand((1, 12, 16, 3), generator=draw))
+    for width in (16, 17):  # the second one is transposed
+        median_log_of_spectra(torch.rand((1, 12, width, 3), generator=draw))
 
 
 STEPS: tuple[Callable[[], None], ...] = (_median,)

@@ -5,8 +5,12 @@ Each stands for two columns, but for column 0 and, when W is even, column W/2, w
 median over all H·W coefficients is therefore a weighted median over the half: exact, at half the work.
 Magnitudes need no square root and no logarithm to be put in order; only the middle ones get theirs.
 
-The FFT is computed in float64, as in float32 the rounding of low frequencies takes smooth images off by up to
-1e-4. Squared magnitudes are put in order in float32, which moves the result by at most 6e-8.
+Transposing an image transposes its spectrum, so the FFT of real input may run along either axis, the complex
+one along the other. A length with a large prime factor, which photographs often have once their distortion is
+taken out, slows the former by up to nine times and the latter by up to four: it is left to the latter.
+
+The FFT is computed in float64: float32, in three fifths of the time, takes renders off by 1e-5 and smooth images
+by 1e-4. Squared magnitudes are put in order in float32, which moves the result by at most 6e-8.
 
 On the CPU nothing here uses torch's OpenMP threads: they wait by spinning, and beside other work (a training
 in the same process, for one) a small FFT then takes ten times its time.
@@ -61,6 +65,8 @@ def _middle_powers_of_image(image: NDArray[np.floating[Any]], ranks: tuple[int, 
     One channel at a time: the buffers then stay small enough for the allocator to use them again, which at
     1080×1920 px is worth half the time.
     """
+    if _largest_prime_factor(image.shape[1]) > _largest_prime_factor(image.shape[0]):
+        image = image.transpose(1, 0, 2)
     height, width, channels = image.shape
     threads = get_num_threads()
     plane = np.empty((height, width))
@@ -80,6 +86,16 @@ def _middle_powers_of_image(image: NDArray[np.floating[Any]], ranks: tuple[int, 
     filled = _gather(power.reshape(channels * height, -1), has_middle, first, last, slots)
     below = int(cumulative[first - 1]) if first > 0 else 0
     return np.asarray(np.sort(slots[:filled])[np.array(ranks) - below])
+
+
+def _largest_prime_factor(number: int) -> int:
+    factor = 2
+    while factor * factor <= number:
+        if number % factor == 0:
+            number //= factor
+        else:
+            factor += 1
+    return number
 
 
 @parallel_kernel

@@ -93,6 +93,13 @@ def test_it_is_the_definition_on_photographs(photographs, operation):
         assert score(changed) == pytest.approx(oracle(changed), abs=1e-5)
 
 
+def test_it_is_the_definition_whichever_side_has_an_awkward_length(photographs):
+    (image, *_) = photographs
+    for height, width in ((97, 120), (120, 97), (97, 101)):
+        cut = image[100 : 100 + height, 100 : 100 + width]
+        assert score(cut) == pytest.approx(oracle(cut), abs=1e-5)
+
+
 def test_it_is_the_definition_where_hardly_anything_varies():
     y, x = np.mgrid[:90, :120]
     blob = np.exp(-((x - 60) ** 2 + (y - 40) ** 2) / 200)[..., None] * [0.5, 0.3, 0.9]
