@@ -1,0 +1,5 @@
+"""``python -m fvs_client`` is ``fvs-client``."""
+
+from fvs_client.cli import main
+
+main()

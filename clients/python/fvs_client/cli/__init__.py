@@ -1,0 +1,15 @@
+"""``fvs-client``: the service from the command line."""
+
+import sys
+
+from fvs_client.cli.exit_codes import INTERRUPTED
+
+
+def main() -> None:
+    """Entry point of the ``fvs-client`` program."""
+    from fvs_client.cli.app import app
+
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,158 @@
+"""``fvs-client jobs``, and ``update`` and ``fine``, which queue one."""
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from fvs_client.cli.progress import display, job_progress
+from fvs_client.cli.session import (
+    JsonOption,
+    SceneArgument,
+    TimeoutOption,
+    WaitOption,
+    find_scene,
+    print_json,
+    service,
+)
+from fvs_client.models.jobs import JobKind
+from fvs_client.resources import Job
+
+jobs = typer.Typer(help="Show, await, cancel and retry jobs.", no_args_is_help=True)
+
+_JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A job's id.")]
+_Iterations = Annotated[
+    int | None, typer.Option(min=1, help="Training iterations.", show_default="as many as it needs")
+]
+_LongSide = Annotated[
+    int | None,
+    typer.Option("--long-side", min=64, metavar="PX", help="Train on images reduced to this size."),
+]
+
+
+def update(
+    context: typer.Context,
+    scene: SceneArgument,
+    iterations: _Iterations = None,
+    long_side: _LongSide = None,
+    wait: WaitOption = True,
+    timeout: TimeoutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Take up all images that have arrived, and train the model on."""
+    _queue(context, JobKind.UPDATE, scene, iterations, long_side, wait=wait, timeout=timeout, as_json=as_json)
+
+
+def fine(
+    context: typer.Context,
+    scene: SceneArgument,
+    iterations: _Iterations = None,
+    long_side: _LongSide = None,
+    wait: WaitOption = True,
+    timeout: TimeoutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the final model."""
+    _queue(context, JobKind.FINE, scene, iterations, long_side, wait=wait, timeout=timeout, as_json=as_json)
+
+
+@jobs.command("list")
+def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
+    """List the jobs of a scene, the oldest first."""
+    with service(context, as_json=as_json) as client:
+        found = list(find_scene(client, scene).jobs.list())
+    if as_json:
+        print_json([job.model_dump(mode="json") for job in found])
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("id", "kind", "state", "progress", "stage", "made"):
+        table.add_column(
+            heading, justify="right" if heading == "progress" else "left", no_wrap=heading == "id"
+        )
+    for job in found:
+        made = job.created_at.strftime("%F %H:%M")
+        table.add_row(job.id, job.kind.value, job.state.value, f"{job.progress:.0%}", job.stage or "", made)
+    Console().print(table)
+
+
+@jobs.command("show")
+def show(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
+    """Show a job and how far it is."""
+    with service(context, as_json=as_json) as client:
+        _print(client.jobs.get(job), as_json=as_json)
+
+
+@jobs.command("wait")
+def wait_for(
+    context: typer.Context, job: _JobArgument, timeout: TimeoutOption = None, as_json: JsonOption = False
+) -> None:
+    """Stay until a job has ended."""
+    with service(context, as_json=as_json) as client:
+        _print(_wait(client.jobs.get(job), timeout, as_json=as_json), as_json=as_json)
+
+
+@jobs.command("cancel")
+def cancel(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
+    """Stop a job."""
+    with service(context, as_json=as_json) as client:
+        _print(client.jobs.get(job).cancel(), as_json=as_json)
+
+
+@jobs.command("retry")
+def retry(
+    context: typer.Context,
+    job: _JobArgument,
+    wait: WaitOption = True,
+    timeout: TimeoutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Queue a failed or canceled job again; finished stages are not repeated."""
+    with service(context, as_json=as_json) as client:
+        again = client.jobs.get(job).retry()
+        _print(_wait(again, timeout, as_json=as_json) if wait else again, as_json=as_json)
+
+
+def _queue(
+    context: typer.Context,
+    kind: JobKind,
+    scene: str,
+    iterations: int | None,
+    long_side: int | None,
+    *,
+    wait: bool,
+    timeout: float | None,
+    as_json: bool,
+) -> None:
+    with service(context, as_json=as_json) as client:
+        found = find_scene(client, scene)
+        job = found.jobs.create(kind, iterations=iterations, long_side_px=long_side)
+        _print(_wait(job, timeout, as_json=as_json) if wait else job, as_json=as_json)
+
+
+def _wait(job: Job, timeout_s: float | None, *, as_json: bool) -> Job:
+    label = {JobKind.UPDATE: "Updating the model", JobKind.FINE: "Training the final model"}.get(
+        job.kind, job.kind
+    )
+    with display(label, as_json=as_json) as shown:
+        return job.wait(timeout_s=timeout_s, on_progress=lambda now: job_progress(shown, now))
+
+
+def _print(job: Job, *, as_json: bool) -> None:
+    if as_json:
+        print_json(job.model_dump(mode="json"))
+        return
+    stage = f" ({job.stage})" if job.stage and not job.ended else ""
+    typer.echo(f"{job.id}  {job.kind.value}  {job.state.value}  {job.progress:.0%}{stage}")
+    if job.error is not None:
+        typer.echo(f"{job.error.message} {job.error.hint}".rstrip())
+    for warning in job.warnings:
+        typer.echo(f"warning: {warning}")
+    snapshot = job.snapshot()
+    if snapshot is not None:
+        metrics = snapshot.metrics
+        waiting = f", {metrics.waiting} waiting for overlap" if metrics.waiting else ""
+        typer.echo(
+            f"{snapshot.id}  {metrics.registered} images registered{waiting}, "
+            f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations"
+        )

@@ -1,0 +1,136 @@
+"""Progress on stderr: bars on a terminal, a line now and then elsewhere, JSON lines for programs."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TransferSpeedColumn,
+)
+from rich.text import Text
+
+from fvs_client.models.jobs import JobData
+from fvs_client.operations.downloading import DownloadProgress
+from fvs_client.operations.uploading import UploadedFile, UploadProgress
+
+_LOG_EVERY_S = 10.0
+_JSON_EVERY_S = 0.2
+
+
+class Display(Protocol):
+    """Shows one thing's progress."""
+
+    def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:
+        """``done`` of ``total``, in words, and as data."""
+        ...
+
+    def say(self, sentence: str) -> None:
+        """A sentence that stays."""
+        ...
+
+
+@contextmanager
+def display(label: str, *, as_json: bool, in_bytes: bool = False) -> Iterator[Display]:
+    """The display that fits where stderr goes."""
+    if as_json:
+        yield _Lines(label, machine=True)
+    elif not sys.stderr.isatty():
+        yield _Lines(label, machine=False)
+    else:
+        columns: list[ProgressColumn] = [SpinnerColumn(), TextColumn("{task.description}"), BarColumn()]
+        columns += [DownloadColumn(), TransferSpeedColumn()] if in_bytes else [_Percent()]
+        columns += [TimeElapsedColumn(), TextColumn("{task.fields[text]}")]
+        with Progress(*columns, console=Console(stderr=True)) as progress:
+            yield _Bar(progress, label)
+
+
+def upload_progress(shown: Display, progress: UploadProgress) -> None:
+    """Show how far an upload is; each file that failed or cannot be used, at once."""
+    details: dict[str, object] = {
+        "files_done": progress.files_done,
+        "files_total": progress.files_total,
+        "bytes_sent": progress.bytes_sent,
+    }
+    shown.show(
+        progress.bytes_done, progress.bytes_total, f"{progress.files_done} of {progress.files_total}", details
+    )
+
+
+def verdict_of(file: UploadedFile) -> str:
+    """What became of a file, in words."""
+    if file.error is not None:
+        return f"failed: {getattr(file.error, 'message', file.error)}"
+    if file.image is None or file.image.accepted:
+        doubts = ", ".join(file.image.warnings) if file.image else ""
+        return f"{file.outcome.value.replace('-', ' ')}{f' ({doubts})' if doubts else ''}"
+    return f"{file.image.verdict.value}: {file.image.reason}"
+
+
+def job_progress(shown: Display, job: JobData) -> None:
+    """Show how far a job is."""
+    stage = job.stage or job.state.value
+    left = "" if job.eta_s is None else f", about {_duration(job.eta_s)} left"
+    details: dict[str, object] = {"state": job.state.value, "stage": job.stage, "eta_s": job.eta_s}
+    shown.show(job.progress, 1.0, f"{stage}{left}", details)
+
+
+def download_progress(shown: Display, progress: DownloadProgress) -> None:
+    """Show how far a download is."""
+    shown.show(progress.bytes_done, progress.bytes_total, progress.name, {"name": progress.name})
+
+
+class _Percent(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.percentage:3.0f}%")
+
+
+class _Bar:
+    def __init__(self, progress: Progress, label: str) -> None:
+        self._progress = progress
+        self._task = progress.add_task(label, total=None, text="")
+
+    def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:  # noqa: ARG002
+        self._progress.update(self._task, completed=done, total=total or 1.0, text=text)
+
+    def say(self, sentence: str) -> None:
+        self._progress.console.print(sentence, markup=False, highlight=False)
+
+
+class _Lines:
+    def __init__(self, label: str, *, machine: bool) -> None:
+        self._label, self._machine = label, machine
+        self._last_time, self._last_text = float("-inf"), ""
+
+    def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:
+        pause = _JSON_EVERY_S if self._machine else _LOG_EVERY_S
+        stage = text.partition(",")[0]
+        finished = done >= total
+        if time.monotonic() - self._last_time < pause and stage == self._last_text and not finished:
+            return
+        self._last_time, self._last_text = time.monotonic(), stage
+        share = done / total if total else 1.0
+        if self._machine:
+            document = {"progress": {"of": self._label, "share": round(share, 4), **details}}
+            print(json.dumps(document, ensure_ascii=False), file=sys.stderr, flush=True)  # noqa: T201
+        else:
+            print(f"{self._label}: {share:4.0%}  {text}", file=sys.stderr, flush=True)  # noqa: T201
+
+    def say(self, sentence: str) -> None:
+        if not self._machine:
+            print(sentence, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

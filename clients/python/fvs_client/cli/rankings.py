@@ -1,0 +1,147 @@
+"""``fvs-client rank``."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import pydantic
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
+from fvs_client.models.rankings import (
+    AroundCurrent,
+    Candidate,
+    Dataset,
+    Generator,
+    Grid,
+    Orbit,
+    Pose,
+)
+from fvs_client.resources import Ranking
+
+T = TypeVar("T")
+
+
+class GeneratorName(StrEnum):
+    """The generators of candidates."""
+
+    ORBIT = "orbit"
+    GRID = "grid"
+    DATASET = "dataset"
+    AROUND_CURRENT = "around-current"
+
+
+def rank(
+    context: typer.Context,
+    scene: SceneArgument,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
+    ] = None,
+    generator: Annotated[
+        GeneratorName | None, typer.Option(help="Who makes the candidates.", show_default="orbit")
+    ] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="How many orbit and around-current make.")] = None,
+    method: Annotated[str, typer.Option(help="How to score; `fvs-client status` lists the methods.")] = (
+        "median-frequency"
+    ),
+    current: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, metavar="FILE", help="JSON: the pose where the camera is."),
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(min=0, metavar="M", help="How far it can go from there.")
+    ] = None,
+    top: Annotated[int | None, typer.Option(min=1, metavar="K", help="Show only the first K.")] = None,
+    snapshot: Annotated[
+        str | None, typer.Option(metavar="ID", help="Rank on this snapshot.", show_default="the newest model")
+    ] = None,
+    budget: Annotated[int, typer.Option(min=1, help="How many photographs are still to be taken.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="For methods that draw lots.")] = 0,
+    renders: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Save what the candidates see, and their spectra.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Rank poses, the one to photograph next first."""
+    if candidates is not None and generator is not None:
+        raise typer.BadParameter("Give --candidates or --generator, not both.")
+    listed = None if candidates is None else _read(candidates, pydantic.TypeAdapter(list[Candidate]))
+    chosen = None if listed is not None else _generator(generator or GeneratorName.ORBIT, count)
+    with service(context, as_json=as_json) as client:
+        ranking = find_scene(client, scene).rank(
+            listed,
+            generator=chosen,
+            current_pose=None if current is None else _read(current, pydantic.TypeAdapter(Pose)),
+            radius_m=radius,
+            top_k=top,
+            method=method,
+            snapshot_id=snapshot,
+            budget=budget,
+            seed=seed,
+        )
+        if renders is not None:
+            _save_pictures(ranking, renders)
+    if as_json:
+        print_json(ranking.model_dump(mode="json"))
+    else:
+        print_table(ranking)
+
+
+def print_table(ranking: Ranking) -> None:
+    """The candidates, the first to be photographed first."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("rank", "id", "score", "coverage", "distance", "status"):
+        table.add_column(heading, justify="left" if heading in ("id", "status") else "right")
+    for item in ranking.candidates:
+        table.add_row(
+            "" if item.rank is None else str(item.rank),
+            item.id,
+            "" if item.score is None else f"{item.score:.4g}",
+            "" if item.coverage is None else f"{item.coverage:.0%}",
+            "" if item.distance_m is None else f"{item.distance_m:.2f}",
+            item.status.value,
+        )
+    Console().print(table)
+    more = ranking.total - len(ranking.candidates)
+    rest = f"{more} more candidates; " if more > 0 else ""
+    fallback = f"; chosen by {ranking.fallback}, because the method could not" if ranking.fallback else ""
+    typer.echo(
+        f"{rest}by {ranking.request.method} on {ranking.snapshot_id}, {ranking.gaussians:,} Gaussians after "
+        f"{ranking.iterations:,} iterations, in {ranking.seconds:.2f} s{fallback}"
+    )
+
+
+def _generator(name: GeneratorName, count: int | None) -> Generator:
+    match name:
+        case GeneratorName.ORBIT:
+            return Orbit() if count is None else Orbit(count=count)
+        case GeneratorName.AROUND_CURRENT:
+            return AroundCurrent() if count is None else AroundCurrent(count=count)
+        case GeneratorName.GRID:
+            return Grid()
+        case GeneratorName.DATASET:
+            return Dataset()
+
+
+def _read(path: Path, kind: pydantic.TypeAdapter[T]) -> T:
+    try:
+        return kind.validate_python(json.loads(path.read_text(encoding="utf-8")))
+    except ValueError as error:
+        reason = str(error)
+        if isinstance(error, pydantic.ValidationError):
+            first = error.errors()[0]
+            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise typer.BadParameter(f"{path}: {reason}") from error
+
+
+def _save_pictures(ranking: Ranking, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for place, item in enumerate(ranking.candidates, start=1):
+        if item.coverage is None:  # not rendered: visited, or out of range
+            continue
+        (folder / f"{place:04d}-{item.id}-render.png").write_bytes(ranking.render(item))
+        (folder / f"{place:04d}-{item.id}-spectrum.png").write_bytes(ranking.spectrum(item))

@@ -1,0 +1,198 @@
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fvs_client import Client
+from fvs_client.cli.app import app
+from fvs_client.cli.exit_codes import exit_code_of
+from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
+from typer.testing import CliRunner, Result
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.setenv("FVS_URL", url)
+    monkeypatch.delenv("FVS_API_KEY", raising=False)
+    monkeypatch.setenv("COLUMNS", "160")
+
+    def run(*words: str | Path, expect: int = 0) -> Result:
+        result = CliRunner().invoke(app, [str(word) for word in words])
+        assert result.exit_code == expect, result.output
+        return result
+
+    return run
+
+
+@pytest.fixture
+def scene_id(run: Run) -> str:
+    return run("scenes", "create", "quarry").stdout.strip()
+
+
+def test_the_way_from_photographs_to_a_ranking(
+    run: Run, gateway: Any, photographs: Path, tmp_path: Path
+) -> None:
+    name = f"flight {tmp_path.name}"
+    scene_id = run("scenes", "create", name).stdout.strip()
+    assert run("upload", name, photographs).stdout == _like("3 sent (", ")")
+    assert run("upload", name, photographs).stdout == "0 sent (0.0 MB), 3 there already\n"
+    assert "no model" in run("download", name, expect=2).stderr
+    assert "nothing can be ranked" in run("rank", name, expect=3).stderr
+    snapshot_id = gateway.model(scene_id)
+    shown = run("scenes", "show", name).stdout
+    assert f"{snapshot_id}  update, 6 images registered, 60 Gaussians" in shown
+    ranked = run("rank", name, "--top", "4", "--renders", tmp_path / "views").stdout.splitlines()
+    assert len(ranked) == 6
+    assert ranked[1].split()[:2] == ["1", ranked[1].split()[1]]
+    assert "20 more candidates; by median-frequency" in ranked[-1]
+    assert len(list((tmp_path / "views").glob("*-render.png"))) == 4
+    files = run("download", name, "--out", tmp_path / "model").stdout.splitlines()
+    assert [Path(file).name for file in files] == ["cameras.json", "point_cloud.ply"]
+    assert all(Path(file).is_file() for file in files)
+    assert snapshot_id in run("scenes", "list").stdout
+
+
+def test_candidates_come_from_a_file(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
+    gateway.model(scene_id)
+    pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}
+    file, current = tmp_path / "candidates.json", tmp_path / "here.json"
+    file.write_text(json.dumps([{"id": "south", "pose": pose}]))
+    current.write_text(json.dumps(pose | {"position": [0.0, -9.0, 0.5]}))
+    near = json.loads(run("rank", scene_id, "--candidates", file, "--json").stdout)
+    assert [(item["id"], item["status"]) for item in near["candidates"]] == [("south", "ranked")]
+    far = json.loads(
+        run("rank", scene_id, "--candidates", file, "--current", current, "--radius", 2, "--json").stdout
+    )
+    assert [(item["status"], item["distance_m"]) for item in far["candidates"]] == [("out-of-range", 5.0)]
+    file.write_text('[{"id": "south", "pose": {"position": [0, 0, 0]}}]')
+    assert "orientation_wxyz" in run("rank", scene_id, "--candidates", file, expect=2).stderr
+    run("rank", scene_id, "--candidates", file, "--generator", "grid", expect=2)
+
+
+def test_files_that_cannot_be_used_are_told_and_the_rest_is_sent(
+    run: Run, scene_id: str, photographs: Path
+) -> None:
+    (photographs / "torn.jpg").write_bytes((photographs / "b.jpg").read_bytes()[:300])
+    result = run("upload", scene_id, photographs, expect=10)
+    assert "torn.jpg: unreadable" in result.stderr
+    assert result.stdout == _like("4 sent (", "), 1 cannot be used")
+    document = json.loads(run("upload", scene_id, photographs, "--json", expect=10).stdout)
+    assert [file["verdict"] for file in document["files"]] == [
+        "accepted",
+        "accepted",
+        "accepted",
+        "unreadable",
+    ]
+    assert document["bytes_sent"] == 0
+
+
+def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, scene_id: str) -> None:
+    job = json.loads(run("update", scene_id, "--no-wait", "--json").stdout)
+    assert "has not ended" in run("jobs", "wait", job["id"], "--timeout", "0.1", expect=9).stderr
+    assert "canceled" in run("jobs", "cancel", job["id"]).stdout
+    assert "was canceled" in run("jobs", "wait", job["id"], expect=8).stderr
+    run("jobs", "retry", job["id"], "--no-wait")
+    run("jobs", "cancel", job["id"])
+    assert "Run a job" in run("fine", scene_id, expect=3).stderr
+    gateway.model(scene_id)
+    listed = json.loads(run("jobs", "list", scene_id, "--json").stdout)
+    assert [item["state"] for item in listed] == ["canceled", "succeeded"]
+    done = run("jobs", "wait", listed[1]["id"])
+    assert "6 images registered" in done.stdout
+    assert "Updating the model: 100%" in done.stderr
+
+
+def test_progress_and_errors_are_json_where_json_is_asked_for(run: Run, gateway: Any, scene_id: str) -> None:
+    gateway.model(scene_id)
+    job_id = json.loads(run("jobs", "list", scene_id, "--json").stdout)[0]["id"]
+    result = run("jobs", "wait", job_id, "--json")
+    assert json.loads(result.stdout)["state"] == "succeeded"
+    said = [
+        json.loads(line) for line in result.stderr.splitlines()
+    ]  # the gateway of the tests logs there too
+    assert [line["progress"]["share"] for line in said if "progress" in line] == [1.0]
+    refused = run("jobs", "show", "job_none", "--json", expect=6).stderr.splitlines()
+    error = next(json.loads(line)["error"] for line in refused if "error" in json.loads(line))
+    assert error["code"] == "not-found"
+    assert error["request_id"]
+
+
+def test_events_are_printed_as_they_come(url: str, scene_id: str, run: Run) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "fvs_client", "--url", url, "events", scene_id, "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["kind"] == "scene.created"
+        run("update", scene_id, "--no-wait")
+        assert json.loads(process.stdout.readline())["kind"] == "job.queued"
+        process.terminate()
+
+
+def test_a_service_that_does_not_run_is_told_kindly(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvs_client.retries.Retries.pause_s", lambda *_: None)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"http://127.0.0.1:{taken.getsockname()[1]}"
+        result = run("--url", url, "status", expect=4)
+    assert result.stderr.splitlines() == [
+        f"Error: There is no answer at {url}.",
+        "Is the service running? `fvs serve` starts one; FVS_URL says where it is.",
+    ]
+
+
+def test_wrong_usage_is_told(run: Run) -> None:
+    run("scenes", "show", "nowhere", expect=2)
+    run("--url", "nowhere", "status", expect=2)
+    run("scenes", "create", "x", "--local", "--origin", "1", "2", "3", expect=2)
+    run("upload", "scene", "/does/not/exist", expect=2)
+
+
+def test_two_scenes_of_one_name_must_be_told_apart(run: Run, tmp_path: Path) -> None:
+    ids = [run("scenes", "create", tmp_path.name).stdout.strip() for _ in range(2)]
+    error = run("scenes", "show", tmp_path.name, expect=2).stderr
+    assert all(scene_id[:12] in error for scene_id in ids)
+
+
+def test_a_world_is_made_as_asked_for(run: Run, client: Client) -> None:
+    made = json.loads(
+        run("scenes", "create", "x", "--origin", "48.3", "7.25", "412", "--every", "5", "--json").stdout
+    )
+    scene = client.scenes.get(made["id"])
+    assert scene.origin is not None
+    assert (scene.origin.latitude_deg, scene.origin.altitude_m) == (48.3, 412.0)
+    assert (scene.policy.trigger, scene.policy.k) == ("every-k-images", 5)
+
+
+def test_status_tells_what_the_service_can_do(run: Run) -> None:
+    assert "median-frequency" in run("status").stdout
+
+
+def test_every_error_has_a_status() -> None:
+    def below(kind: type[Exception]) -> list[type[Exception]]:
+        return [kind, *(found for child in kind.__subclasses__() for found in below(child))]
+
+    for kind in below(FvsError):
+        assert exit_code_of(kind.__new__(kind)) in range(3, 10)  # type: ignore[arg-type]
+    assert exit_code_of(ConnectionFailedError("x")) == 4
+    assert ApiError in below(FvsError)
+
+
+class _like:  # noqa: N801 - reads as a word in comparisons
+    """Equal to any line that begins and ends so."""
+
+    def __init__(self, start: str, end: str) -> None:
+        self._start, self._end = start, end
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, str) and other.startswith(self._start) and other.rstrip().endswith(self._end)
+
+    def __hash__(self) -> int:
+        return hash((self._start, self._end))

@@ -1,0 +1,235 @@
+"""Both clients do the same: the same names with the same arguments, and the same answers and errors."""
+
+import functools
+import inspect
+import re
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import fvs_client
+import pytest
+from anyio.from_thread import start_blocking_portal
+from fvs_client import (
+    AsyncClient,
+    Client,
+    FvsError,
+    Grid,
+    LocalWorld,
+    Orbit,
+    Policy,
+    Retries,
+    Trigger,
+    async_resources,
+    resources,
+)
+from fvs_client.models import FramePose
+
+Do = Callable[..., Any]
+RETRIES = Retries(first_s=0.01, longest_s=0.05)
+
+
+class Surface:
+    """A client whose calls are all made in the same way, whichever it is; with a folder of photographs."""
+
+    def __init__(self, client: Any, do: Do, items: Callable[[Any, int | None], list[Any]]) -> None:
+        self.client, self.do, self.items = client, do, items
+        self.folder = Path()
+        self.gateway: Any = None
+
+    def attempt(self, function: Do, *args: Any, **options: Any) -> Any:
+        try:
+            return self.do(function, *args, **options)
+        except (FvsError, FileNotFoundError) as error:
+            details = [getattr(error, name, None) for name in ("status", "hint", "retryable", "errors")]
+            return [type(error).__name__, str(error), details]
+
+
+def scenes(surface: Surface) -> Iterator[Any]:
+    client, do, folder = surface.client, surface.do, surface.folder
+    scene = do(
+        client.scenes.create,
+        "quarry",
+        world=LocalWorld(),
+        policy=Policy(trigger=Trigger.EVERY_K_IMAGES, k=3),
+        idempotency_key=folder.name,
+    )
+    yield scene
+    yield do(
+        client.scenes.create, "quarry", world=LocalWorld(), policy=scene.policy, idempotency_key=folder.name
+    )
+    yield surface.attempt(client.scenes.create, "other", idempotency_key=folder.name)
+    yield surface.attempt(client.scenes.create, "x" * 300)
+    yield surface.attempt(client.scenes.get, "scn_none")
+    yield surface.attempt(client.scenes.get, "../../livez")
+    yield do(scene.refresh) == scene
+    yield scene.id in [item.id for item in surface.items(client.scenes.list(), None)]
+    yield do(client.capabilities)
+    yield do(client.health)
+
+
+def images(surface: Surface) -> Iterator[Any]:
+    folder = surface.folder
+    scene = surface.do(surface.client.scenes.create, "quarry")
+    (folder / "torn.jpg").write_bytes((folder / "b.jpg").read_bytes()[:200])
+    for _ in range(2):
+        report = surface.do(scene.images.upload, folder, parallel=1)
+        yield [(file.path.name, file.outcome, file.digest, file.image) for file in report.files]
+        yield report.bytes_sent
+    yield surface.attempt(scene.images.upload, folder / "nothing.jpg")
+    yield surface.items(scene.images.list(), None)
+    yield surface.do(scene.images.put, b"no image")
+    yield surface.attempt(scene.images.get, f"sha256:{'0' * 64}")
+    yield surface.attempt(scene.images.check, ["md5:1"])
+    yield surface.do(scene.refresh)
+
+
+def jobs(surface: Surface) -> Iterator[Any]:
+    client, do = surface.client, surface.do
+    scene = do(client.scenes.create, "quarry")
+    yield surface.attempt(scene.fine)
+    job = do(scene.update, iterations=10)
+    yield job
+    yield surface.attempt(job.retry)
+    seen: list[Any] = []
+    yield surface.attempt(job.wait, timeout_s=0.1, on_progress=seen.append)
+    yield do(job.cancel)
+    yield surface.attempt(job.wait, on_progress=seen.append)
+    yield seen
+    yield do(job.retry)
+    yield do(do(client.jobs.get, job.id).cancel)
+    surface.gateway.model(scene.id)
+    done = surface.items(scene.jobs.list(), None)[-1]
+    yield do(done.wait)
+    yield do(done.snapshot)
+    yield surface.attempt(client.jobs.get, "job_none")
+    yield surface.items(scene.events(), 8)
+
+
+def rankings(surface: Surface) -> Iterator[Any]:
+    client, do, folder = surface.client, surface.do, surface.folder
+    scene = do(client.scenes.create, "quarry")
+    yield surface.attempt(scene.rank, generator=Orbit())
+    yield do(scene.snapshots.latest)
+    surface.gateway.model(scene.id)
+    near = FramePose.looking_at((3.0, 0.5, 1.0), (0.0, 0.0, 0.0))
+    far = FramePose.looking_at((9.0, 0.5, 1.0), (0.0, 0.0, 0.0))
+    ranking = do(scene.rank, {"near": near, "far": far}, current_pose=near, radius_m=2.0)
+    yield ranking
+    yield ranking.best
+    yield do(scene.rank, generator=Orbit(count=5), top_k=2)
+    yield do(client.rankings.get, ranking.id) == ranking
+    yield do(ranking.render, "near")[:8]
+    yield surface.attempt(ranking.render, "elsewhere")
+    yield surface.attempt(scene.rank, generator=Grid(), method="guess")
+    yield surface.attempt(scene.rank)
+    snapshot = do(scene.snapshots.latest)
+    yield surface.items(scene.snapshots.list(), None) == [snapshot]
+    yield do(snapshot.cameras)
+    yield do(snapshot.download, "cameras.json", folder).read_bytes()
+    yield surface.attempt(snapshot.download, "model.obj", folder)
+    yield surface.attempt(client.snapshots.get, "snp_none")
+
+
+SCENARIOS = (scenes, images, jobs, rankings)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.__name__)
+def test_both_clients_answer_alike(
+    gateway: Any, url: str, tmp_path: Path, photograph: Callable[..., bytes], scenario: Any
+) -> None:
+    folders = [tmp_path / name for name in ("blocking", "awaiting")]
+    for folder in folders:
+        folder.mkdir()
+        for number, name in enumerate(("a.jpg", "b.jpg")):
+            (folder / name).write_bytes(photograph(number))
+
+    def play(surface: Surface, folder: Path) -> list[str]:
+        surface.gateway, surface.folder = gateway, folder
+        return anonymous([plain(answer) for answer in scenario(surface)], folder)
+
+    with Client(url, retries=RETRIES) as client:
+        blocking = play(on_client(client), folders[0])
+    with start_blocking_portal() as portal:
+        client_of_portal = portal.call(functools.partial(AsyncClient, url, retries=RETRIES))
+        awaiting = play(on_async_client(client_of_portal, portal), folders[1])
+        portal.call(client_of_portal.close)
+    assert blocking == awaiting
+
+
+def on_client(client: Client) -> Surface:
+    def items(found: Any, most: int | None) -> list[Any]:
+        return [item for item, _ in zip(found, range(most or 10_000), strict=False)]
+
+    return Surface(client, lambda function, *args, **options: function(*args, **options), items)
+
+
+def on_async_client(client: AsyncClient, portal: Any) -> Surface:
+    async def take(found: Any, most: int | None) -> list[Any]:
+        taken: list[Any] = []
+        async for item in found:
+            taken.append(item)
+            if len(taken) == most:
+                break
+        await found.aclose()
+        return taken
+
+    return Surface(
+        client,
+        lambda function, *args, **options: portal.call(functools.partial(function, *args, **options)),
+        lambda found, most: portal.call(take, found, most),
+    )
+
+
+def plain(value: Any) -> str:
+    """What a client answered, without what says which client it was."""
+    return repr(value).replace("Async", "")
+
+
+def anonymous(answers: list[str], folder: Path) -> list[str]:
+    """``answers`` without what differs between any two runs: ids, times, the folder."""
+    names: dict[str, str] = {}
+
+    def numbered(found: re.Match[str]) -> str:
+        return names.setdefault(found[0], f"{found[1]}#{len(names)}")
+
+    text = "\n---\n".join(answers).replace(str(folder), "FOLDER")
+    text = re.sub(r"\b(scn|job|snp|rnk)_[0-9a-zA-Z]{8,}", numbered, text)
+    text = re.sub(r"datetime\.datetime\([^()]*(\([^()]*\))?[^()]*\)", "TIME", text)
+    text = re.sub(r"TzInfo\([^)]*\)", "UTC", text)
+    text = re.sub(r"\b(number|seconds)=[0-9.e-]+", r"\1=N", text)
+    return text.split("\n---\n")
+
+
+PAIRS = [
+    (Client, AsyncClient),
+    *(
+        (kind, getattr(async_resources, f"Async{name}"))
+        for name, kind in vars(resources).items()
+        if inspect.isclass(kind) and kind.__module__ == resources.__name__ and not name.startswith("_")
+    ),
+]
+
+
+@pytest.mark.parametrize(("blocking", "awaiting"), PAIRS, ids=lambda kind: kind.__name__)
+def test_names_and_arguments_agree(blocking: type, awaiting: type) -> None:
+    assert _surface_of(blocking) == _surface_of(awaiting)
+
+
+def _surface_of(kind: type) -> dict[str, str]:
+    """The public names of a class, with their signatures and what they say of themselves."""
+    found = {}
+    for name, member in vars(kind).items():
+        function = member.fget if isinstance(member, property) else member
+        if name.startswith("_") or not isinstance(function, types.FunctionType):
+            continue
+        signature = (
+            str(inspect.signature(function)).replace("Async", "").replace("async_", "").replace("'", "")
+        )
+        found[name] = f"{signature} {inspect.getdoc(function)}"
+    return found
+
+
+def test_everything_public_can_be_imported() -> None:
+    assert all(hasattr(fvs_client, name) for name in fvs_client.__all__)

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from fvs_client import FramePose, Orbit, Policy, VehiclePose
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from fvs_engine.geometry import look_at, matrix_from_quaternion
+
+coordinates = st.floats(-100, 100)
+places = st.tuples(coordinates, coordinates, coordinates)
+
+
+@given(position=places, target=places)
+def test_looking_at_agrees_with_the_engine(
+    position: tuple[float, float, float], target: tuple[float, float, float]
+) -> None:
+    forward = np.subtract(target, position)
+    assume(np.linalg.norm(forward) > 1e-3 and np.linalg.norm(forward[:2]) > 1e-2 * np.linalg.norm(forward))
+    pose = FramePose.looking_at(position, target)
+    expected = look_at(position, target, [0, 0, 1])
+    np.testing.assert_allclose(matrix_from_quaternion(pose.orientation_wxyz), expected.rotation, atol=1e-9)
+    assert pose.position == position
+    assert pose.orientation_wxyz[0] >= 0
+
+
+def test_looking_nowhere_is_refused() -> None:
+    with pytest.raises(ValueError, match="stands on its target"):
+        FramePose.looking_at((1, 2, 3), (1, 2, 3))
+    with pytest.raises(ValueError, match="looks along"):
+        FramePose.looking_at((1, 2, 3), (1, 2, 0))
+
+
+def test_input_is_strict() -> None:
+    with pytest.raises(ValidationError, match="unit quaternion"):
+        FramePose(position=(0, 0, 0), orientation_wxyz=(2, 0, 0, 0))
+    with pytest.raises(ValidationError):
+        VehiclePose(latitude_deg=float("nan"), longitude_deg=0, altitude_m=0, yaw_deg=0, pitch_deg=0)
+    with pytest.raises(ValidationError):
+        Orbit.model_validate({"cuont": 5})
+    with pytest.raises(ValidationError):
+        Policy.model_validate({"trigger": 3})
