@@ -161,8 +161,14 @@ class Attempts:
             return
         images = self._images_of(hosted, job)
         with self._storage.database.reading() as session:
-            snapshot_id = find_scene(session, job.scene_id).snapshot_id
-        question = JobQuestion(job_id=job.id, request=job.request, images=images, snapshot_id=snapshot_id)
+            scene = find_scene(session, job.scene_id)
+        question = JobQuestion(
+            job_id=job.id,
+            request=job.request,
+            images=images,
+            camera=scene.camera,
+            snapshot_id=scene.snapshot_id,
+        )
         outcome = self._converse(hosted, job, question)
         self._commit(hosted, job, outcome, {image.digest: image for image in images})
 

@@ -27,6 +27,7 @@ from fvs_service.errors import (
 from fvs_service.images.model import Image
 from fvs_service.jobs.model import JobRequest
 from fvs_service.rankings.port import DrawView, Picture, RankViews, RunnerView
+from fvs_service.scenes.model import CameraPrior
 from fvs_service.snapshots.model import SnapshotMetrics
 
 MAX_LINE_BYTES = 64_000_000
@@ -114,6 +115,7 @@ class JobQuestion(Message):
     job_id: str
     request: JobRequest
     images: tuple[Image, ...]
+    camera: CameraPrior | None
     snapshot_id: str | None
 
 

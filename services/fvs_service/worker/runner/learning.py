@@ -133,7 +133,7 @@ class Learner:
             self._states.publish(question.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
     def _update(self, question: JobQuestion, monitor: JobMonitor, warn: Warn) -> JobOutcome:
-        images = place_photographs(self._blobs, question.images, self._folder.images, monitor)
+        images = self._photographs(question, monitor)
         if len(images) < 2:
             raise ReconstructionError(
                 f"The scene has {len(images)} usable photographs, and a model needs two or more.",
@@ -151,6 +151,9 @@ class Learner:
         assert model_dir is not None  # training needs a camera, and cameras come from there
         model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
         return self._outcome(question, scene.views, images, model, model_dir, monitor)
+
+    def _photographs(self, question: JobQuestion, monitor: Monitor) -> Mapping[str, Image]:
+        return place_photographs(self._blobs, question.images, self._folder.images, question.camera, monitor)
 
     def _open_scene(self, request: JobRequest, monitor: Monitor, warn: Warn) -> GrowingScene:
         choice = self._choose(request, warn)
@@ -192,7 +195,7 @@ class Learner:
         return kept
 
     def _fine(self, question: JobQuestion, monitor: JobMonitor) -> JobOutcome:
-        images = place_photographs(self._blobs, question.images, self._folder.images, monitor)
+        images = self._photographs(question, monitor)
         fine = self._fine_folder(question.job_id)
         standing = self._cameras_of(fine, monitor)
         request, settings = question.request, self._settings
