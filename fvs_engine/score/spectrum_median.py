@@ -9,8 +9,8 @@ Transposing an image transposes its spectrum, so the FFT of real input may run a
 one along the other. A length with a large prime factor, which photographs often have once their distortion is
 taken out, slows the former by up to nine times and the latter by up to four: it is left to the latter.
 
-The FFT is computed in float64: float32, in three fifths of the time, takes renders off by 1e-5 and smooth images
-by 1e-4. Squared magnitudes are put in order in float32, which moves the result by at most 6e-8.
+The FFT is computed in float64: float32, in three fifths of the time, takes renders off by 1e-5 and smooth
+images by 1e-4. Squared magnitudes are put in order in float32, which moves the result by at most 6e-8.
 
 On the CPU nothing here uses torch's OpenMP threads: they wait by spinning, and beside other work (a training
 in the same process, for one) a small FFT then takes ten times its time.
