@@ -49,20 +49,35 @@ def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seed
     """Seeds on those of ``points`` around which none of ``occupied`` [Q, 3] stands; at most ``room``.
 
     Only places count, never the points' numbers or their order: structure from motion renumbers its points,
-    and moves them a little, with every adjustment. When there is room for fewer, those with the most space
+    and moves them a little, with every adjustment. A point that still is where one of ``occupied`` was put
+    costs next to nothing, however many there are. When there is room for fewer, those with the most space
     win.
     """
     finite = np.isfinite(points.xyz).all(axis=1)
     xyz, colors = points.xyz[finite], points.colors[finite]
     if len(xyz) == 0 or room <= 0:
         return Seeds(PointCloud(xyz[:0], colors[:0]), np.zeros(0))
-    spacing = point_spacing(xyz)
-    distance = cKDTree(occupied).query(xyz)[0] if len(occupied) else np.full(len(xyz), np.inf)
+    new = ~_stand_exactly(xyz, occupied)
+    xyz, colors, spacing = xyz[new], colors[new], point_spacing(xyz, new)
     order = np.lexsort(xyz.T)
-    free = order[distance[order] > FREE_SPACING * spacing[order]]
-    if len(free) > room:
-        free = free[np.sort(np.argsort(-spacing[free], kind="stable")[:room])]
-    return Seeds(PointCloud(xyz[free], colors[free]), spacing[free])
+    if len(occupied) and len(order):
+        # Few points ask: the tree that is quick to build, not the one that is quick to search.
+        tree = cKDTree(occupied, balanced_tree=False, compact_nodes=False)
+        order = order[tree.query(xyz[order])[0] > FREE_SPACING * spacing[order]]
+    if len(order) > room:
+        order = order[np.sort(np.argsort(-spacing[order], kind="stable")[:room])]
+    return Seeds(PointCloud(xyz[order], colors[order]), spacing[order])
+
+
+def _stand_exactly(xyz: Array, occupied: Array) -> NDArray[np.bool_]:
+    """Which of the points [P, 3] are, to a float32's precision, among ``occupied`` [Q, 3]: [P]."""
+    places = set(_keys(occupied))
+    return np.fromiter((key in places for key in _keys(xyz)), dtype=bool, count=len(xyz))
+
+
+def _keys(xyz: Array) -> list[bytes]:
+    rows = np.ascontiguousarray(xyz, dtype=np.float32)
+    return list(rows.view(f"V{rows.dtype.itemsize * 3}")[:, 0].tolist())
 
 
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:

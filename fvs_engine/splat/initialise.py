@@ -49,18 +49,26 @@ def initialise_from_points(
     )
 
 
-def point_spacing(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def point_spacing(
+    points: NDArray[np.float64], chosen: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
     """Mean distance of each of the points [P, 3] to its three nearest others, within sane bounds [P].
 
-    Points in one place share the distance to the nearest *other* places. A point without any other
-    place to measure to counts as a hundredth of its distance to the origin.
+    Of those that are ``chosen`` [P] only, when that is given: searching is what costs. Points in one place
+    share the distance to the nearest *other* places. A point without any other place to measure to counts as
+    a hundredth of its distance to the origin.
     """
     places, place_of_point = np.unique(points, axis=0, return_inverse=True)
+    place_of_point = place_of_point.reshape(-1)
+    if chosen is not None:
+        place_of_point = place_of_point[chosen]
     neighbors = min(NEIGHBORS, len(places) - 1)
-    if neighbors == 0:
-        return np.full(len(points), 0.01 * max(float(np.linalg.norm(places[0])), 1e-3))
-    distances, _ = cKDTree(places).query(places, k=neighbors + 1)
+    if neighbors <= 0 or len(place_of_point) == 0:
+        alone = 0.01 * max(float(np.linalg.norm(points[:1])), 1e-3)
+        return np.full(len(place_of_point), alone)
+    asked, answer_of_point = np.unique(place_of_point, return_inverse=True)
+    distances, _ = cKDTree(places).query(places[asked], k=neighbors + 1)
     spacing = distances[:, 1:].mean(axis=1)
     typical = np.median(spacing)
     bounded = np.clip(spacing, SMALLEST_SPACING * typical, LARGEST_SPACING * typical)
-    return np.asarray(bounded[place_of_point.reshape(-1)])
+    return np.asarray(bounded[answer_of_point])
