@@ -44,6 +44,12 @@ class ReconstructionError(EngineError):
     code = "reconstruction-failed"
 
 
+class ProcessDiedError(ReconstructionError):
+    """A process that structure from motion had started was killed, or ran out of memory."""
+
+    code = "process-died"
+
+
 class TrainingError(EngineError):
     """Training cannot start or cannot go on (nothing to train on, or the numbers diverged)."""
 

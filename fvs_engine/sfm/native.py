@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import ProcessDiedError, ReconstructionError
 from fvs_engine.monitor import Monitor
 
 _COMMAND = [sys.executable, "-m", "fvs_engine.sfm.native_child"]
@@ -41,7 +41,7 @@ def run_native(
 
     ``on_tick`` is called a few times a second while the child works, ``on_event`` with each number that it
     reports. Raises ``Cancelled`` when the monitor says so: the child is dead by then; and
-    ``ReconstructionError`` when the job fails or its process dies.
+    ``ReconstructionError`` when the job fails, ``ProcessDiedError`` when its process dies.
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def run_native(
             _close(child)
     outcome = next((message for message in messages if "event" not in message), None)
     if outcome is None:
-        raise ReconstructionError(
+        raise ProcessDiedError(
             f"The process of stage {job!r} died (exit status {child.returncode}).",
             hint=f"Often memory ran out: use fewer or smaller images. Its last words are in {log_file}.",
         )

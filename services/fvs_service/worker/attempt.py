@@ -11,6 +11,7 @@ from typing import Any
 import structlog
 
 from fvs_engine.atomic_file import write_text_atomically
+from fvs_engine.errors import ProcessDiedError
 from fvs_engine.geometry import RigidTransform
 from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, ServiceError, StaleLeaseError
@@ -218,8 +219,10 @@ class Attempts:
                 case {"result": made}:
                     return JobOutcome.model_validate(made)
                 case ErrorNote():
-                    if why is not None and document.code == "cancelled":
+                    if why is not None and document.code in ("cancelled", ProcessDiedError.code):
                         raise why
+                    if document.code == ProcessDiedError.code:
+                        raise RunnerGoneError(document.message)  # as if all of it had died: try again
                     raise _FailedError(document, stage)
                 case _:
                     raise why or RunnerGoneError("The runner died.")

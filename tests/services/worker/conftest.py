@@ -162,10 +162,10 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 @pytest.fixture(scope="session")
 def courtyard_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Nine photographs along an arc around the courtyard."""
+    """Eleven photographs along an arc around the courtyard."""
     folder = tmp_path_factory.mktemp("courtyard")
     camera = SimulatedCamera.like_a_drone(320, 240)
-    return write_photographs(folder, courtyard(), camera, orbit(9, turns=0.36), Monitor())
+    return write_photographs(folder, courtyard(), camera, orbit(11, turns=0.44), Monitor())
 
 
 @pytest.fixture(scope="session")

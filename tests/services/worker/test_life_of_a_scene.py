@@ -8,17 +8,33 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import httpx2
 import numpy as np
 from PIL import Image
 
 RUNNER = "fvs_service.worker.runner.process"
 WORKER = "fvs_service.serving.worker_process"
+GATEWAY = "fvs_service.serving.gateway_process"
+SFM_CHILD = "fvs_engine.sfm.native_child"
+
+
+def _latest(service: Any, scene: str) -> tuple[str, int]:
+    """The scene's latest snapshot, and how many images are registered in it."""
+    snapshot = service.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    return snapshot, service.snapshot(snapshot)["metrics"]["registered"]
+
+
+def _kill(service: Any, module: str) -> None:
+    """Kill a process that runs ``module``, as soon as there is one."""
+    deadline = time.monotonic() + 60
+    while not (found := service.processes(module)):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    os.kill(found[0], signal.SIGKILL)
 
 
 def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
-    scene = service.client.get(f"/v1/scenes/{modelled}").json()
-    assert scene["images"]["pending"] == 0
-    snapshot = service.snapshot(scene["snapshot_id"])
+    snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
     assert snapshot["metrics"]["registered"] == 7
     names = {artifact["name"] for artifact in snapshot["artifacts"]}
     assert names == {"alignment.json", "cameras.json", "colmap.zip", "metrics.json", "point_cloud.ply"}
@@ -27,7 +43,7 @@ def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -
         assert {Path(name).name for name in model.namelist()} == {
             *("cameras.bin", "images.bin", "points3D.bin")
         }
-    ranking = service.rank(modelled)
+    ranking = service.rank(modelled, snapshot_id=snapshot["id"])
     assert [place["rank"] for place in ranking["candidates"] if place["rank"]] == [1, 2, 3, 4]
     assert ranking["snapshot_id"] == snapshot["id"]
     assert ranking["iterations"] == snapshot["metrics"]["iterations"] == 120
@@ -50,7 +66,7 @@ def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(
     service: Any, courtyard_photographs: list[Path]
 ) -> None:
     scene = service.scene()
-    service.send(scene, courtyard_photographs[2:])
+    service.send(scene, courtyard_photographs[4:])
     job = service.start(scene, iterations=100_000)
     for stage in ("matching", "train"):
         service.wait(job, lambda found, stage=stage: found["stage"] == stage)
@@ -71,36 +87,53 @@ def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(
 def test_rankings_are_answered_while_the_model_learns(
     service: Any, modelled: str, courtyard_photographs: list[Path]
 ) -> None:
-    before = service.client.get(f"/v1/scenes/{modelled}").json()["snapshot_id"]
+    before, registered = _latest(service, modelled)
     fine = service.start(modelled, "fine", iterations=3000)
     service.wait(fine, lambda found: found["stage"] == "train")
     assert service.rank(modelled)["snapshot_id"] == before
     # An update does not wait for a fine model, which goes on afterwards.
-    service.send(modelled, courtyard_photographs[7:])
-    service.finish(service.start(modelled))
+    service.send(modelled, courtyard_photographs[7:9])
+    updated = service.finish(service.start(modelled))
     assert service.job(fine)["state"] == "running"
-    scene = service.client.get(f"/v1/scenes/{modelled}").json()
-    assert service.snapshot(scene["snapshot_id"])["metrics"]["registered"] == 9
-    assert scene["snapshot_id"] != before
+    assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
     service.client.post(f"/v1/jobs/{fine}:cancel")
     service.wait(fine, lambda found: found["state"] == "canceled")
-    assert service.rank(modelled)["snapshot_id"] == scene["snapshot_id"]
+    assert service.rank(modelled)["snapshot_id"] == updated["snapshot_id"]
 
 
-def test_a_job_outlives_its_runner_and_its_worker(service: Any, modelled: str) -> None:
-    job = service.start(modelled, "fine", iterations=400)
-    for module in (RUNNER, WORKER):
-        service.wait(job, lambda found: found["stage"] == "train")
-        for process in service.processes(module):
-            os.kill(process, signal.SIGKILL)
-        assert service.rank(modelled)["candidates"]
-    done = service.finish(job)
+def test_jobs_outlive_whatever_is_killed(
+    service: Any, modelled: str, courtyard_photographs: list[Path]
+) -> None:
+    """The short form of ``tests/faults/kill_anything.py``."""
+    _, registered = _latest(service, modelled)
+    service.send(modelled, courtyard_photographs[9:])
+    update = service.start(modelled)
+    for module in (SFM_CHILD, RUNNER):
+        _kill(service, module)
+    done = service.finish(update)
     assert done["attempt"] == 1
-    snapshot = service.snapshot(done["snapshot_id"])
-    assert (snapshot["kind"], snapshot["metrics"]["iterations"]) == ("fine", 400)
-    assert snapshot["metrics"]["sh_degree"] == 3
-    events = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"]
-    assert [item["job_id"] for item in events].count(job) == 1
+    assert _latest(service, modelled) == (done["snapshot_id"], registered + 2)
+
+    fine = service.start(modelled, "fine", iterations=300)
+    service.wait(fine, lambda found: found["stage"] == "train")
+    _kill(service, WORKER)
+    assert service.rank(modelled)["snapshot_id"] == done["snapshot_id"]
+    done = service.finish(fine)
+    assert done["attempt"] == 1
+    snapshots = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"]
+    assert [item["job_id"] for item in snapshots].count(update) == 1
+    (made,) = (item for item in snapshots if item["job_id"] == fine)
+    assert (made["metrics"]["iterations"], made["metrics"]["sh_degree"]) == (300, 3)
+
+    _kill(service, GATEWAY)
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            assert service.rank(modelled)["snapshot_id"] == made["id"]
+            break
+        except httpx2.TransportError:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
 
 
 def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> None:
