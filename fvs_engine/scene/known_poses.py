@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.color_evidence import MIN_AGREEMENT, color_agreement
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
-from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.sfm.mapping import read_witnesses
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, open_colmap
 from fvs_engine.sfm.report import GIVEN, Evidence
@@ -35,14 +37,17 @@ class KnownPoses:
         self._folder = folder
         self._dataset = dataset
         self._settings = settings
+        self._color_agreements: dict[str, float | None] = {}
 
     def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
         """See ``PoseSource``. Every view has its pose at once.
 
-        Raises ``ReconstructionError`` when the photographs match each other but not the given poses.
+        Raises ``ReconstructionError`` when the photographs contradict the given poses: by the colours of the
+        dataset's points, or, where it has none, by their matches with each other.
         """
         views = tuple(self._posed(name) for name in visited)
         if self._dataset.points is not None:
+            self._require_colors(views, self._dataset.points, monitor)
             return Standing(views, self._dataset.points.seen_by(visited), len(visited))
         points, warnings = self._triangulated(views, monitor)
         return Standing(views, points, len(visited), warnings)
@@ -78,8 +83,24 @@ class KnownPoses:
     def _require_support(self, evidence: Evidence | None) -> None:
         """Photographs that do not match at all say nothing; matches must not contradict the poses."""
         if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
-            raise ReconstructionError(
-                f"The given poses of {self._dataset.name} contradict its photographs: "
-                f"only {evidence.match_support:.0%} of the verified matches fit them.",
-                hint="Do they belong to these images? A transforms.json has OpenGL axes, camera to world.",
+            raise self._contradiction(f"only {evidence.match_support:.0%} of the verified matches fit them.")
+
+    def _require_colors(self, views: Sequence[PosedView], points: SparsePoints, monitor: Monitor) -> None:
+        """Most photographs must show the colours of their points, as far as points have any."""
+        for view in views:
+            if view.name not in self._color_agreements:
+                monitor.check()
+                seen = points.seen_in(view.name)
+                self._color_agreements[view.name] = color_agreement(view, seen, self._dataset.image_dir)
+        told = [value for view in views if (value := self._color_agreements[view.name]) is not None]
+        if len(told) >= _MIN_VIEWS and median(told) < MIN_AGREEMENT:
+            raise self._contradiction(
+                "where they see the model's points, the photographs have other colours (correlation "
+                f"{median(told):.2f}; at least {MIN_AGREEMENT} is expected)."
             )
+
+    def _contradiction(self, evidence: str) -> ReconstructionError:
+        return ReconstructionError(
+            f"The given poses of {self._dataset.name} contradict its photographs: {evidence}",
+            hint="Do they belong to these images? A transforms.json has OpenGL axes, camera to world.",
+        )

@@ -38,6 +38,11 @@ class SparsePoints:
     def __len__(self) -> int:
         return len(self.cloud)
 
+    def seen_in(self, name: str) -> PointCloud:
+        """The points that the view ``name`` saw."""
+        seen = self.observed_point[self.observing_view == self.view_names.index(name)]
+        return PointCloud(self.cloud.xyz[seen], self.cloud.colors[seen])
+
     def seen_by(self, names: Iterable[str]) -> PointCloud:
         """The points that at least two of the views ``names`` saw.
 

@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -6,8 +7,9 @@ import pytest
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.scene.dataset import Dataset, DatasetView, read_dataset
 from fvs_engine.scene.known_poses import KnownPoses
+from fvs_engine.scene.sparse_points import PointCloud
 from fvs_engine.sfm.reconstruct import SfmResult
 from fvs_engine.sfm.settings import SfmSettings
 
@@ -49,6 +51,25 @@ def test_points_are_triangulated_where_the_dataset_has_none(tmp_path: Path, kerm
         )
         in_front = view.camera_from_model.apply(three.points.xyz)[:, 2] > 0
         assert in_front.all()
+
+
+def test_photographs_that_lack_the_colours_of_their_points_are_refused(
+    tmp_path: Path, room_dir: Path
+) -> None:
+    room = read_dataset(room_dir / "images", colmap=room_dir / "sparse")
+    first = room.names[:4]
+    assert len(KnownPoses(tmp_path / "sfm", room, SETTINGS).stand(first, Monitor()).points) > 30
+    others = tmp_path / "others"
+    others.mkdir()
+    for name, other in zip(room.names, room.names[5:] + room.names[:5], strict=True):
+        shutil.copyfile(room.image_dir / other, others / name)
+    mistaken = KnownPoses(tmp_path / "sfm", replace(room, image_dir=others), SETTINGS)
+    with pytest.raises(ReconstructionError, match=r"contradict its photographs: .* other colours"):
+        mistaken.stand(first, Monitor())
+    assert room.points is not None
+    colorless = PointCloud(room.points.cloud.xyz, 0 * room.points.cloud.colors)
+    plain = replace(room, image_dir=others, points=replace(room.points, cloud=colorless))
+    assert len(KnownPoses(tmp_path / "sfm", plain, SETTINGS).stand(first, Monitor()).views) == 4
 
 
 def test_poses_of_other_photographs_are_refused(tmp_path: Path, kermit: Dataset) -> None:
