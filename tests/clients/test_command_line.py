@@ -47,11 +47,14 @@ def test_the_way_from_photographs_to_a_ranking(
     snapshot_id = gateway.model(scene_id)
     shown = run("scenes", "show", name).stdout
     assert f"{snapshot_id}  update, 6 images registered, 60 Gaussians" in shown
-    ranked = run("rank", name, "--top", "4", "--renders", tmp_path / "views").stdout.splitlines()
-    assert len(ranked) == 6
-    assert ranked[1].split()[:2] == ["1", ranked[1].split()[1]]
-    assert "20 more candidates; by median-frequency" in ranked[-1]
-    assert len(list((tmp_path / "views").glob("*-render.png"))) == 4
+    ranked = run(
+        "rank", name, "--count", "5", "--top", "2", "--renders", tmp_path / "views"
+    ).stdout.splitlines()
+    assert len(ranked) == 4
+    assert ranked[0].split() == ["rank", "id", "score", "coverage", "distance", "status"]
+    assert [line.split()[0] for line in ranked[1:3]] == ["1", "2"]
+    assert "3 more; by median-frequency" in ranked[-1]
+    assert len(list((tmp_path / "views").glob("*-render.png"))) == 2
     files = run("download", name, "--out", tmp_path / "model").stdout.splitlines()
     assert [Path(file).name for file in files] == ["cameras.json", "point_cloud.ply"]
     assert all(Path(file).is_file() for file in files)

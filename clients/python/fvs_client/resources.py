@@ -67,7 +67,8 @@ class Snapshot(_Resource, SnapshotData):
         A download that was broken off goes on where it ended. Raises ``DamagedDownloadError``.
         """
         artifact = downloading.artifact_of(self, name)
-        operation = downloading.download(self.id, artifact, Path(path), on_progress, self._session.retries)
+        target = downloading.target_of(path, name)
+        operation = downloading.download(self.id, artifact, target, on_progress, self._session.retries)
         return self._session.run(operation)
 
     def cameras(self) -> SnapshotCameras:

@@ -107,7 +107,7 @@ def print_table(ranking: Ranking) -> None:
         )
     Console().print(table)
     more = ranking.total - len(ranking.candidates)
-    rest = f"{more} more candidates; " if more > 0 else ""
+    rest = f"{more} more; " if more > 0 else ""
     fallback = f"; chosen by {ranking.fallback}, because the method could not" if ranking.fallback else ""
     typer.echo(
         f"{rest}by {ranking.request.method} on {ranking.snapshot_id}, {ranking.gaussians:,} Gaussians after "

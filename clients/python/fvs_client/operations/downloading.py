@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from os import PathLike, fspath
 from pathlib import Path
 from typing import IO
 
@@ -51,6 +52,13 @@ def artifact_of(snapshot: SnapshotData, name: str) -> Artifact:
     )
 
 
+def target_of(path: str | PathLike[str], name: str) -> Path:
+    """Where the file ``name`` goes: to ``path``, or into it when it is a folder or ends like one."""
+    spelt = fspath(path)
+    folder = spelt.endswith(("/", os.sep)) or Path(spelt).is_dir()
+    return Path(spelt) / name if folder else Path(spelt)
+
+
 def download(
     snapshot_id: str,
     artifact: Artifact,
@@ -58,14 +66,12 @@ def download(
     on_progress: Callable[[DownloadProgress], object] | None,
     retries: Retries,
 ) -> Operation[Path]:
-    """Write the artefact to ``target`` (or into it, when it is a folder) and return where it is.
+    """Write the artefact to ``target`` and return it.
 
     Bytes go to a hidden file beside it that bears the digest's beginning; an interrupted download goes on
     from there, now or in another process. ``target`` appears whole and verified, or not at all. A file that
     is there already and is the same is left as it is. Raises ``DamagedDownloadError``.
     """
-    if target.is_dir():
-        target = target / artifact.name
     if (yield from call(lambda: _is_same(target, artifact))):
         return target
     target.parent.mkdir(parents=True, exist_ok=True)
