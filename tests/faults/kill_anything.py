@@ -114,7 +114,7 @@ class Service:
                         yield target, pid
 
 
-@dataclass
+@dataclass(eq=False)
 class Killer(threading.Thread):
     """Kills a random kind of process at random moments until it has killed so many."""
 
@@ -187,6 +187,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))  # and take the service along
     with tempfile.TemporaryDirectory(prefix="fvs-faults-") as name:
         folder = Path(name)
         camera = SimulatedCamera.like_a_drone(320, 240)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_engine.atomic_file import write_text_atomically
-from fvs_engine.errors import ProcessDiedError
+from fvs_engine.errors import EngineError, ProcessDiedError
 from fvs_engine.geometry import RigidTransform
 from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, ServiceError, StaleLeaseError
@@ -43,7 +44,7 @@ from fvs_service.worker.turns import Turns
 ALIGNMENT = "alignment.json"
 """The artefact with the snapshot's ``Alignment``."""
 
-_IMAGES_STAGE, _SNAPSHOT_STAGE = "images", "snapshot"
+_SNAPSHOT_STAGE = "snapshot"
 _POLL_S = 0.2
 _CONNECT_S = 5.0
 _STOP_S = 1.0
@@ -85,13 +86,13 @@ class Attempts:
 
         One that dies again and again without coming any farther is given up.
         """
-        deaths, reached = 0, 0.0
+        deaths, reached, reason = 0, 0.0, ""
         while not self._over(ticket):
             if self._host.stopping:
                 threading.Event().wait()  # the process ends; the attempt is taken up by the next one
             try:
                 if deaths > _MAX_DEATHS:
-                    self._give_up(ticket)
+                    self._give_up(ticket, reason)
                 elif self._turns.take(ticket.scene_id, ticket.kind, lambda: self._over(ticket)):
                     try:
                         self._try(ticket)
@@ -99,14 +100,17 @@ class Attempts:
                         self._turns.end(ticket.scene_id)
             except _PausedError:
                 time.sleep(_PAUSE_S)
-            except RunnerGoneError as error:
-                progress = self._progress(ticket)
-                deaths, reached = (deaths + 1, reached) if progress <= reached else (1, progress)
-                _log.warning("runner gone", job=ticket.job_id, deaths=deaths, reason=str(error))
-                time.sleep(_PAUSE_S)
             except StaleLeaseError:
                 _log.warning("lease lost", job=ticket.job_id)
                 time.sleep(_PAUSE_S)
+            except Exception as error:  # the runner's death, or the database's, or a defect: try again
+                if not isinstance(error, RunnerGoneError):
+                    _log.exception("attempt broke", job=ticket.job_id)
+                progress = self._progress(ticket)
+                deaths, reached = (deaths + 1, reached) if progress <= reached else (1, progress)
+                reason = f"{type(error).__name__}: {error}"
+                _log.warning("trying again", job=ticket.job_id, deaths=deaths, reason=reason)
+                time.sleep(_PAUSE_S * deaths)
 
     def _over(self, ticket: JobTicket) -> bool:
         """Whether there is nothing left to do: ended, or another attempt was begun."""
@@ -115,11 +119,19 @@ class Attempts:
                 job = find_job(session, ticket.job_id)
         except NotFoundError:
             return True
+        except SQLAlchemyError:
+            _log.warning("database unavailable", job=ticket.job_id)
+            time.sleep(_PAUSE_S)
+            return False
         return job.state.ended or job.attempt != ticket.attempt
 
     def _progress(self, ticket: JobTicket) -> float:
-        with self._storage.database.reading() as session:
-            return find_job(session, ticket.job_id).progress
+        """How far the job has come; 0 while nobody knows."""
+        try:
+            with self._storage.database.reading() as session:
+                return find_job(session, ticket.job_id).progress
+        except SQLAlchemyError:
+            return 0.0
 
     def _try(self, ticket: JobTicket) -> None:
         with self._storage.database.reading() as session:
@@ -139,18 +151,21 @@ class Attempts:
                 self._storage.ledger.cancel(hosted.lease, job.id)
             except _FailedError as failed:
                 self._storage.ledger.fail(hosted.lease, job.id, failed.error)
-            except (RunnerGoneError, StaleLeaseError, _PausedError):
+            except StaleLeaseError:
                 self._host.drop(hosted)
                 raise
-            except ServiceError as error:
+            except (ServiceError, EngineError) as error:
                 told = JobError(
                     code=error.code,
                     message=error.message,
                     hint=error.hint,
-                    retryable=error.retryable,
+                    retryable=not isinstance(error, ServiceError) or error.retryable,
                     stage=_SNAPSHOT_STAGE,
                 )
                 self._storage.ledger.fail(hosted.lease, job.id, told)
+            except BaseException:
+                self._host.drop(hosted)  # whatever it is doing, nobody listens any more
+                raise
             else:
                 self._storage.ledger.succeed(hosted.lease, job.id)
             shutil.rmtree(self._outcome_folder(job), ignore_errors=True)
@@ -174,14 +189,15 @@ class Attempts:
         self._commit(hosted, job, outcome, {image.digest: image for image in images})
 
     def _images_of(self, hosted: Hosted, job: Job) -> tuple[Image, ...]:
-        """The images that had arrived when the job was first begun: a repeated run takes the same."""
+        """The images that had arrived when the attempt was begun: if it is begun again, it takes the same."""
         with self._storage.database.reading() as session:
             images = accepted_images(session, job.scene_id)
         last = max((image.number for image in images), default=0)
-        kept = self._storage.ledger.stage(job.id, _IMAGES_STAGE)
+        stage = f"images-{job.attempt}"
+        kept = self._storage.ledger.stage(job.id, stage)
         if kept is None:
             kept = {"last_number": last}
-            self._storage.ledger.commit_stage(hosted.lease, job.id, _IMAGES_STAGE, kept)
+            self._storage.ledger.commit_stage(hosted.lease, job.id, stage, kept)
         return tuple(image for image in images if image.number <= kept["last_number"])
 
     def _converse(self, hosted: Hosted, job: Job, question: JobQuestion) -> JobOutcome:
@@ -221,7 +237,7 @@ class Attempts:
                 case ErrorNote():
                     if why is not None and document.code in ("cancelled", ProcessDiedError.code):
                         raise why
-                    if document.code == ProcessDiedError.code:
+                    if document.code == ProcessDiedError.code or self._host.stopping:
                         raise RunnerGoneError(document.message)  # as if all of it had died: try again
                     raise _FailedError(document, stage)
                 case _:
@@ -246,8 +262,8 @@ class Attempts:
         )
         self._storage.snapshots.commit(hosted.lease, job, _SNAPSHOT_STAGE, made)
 
-    def _give_up(self, ticket: JobTicket) -> None:
-        """Fail an attempt whose runner dies again and again."""
+    def _give_up(self, ticket: JobTicket, reason: str) -> None:
+        """Fail an attempt whose runner dies again and again; ``reason`` is the last one."""
         with self._host.leased(ticket.scene_id, lambda: self._over(ticket)) as lease:
             if lease is None:
                 return
@@ -256,7 +272,7 @@ class Attempts:
                 return
             error = JobError(
                 code="runner-died",
-                message=f"The process that works on the scene died {_MAX_DEATHS + 1} times.",
+                message=f"Work on the scene broke off {_MAX_DEATHS + 1} times, at last with {reason}",
                 hint="Often memory ran out: use fewer or smaller images, or a machine that has more.",
                 retryable=True,
                 stage=job.stage,

@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from fvs_service.settings import Settings
 from fvs_service.worker.protocol import (
+    CancelQuestion,
     PingQuestion,
     RunnerError,
     RunnerGoneError,
@@ -75,6 +77,15 @@ class RunnerChild:
         self.kill()
         return True
 
+    def retire(self, patience_s: float) -> None:
+        """Have it save what it is learning, and end it; at once when that takes too long."""
+        until = time.monotonic() + patience_s
+        with contextlib.suppress(RunnerGoneError, RunnerError):
+            self._ask(CancelQuestion())
+        while not self.yield_scene() and time.monotonic() < until:
+            time.sleep(_POLL_S)
+        self.kill()
+
     def kill(self) -> None:
         """End it at once; what is on its disk is whole."""
         self._process.kill()
@@ -84,7 +95,7 @@ class RunnerChild:
                 with contextlib.suppress(OSError):
                     pipe.close()
 
-    def _ask(self, question: PingQuestion | YieldQuestion) -> dict[str, float]:
+    def _ask(self, question: PingQuestion | YieldQuestion | CancelQuestion) -> dict[str, float]:
         line = connect(self.endpoint, _SHORT_S)
         try:
             line.wait_at_most(_SHORT_S)

@@ -4,9 +4,10 @@ import signal
 import threading
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
-from fvs_service.errors import UnavailableError
+from fvs_service.errors import ServiceError
 from fvs_service.jobs.port import JobTicket
 from fvs_service.jobs.service import Jobs
 from fvs_service.worker.attempt import Attempts
@@ -68,14 +69,14 @@ class DbosEngine:
         jobs = Jobs(self._storage.database, self, self._storage.settings.limits)
         forget_in_s = _FORGET_S
         while not stop.wait(_TEND_S):
-            presence.show(worker_id)
-            for dead in presence.take_dead(worker_id):
-                _log.warning("reaping", worker=dead, jobs=self.reap(dead))
             try:
+                presence.show(worker_id)
+                for dead in presence.take_dead(worker_id):
+                    _log.warning("reaping", worker=dead, jobs=self.reap(dead))
                 jobs.submit_waiting()
-            except UnavailableError as error:
-                _log.warning("queue unavailable", reason=error.message)
-            forget_in_s -= _TEND_S
-            if forget_in_s <= 0:
-                self._queue.forget_finished()
-                forget_in_s = _FORGET_S
+                forget_in_s -= _TEND_S
+                if forget_in_s <= 0:
+                    self._queue.forget_finished()
+                    forget_in_s = _FORGET_S
+            except (SQLAlchemyError, ServiceError) as error:
+                _log.warning("database unavailable", reason=str(error))

@@ -21,6 +21,7 @@ from fvs_service.worker.protocol import RunnerError, RunnerGoneError, YieldQuest
 
 _POLL_S = 0.25
 _ASK_S = 2.0
+_RETIRE_S = 5.0
 _WARM_PATIENCE_S = 60.0
 """Whoever wanted the scene warm has given up by then."""
 
@@ -102,7 +103,10 @@ class Host:
         """End all runners and give all scenes back."""
         self._stopping.set()
         self._keeper.join()
-        for hosted in list(self._hosted.values()):
+        held = list(self._hosted.values())
+        with ThreadPoolExecutor(max(1, len(held))) as pool:
+            list(pool.map(lambda hosted: hosted.child.retire(_RETIRE_S), held))
+        for hosted in held:
             self._drop(hosted)
 
     @property
@@ -172,21 +176,27 @@ class Host:
         self._storage.leases.release(hosted.lease)
 
     def _keep(self) -> None:
-        """Extend leases, look after children, unload what nobody has used for long."""
+        """Until the worker stops: extend leases, look after children, unload what nobody uses."""
         every_s = self._storage.settings.lease_s / 5
         extended = 0.0
         while not self._stopping.wait(_POLL_S):
             due = time.monotonic() - extended >= every_s
-            for hosted in list(self._hosted.values()):
-                if not hosted.child.alive:
-                    if hosted.busy == 0:
-                        self._drop_if_free(hosted)
-                elif due:
-                    self._extend(hosted)
-                    if hosted.busy == 0 and hosted.child.idle_s() > self._storage.settings.worker.idle_s:
-                        self._unload(hosted)
             if due:
                 extended = time.monotonic()
+            for hosted in list(self._hosted.values()):
+                try:
+                    self._look_after(hosted, due)
+                except Exception:  # the database is away: the leases run out, unless it comes back
+                    _log.exception("cannot look after a scene", scene=hosted.lease.scene_id)
+
+    def _look_after(self, hosted: Hosted, due: bool) -> None:
+        if not hosted.child.alive:
+            if hosted.busy == 0:
+                self._drop_if_free(hosted)
+        elif due:
+            self._extend(hosted)
+            if hosted.busy == 0 and hosted.child.idle_s() > self._storage.settings.worker.idle_s:
+                self._unload(hosted)
 
     def _extend(self, hosted: Hosted) -> None:
         try:
