@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from fvs_engine.errors import Cancelled, InvalidInputError, TrainingError
-from fvs_engine.geometry import PinholeCamera
+from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor, SavingMonitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.known_poses import KnownPoses
@@ -82,8 +82,10 @@ class GrowingScene:
     repeats the calls that followed it, after a kill, comes to the same scene bit by bit (on the CPU, with
     ``settings.sfm.threads=1`` where poses are estimated). One process at a time may own a folder.
 
-    The cost of an added view does not depend on how many there are, but for what structure from motion does:
-    images stay in memory, and are read again only if their camera's lens or zoom changed.
+    What an added view costs grows little with how many there are: its photograph is read, and places are
+    sought for the points that came with it, among all points and Gaussians. Images stay in memory, and are
+    read again only if their camera's lens or zoom changed. Finding poses and points has costs of its own, see
+    ``GrowingReconstruction`` and ``KnownPoses``.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class GrowingScene:
         self._visited: tuple[str, ...] = ()
         self._posed: dict[str, PosedView] = {}  # in the order of the trainer's views, lenses and all
         self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
+        self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._initial_views = 0
         self._infirm_points: int | None = None
         """On how few points the model began, guesses aside; None if on enough of them."""
@@ -253,12 +256,8 @@ class GrowingScene:
         expected = self.dataset.by_name[name].camera
         if self.settings.poses == "known":
             return self._photographs.pinhole(expected)
-        size = (expected.width, expected.height)
-        cameras = [view.camera for view in self._posed.values()]
-        alike = [camera for camera in cameras if (camera.width, camera.height) == size]
-        if not alike:
-            return self._photographs.pinhole(expected)
-        return self._photographs.pinhole(Counter(alike).most_common(1)[0][0])
+        usual = self._usual_cameras.get((expected.width, expected.height), expected)
+        return self._photographs.pinhole(usual)
 
     def _model(self) -> Trainer:
         if self._trainer is None:
@@ -285,7 +284,8 @@ class GrowingScene:
             elif not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix):
                 kept = replace(view, camera=before.camera)
                 moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
-            monitor.report("load", done, len(views))
+            if before is None:
+                monitor.report("load", done, len(views))
         lost = frozenset(self._posed).difference(view.name for view in views)
         if anew:
             seeds, infirm_points, warnings = self._first_seeds(standing, [view for _, view in added])
@@ -348,6 +348,7 @@ class GrowingScene:
         self._infirm_points = change.infirm_points
         self._posed.update({view.name: view for view, _ in (*change.moved, *change.added)})
         self._posed = {name: view for name, view in self._posed.items() if name not in change.lost}
+        self._usual_cameras = _usual_cameras(self._posed.values())
         self._seeded = np.concatenate([self._seeded, change.seeds.points.xyz.astype(np.float32)])
 
     def _resume(self, monitor: Monitor) -> None:
@@ -355,6 +356,7 @@ class GrowingScene:
         memory = self._files.memory(state)
         self._visited, self._generation = memory.visited, memory.generation
         self._posed = {view.name: view.posed() for view in memory.views}
+        self._usual_cameras = _usual_cameras(self._posed.values())
         self._initial_views, self._infirm_points = memory.initial_views, memory.infirm_points
         if not self._posed:
             return
@@ -365,6 +367,14 @@ class GrowingScene:
             views.append(self._photograph(view))
             monitor.report("load", done, len(self._posed))
         self._trainer = Trainer.resume(self._files.checkpoint, views, self.rasterizer)
+
+
+def _usual_cameras(views: Iterable[PosedView]) -> dict[tuple[int, int], Camera]:
+    """Image size → the camera that most views of that size have, the earliest of equals."""
+    by_size: dict[tuple[int, int], Counter[Camera]] = {}
+    for view in views:
+        by_size.setdefault((view.camera.width, view.camera.height), Counter())[view.camera] += 1
+    return {size: cameras.most_common(1)[0][0] for size, cameras in by_size.items()}
 
 
 def _pose_source(

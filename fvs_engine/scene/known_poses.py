@@ -30,7 +30,8 @@ class KnownPoses:
     """A ``PoseSource`` for a dataset whose poses are taken as they are: the model frame is the world frame.
 
     The points are those of the dataset's model that at least two visited views saw; a dataset without points
-    has them triangulated from the visited photographs.
+    has them triangulated from the visited photographs. Features and matches are kept, but all points are
+    found again with every new photograph.
     """
 
     def __init__(self, folder: Path, dataset: Dataset, settings: SfmSettings) -> None:

@@ -278,6 +278,10 @@ class SelectionLoop:
 
     def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
         warnings, seconds = self._learn([choice.chosen], monitor)
+        if choice.chosen in self.scene.waiting and not any(choice.chosen in line for line in warnings):
+            warnings += (
+                f"{choice.chosen} shows too little of what is known to be registered yet; it waits.",
+            )
         return StepRecord(
             choice=choice,
             views=len(self.visited) + 1,

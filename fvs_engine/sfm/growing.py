@@ -74,6 +74,7 @@ class GrowingReconstruction:
         self._settings = settings
         self._state = state
         self._looks: Looks | None = None
+        self._database_is_sound = False  # not known yet: the check reads all of it
         self._standing: tuple[int, Reconstruction] | None = None
 
     @classmethod
@@ -231,7 +232,9 @@ class GrowingReconstruction:
     def _match_waiting(self, stages: Stages) -> list[str]:
         """Find features and matches of the images that wait; returns those that match anything."""
         database = stages.folder.database
-        require_sound_database(database)
+        if not self._database_is_sound:
+            require_sound_database(database)
+            self._database_is_sound = True
         names = list(self._state.images)
         add_features(stages, self._image_dir, names)
         features = feature_counts(database)

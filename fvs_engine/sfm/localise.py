@@ -45,9 +45,10 @@ def localise(
     usable = [name for name in names if counts.get(name, 0) > 0]
 
     def fetch(neighbours: Sequence[str]) -> None:
-        stages.native(
-            "copy_features", {"source": str(database), "target": str(guests), "names": list(neighbours)}
-        )
+        here = feature_counts(guests)
+        names = [name for name in neighbours if name not in here]
+        if names:
+            stages.native("copy_features", {"source": str(database), "target": str(guests), "names": names})
 
     chosen = match_with_neighbours(stages, usable, order, standing.centres(), looks, fetch)
     groups = camera_groups(image_dir, [*order, *usable]).values()

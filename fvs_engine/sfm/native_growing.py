@@ -263,15 +263,18 @@ def _color(model: pycolmap.Reconstruction, image_dir: str, standing: set[int]) -
 
 
 def copy_features(_report: Report, *, source: str, target: str, names: list[str]) -> None:
-    """Copy keypoints and descriptors of images that both databases name; those that have them are skipped."""
+    """Copy keypoints and descriptors of images that both databases name; those that have them are skipped.
+
+    Keypoints come last: an image that has them is complete, also after a kill.
+    """
     numbers = image_ids(Path(source)), image_ids(Path(target))
     with pycolmap.Database.open(source) as read, pycolmap.Database.open(target) as written:
         for name in names:
             old, new = numbers[0][name], numbers[1][name]
-            if not written.exists_keypoints(new):
-                written.write_keypoints(new, read.read_keypoints(old))
             if not written.exists_descriptors(new):
                 written.write_descriptors(new, read.read_descriptors(old))
+            if not written.exists_keypoints(new):
+                written.write_keypoints(new, read.read_keypoints(old))
 
 
 def locate(

@@ -80,10 +80,10 @@ class Trainer:
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
     The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``drop_views``,
-    ``add_gaussians``. The
-    Gaussians that are there keep the optimiser's moments. ``extent``, by which learning rates and size limits
-    scale, does not jump with the cameras: it goes 1 % of the way to what they ask for (in the logarithm) per
-    iteration, so that a view far outside changes the rates within some hundred iterations.
+    ``add_gaussians``. The Gaussians that are there keep the optimiser's moments. ``extent``, by which
+    learning rates and size limits scale, does not jump with the cameras: it goes 1 % of the way to what they
+    ask for (in the logarithm) per iteration, so that a view far outside changes the rates within some hundred
+    iterations.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
