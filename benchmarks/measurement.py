@@ -21,7 +21,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "torch", "pycolmap", "gsplat
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall time of ``repeat`` runs in seconds."""
+    """Time of ``repeat`` runs in seconds."""
 
     min_s: float
     median_s: float
@@ -40,18 +40,24 @@ def measure(function: Callable[[], Any], repeat: int = 7, warmup: int = 1) -> Ti
 
 
 def measure_side_by_side(
-    functions: Mapping[str, Callable[[], Any]], repeat: int = 7, warmup: int = 1
+    functions: Mapping[str, Callable[[], Any]],
+    repeat: int = 7,
+    warmup: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Time several functions in turns, so that a machine that drifts drifts for all of them."""
+    """Time several functions in turns, so that a machine that drifts drifts for all of them.
+
+    ``clock`` says the time in seconds: ``time.process_time`` counts what this process alone computes.
+    """
     seconds: dict[str, list[float]] = {name: [] for name in functions}
     for turn in range(warmup + repeat):
         for name, function in functions.items():
             _wait_for_gpu()
-            start = time.perf_counter()
+            start = clock()
             function()
             _wait_for_gpu()
             if turn >= warmup:
-                seconds[name].append(time.perf_counter() - start)
+                seconds[name].append(clock() - start)
     return {name: Timing(min(times), median(times), max(times), repeat) for name, times in seconds.items()}
 
 

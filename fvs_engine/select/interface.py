@@ -107,8 +107,9 @@ def select(
     coverage wins (the model fills little of any view, so seeing some of it is better than none); where none
     has a score at all, the candidate farthest from all visited views, in position and direction.
 
-    Fewer than ``count`` are chosen where there are fewer candidates. Raises ``InvalidInputError`` without
-    candidates and for a ``count`` under 1, and what ``Selector.score`` raises.
+    Fewer than ``count`` are chosen where there are fewer candidates. Where the choice depends on what was
+    visited, all that remain are scored again for every further view: ``count`` times the cost. Raises
+    ``InvalidInputError`` without candidates and for a ``count`` under 1, and what ``Selector.score`` raises.
     """
     if not context.candidates:
         raise InvalidInputError(
