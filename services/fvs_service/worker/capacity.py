@@ -11,8 +11,8 @@ from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 
 PROGRAM_BYTES = 700_000_000
-"""What a runner needs before it has learnt anything: the interpreter, torch, Numba, and structure from
-motion's child. Measured with `/proc/<pid>/status`."""
+"""What a runner needs before it has learnt anything: the interpreter, torch and Numba, and structure from
+motion's child. Measured on a made-up scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
 _WARM_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25

@@ -58,6 +58,7 @@ class DbosEngine:
         finally:
             host.stop()
             stop_taking()
+            self._queue.close()
 
     def reap(self, worker_id: str) -> int:
         """See ``JobEngine``."""

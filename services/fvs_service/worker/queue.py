@@ -92,13 +92,6 @@ class Queue:
         except SQLAlchemyError as error:
             raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
 
-    def waiting(self) -> tuple[str, ...]:
-        """The keys of the attempts that nobody has begun yet, the oldest first."""
-        found = self._client.list_workflows(
-            status="ENQUEUED", queue_name=list(_QUEUES.values()), load_input=False, load_output=False
-        )
-        return tuple(workflow.workflow_id for workflow in found)
-
     def close(self) -> None:
         """Close the connections."""
         if "_client" in self.__dict__:

@@ -85,11 +85,16 @@ class Service:
         return self.wait(job, lambda found: found["state"] == "succeeded")
 
     def rank(self, scene: str, **request: Any) -> dict[str, Any]:
-        """A ranking of poses around the scene."""
+        """A ranking of poses around the scene; asked again as often as the service says so."""
         asked = {"generator": {"kind": "orbit", "count": 4}, **request}
-        made = self.client.post(f"/v1/scenes/{scene}/rankings", json=asked)
-        assert made.status_code == 201, made.text
-        return made.json()
+        deadline = time.monotonic() + 150
+        while True:
+            made = self.client.post(f"/v1/scenes/{scene}/rankings", json=asked)
+            if made.status_code == 201:
+                return made.json()
+            assert made.json()["retryable"], made.text
+            assert time.monotonic() < deadline, made.text
+            time.sleep(0.2)
 
     def snapshot(self, snapshot: str) -> dict[str, Any]:
         """A snapshot."""

@@ -3,11 +3,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fvs_service.jobs.model import JobKind
-from fvs_service.jobs.port import JobTicket
 from fvs_service.storage.database import Database
 from fvs_service.worker.presence import Presence
-from fvs_service.worker.queue import Queue
 
 
 @pytest.fixture
@@ -27,17 +24,3 @@ def test_a_worker_that_shows_itself_no_more_is_given_to_one_other(database: Data
     assert presence.take_dead("old") == ()  # nobody takes itself, and the other lives
     assert presence.take_dead("new") == ("old",)
     assert presence.take_dead("new") == ()
-
-
-def test_a_ticket_is_queued_once_and_can_be_taken_out(tmp_path: Path) -> None:
-    queue = Queue(f"sqlite:///{tmp_path / 'queue.sqlite3'}")
-    try:
-        ticket = JobTicket("job_1", "scn_1", JobKind.UPDATE, 1)
-        queue.submit(ticket)
-        queue.submit(ticket)
-        assert queue.waiting() == (ticket.key,)
-        queue.request_cancel(ticket)
-        assert queue.waiting() == ()
-        queue.request_cancel(ticket)
-    finally:
-        queue.close()
