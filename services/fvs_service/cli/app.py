@@ -16,6 +16,7 @@ from fvs_service.cli.options import (
     Backend,
     BackendOption,
     JsonOption,
+    OutOption,
     Quality,
     ThreadsOption,
     limit_threads,
@@ -82,7 +83,7 @@ def _fvs(
 @app.command()
 def reconstruct(
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")],
+    out: OutOption,
     quality: Annotated[
         Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
     ] = Quality.COARSE,

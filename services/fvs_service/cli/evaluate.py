@@ -1,12 +1,21 @@
 """The command ``fvs evaluate``."""
 
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_service.cli.options import Backend, BackendOption, JsonOption, ThreadsOption, limit_threads
+from fvs_service.cli.options import (
+    Backend,
+    BackendOption,
+    DatasetArgument,
+    DatasetColmapOption,
+    DatasetTransformsOption,
+    JsonOption,
+    OutOption,
+    ThreadsOption,
+    limit_threads,
+)
 from fvs_service.cli.select import Method, Poses
 
 if TYPE_CHECKING:
@@ -37,10 +46,8 @@ def _methods(text: str) -> tuple[str, ...]:
 
 
 def evaluate(
-    dataset: Annotated[
-        Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")],
+    dataset: DatasetArgument,
+    out: OutOption,
     preset: Annotated[
         Preset,
         typer.Option(
@@ -113,12 +120,8 @@ def evaluate(
         bool,
         typer.Option("--calibrate", help="Also compare every selector's scores with the true errors."),
     ] = False,
-    colmap: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The COLMAP model with the dataset's poses.")
-    ] = None,
-    transforms: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The transforms.json with the dataset's poses.")
-    ] = None,
+    colmap: DatasetColmapOption = None,
+    transforms: DatasetTransformsOption = None,
     backend: BackendOption = Backend.AUTO,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,

@@ -2,6 +2,7 @@
 
 import os
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -23,6 +24,16 @@ class Backend(StrEnum):
     REFERENCE = "reference"
 
 
+DatasetArgument = Annotated[
+    Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
+]
+OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
+DatasetColmapOption = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="The COLMAP model with the dataset's poses.")
+]
+DatasetTransformsOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="The transforms.json with the dataset's poses.")
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="The result as JSON on stdout, progress as JSON lines on stderr.")
 ]

@@ -1,12 +1,22 @@
 """The command ``fvs select``."""
 
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_service.cli.options import Backend, BackendOption, JsonOption, Quality, ThreadsOption, limit_threads
+from fvs_service.cli.options import (
+    Backend,
+    BackendOption,
+    DatasetArgument,
+    DatasetColmapOption,
+    DatasetTransformsOption,
+    JsonOption,
+    OutOption,
+    Quality,
+    ThreadsOption,
+    limit_threads,
+)
 
 if TYPE_CHECKING:
     from fvs_engine.monitor import Monitor
@@ -44,10 +54,8 @@ class Initial(StrEnum):
 
 
 def select(
-    dataset: Annotated[
-        Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")],
+    dataset: DatasetArgument,
+    out: OutOption,
     method: Annotated[
         Method, typer.Option(help="How the next view is chosen; median-frequency is the paper's.")
     ] = Method.MEDIAN_FREQUENCY,
@@ -81,12 +89,8 @@ def select(
         Poses,
         typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
     ] = Poses.SFM,
-    colmap: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The COLMAP model with the dataset's poses.")
-    ] = None,
-    transforms: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The transforms.json with the dataset's poses.")
-    ] = None,
+    colmap: DatasetColmapOption = None,
+    transforms: DatasetTransformsOption = None,
     quality: Annotated[
         Quality, typer.Option(help="What is learned: coarse has SH degree 0, fine 3.")
     ] = Quality.COARSE,
