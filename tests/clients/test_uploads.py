@@ -3,14 +3,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 from fvs_client import (
+    AsyncClient,
     Client,
     FvsError,
     ImageMetadata,
     NotFoundError,
     Outcome,
     UploadProgress,
+    UploadReport,
     Verdict,
 )
 
@@ -50,6 +53,35 @@ def test_verdicts_of_many_known_images_come_from_the_list(
     again = scene.images.upload(tmp_path)
     assert len(again.already_there) == 12
     assert [file.image for file in again.files] == [file.image for file in first.files]
+
+
+def test_the_async_client_sends_several_at_a_time(
+    url: str, photographs: Path, photograph: Callable[..., bytes]
+) -> None:
+    for number in range(9):
+        (photographs / f"{number}.jpg").write_bytes(photograph(100 + number))
+    seen: list[UploadProgress] = []
+
+    async def main() -> tuple[UploadReport, UploadReport]:
+        async with AsyncClient(url) as client:
+            scene = await client.scenes.create("quarry")
+            first = await scene.images.upload(photographs, parallel=4, progress=seen.append)
+            return first, await scene.images.upload(photographs)
+
+    first, again = anyio.run(main)
+    assert (len(first.sent), first.ok, len(again.already_there), again.bytes_sent) == (12, True, 12, 0)
+    assert (seen[-1].files_done, seen[-1].bytes_done) == (12, first.bytes_sent)
+    assert [file.image for file in again.files] == [file.image for file in first.files]
+
+
+def test_an_async_upload_that_fails_for_all_raises_the_one_error(url: str, photographs: Path) -> None:
+    async def main() -> None:
+        async with AsyncClient(url) as client:
+            scene = await client.scenes.create("quarry")
+            await scene.model_copy(update={"id": "scn_none"}).images.upload(photographs)
+
+    with pytest.raises(NotFoundError):
+        anyio.run(main)
 
 
 def test_each_file_has_its_verdict_and_a_bad_one_does_not_stop_the_rest(

@@ -1,4 +1,4 @@
-"""Runs operations for ``AsyncClient``, on asyncio or trio: what blocks goes to a thread."""
+"""Runs operations for ``AsyncClient``: what blocks goes to a thread."""
 
 from collections.abc import AsyncIterator
 from typing import Any, TypeVar, cast

@@ -50,7 +50,7 @@ def events(
     as_json: JsonOption = False,
 ) -> None:
     """Print what happens in a scene, as it happens, until Ctrl-C; with --json one event per line."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         for event in find_scene(client, scene).events(None if tail else after):
             if as_json:
                 typer.echo(event.model_dump_json())

@@ -60,7 +60,7 @@ def fine(
 @jobs.command("list")
 def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
     """List the jobs of a scene, the oldest first."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         found = list(find_scene(client, scene).jobs.list())
     if as_json:
         print_json([job.model_dump(mode="json") for job in found])
@@ -79,7 +79,7 @@ def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption =
 @jobs.command("show")
 def show(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
     """Show a job and how far it is."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         _print(client.jobs.get(job), as_json=as_json)
 
 
@@ -88,14 +88,14 @@ def wait_for(
     context: typer.Context, job: _JobArgument, timeout: TimeoutOption = None, as_json: JsonOption = False
 ) -> None:
     """Stay until a job has ended."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         _print(_wait(client.jobs.get(job), timeout, as_json=as_json), as_json=as_json)
 
 
 @jobs.command("cancel")
 def cancel(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
     """Stop a job."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         _print(client.jobs.get(job).cancel(), as_json=as_json)
 
 
@@ -108,7 +108,7 @@ def retry(
     as_json: JsonOption = False,
 ) -> None:
     """Queue a failed or canceled job again; finished stages are not repeated."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         again = client.jobs.get(job).retry()
         _print(_wait(again, timeout, as_json=as_json) if wait else again, as_json=as_json)
 
@@ -124,7 +124,7 @@ def _queue(
     timeout: float | None,
     as_json: bool,
 ) -> None:
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         found = find_scene(client, scene)
         job = found.jobs.create(kind, iterations=iterations, long_side_px=long_side)
         _print(_wait(job, timeout, as_json=as_json) if wait else job, as_json=as_json)

@@ -12,6 +12,7 @@ from fvs_client.cli.exit_codes import INTERRUPTED, USAGE, exit_code_of
 from fvs_client.client import Client
 from fvs_client.errors import ApiError, FvsError
 from fvs_client.resources import Scene
+from fvs_client.retries import Retries
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="The result as JSON on stdout; progress and errors as JSON on stderr.")
@@ -23,6 +24,8 @@ TimeoutOption = Annotated[
     typer.Option("--timeout", min=0, metavar="S", help="Wait at most so long.", show_default="ever"),
 ]
 
+_IMPATIENT = Retries(attempts=3, first_s=0.25)
+
 
 @dataclass(frozen=True)
 class Target:
@@ -33,11 +36,14 @@ class Target:
 
 
 @contextmanager
-def service(context: typer.Context, *, as_json: bool) -> Iterator[Client]:
-    """A client for one command; what it meets ends the program with a status of its own."""
+def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> Iterator[Client]:
+    """A client for one command; what it meets ends the program with a status of its own.
+
+    ``patient`` commands go on over bad links; the others soon say that there is no service.
+    """
     target: Target = context.find_object(Target) or Target(None, None)
     try:
-        client = Client(target.url, target.api_key)
+        client = Client(target.url, target.api_key, retries=Retries() if patient else _IMPATIENT)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--url") from error
     with client:

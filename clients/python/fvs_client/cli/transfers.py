@@ -22,7 +22,7 @@ def upload(
     as_json: JsonOption = False,
 ) -> None:
     """Send photographs. What the scene has already is not sent again, so the same command goes on."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         images = find_scene(client, scene).images
         with display("Sending photographs", as_json=as_json, in_bytes=True) as shown:
 
@@ -58,7 +58,7 @@ def download(
     as_json: JsonOption = False,
 ) -> None:
     """Download a model's files. What was broken off goes on where it ended."""
-    with service(context, as_json=as_json) as client:
+    with service(context, as_json=as_json, patient=True) as client:
         snapshot = _snapshot(client, what)
         out.mkdir(parents=True, exist_ok=True)
         paths = []

@@ -1,0 +1,126 @@
+"""The whole way, as a client goes it: ``make demo``.
+
+Starts the service, sends photographs (of a made-up courtyard, if none are given), watches the model grow,
+and asks which pose should be photographed next. Everything that is worth a look is left in one folder.
+"""
+
+import argparse
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+from fvs_client import Client, Dataset, FvsError, Job, Orbit, Ranking, Scene, Snapshot
+from fvs_client.cli.progress import display, job_progress, upload_progress
+from pictures import draw_contact_sheet, draw_trajectory
+from rich.console import Console
+from rich.table import Table
+from service import FVS, running_service
+
+console = Console()
+GENERATORS: dict[str, Orbit | Dataset] = {"orbit": Orbit(), "dataset": Dataset()}
+"""A circle around the model, or halfway between neighbouring photographs."""
+
+
+def main() -> None:
+    """Read the arguments and go."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "photographs", nargs="?", type=Path, help="a folder; without it, photographs are made"
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/demo"), help="where the results go")
+    parser.add_argument("--iterations", type=int, default=1500, help="of training")
+    parser.add_argument("--long-side", type=int, default=640, help="of the images in training, in px")
+    parser.add_argument("--generator", choices=GENERATORS, help="who makes the candidates")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the service is stopped then, too
+    options.out.mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="fvs-demo-") as folder:
+        photographs = options.photographs or _make_photographs(Path(folder))
+        chosen = options.generator or ("orbit" if options.photographs is None else "dataset")
+        try:
+            with (
+                running_service(Path(folder) / "service", options.out / "service.log") as url,
+                Client(url) as client,
+            ):
+                console.print(f"The service runs at {url}")
+                scene = client.scenes.create("demonstration")
+                _send(scene, photographs)
+                job = _update(scene, options.iterations, options.long_side)
+                ranking = scene.rank(generator=GENERATORS[chosen])
+                _print(ranking)
+                snapshot = job.snapshot()
+                assert snapshot is not None
+                _leave(options.out, snapshot, ranking)
+        except FvsError as error:
+            raise SystemExit(
+                f"{error}\n{error.hint}\nThe service's log is {options.out}/service.log"
+            ) from error
+    console.print(f"Done in {time.monotonic() - began:.0f} s; the service has been stopped.")
+
+
+def _make_photographs(folder: Path) -> Path:
+    """Photographs of three fifths of the way around a courtyard; the rest is for the ranking to ask for."""
+    console.print("No photographs were given: taking some of a made-up courtyard")
+    command = [str(FVS), "simulate", str(folder / "courtyard"), "--images", "24", "--turns", "0.6"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return folder / "courtyard" / "images"
+
+
+def _send(scene: Scene, photographs: Path) -> None:
+    with display("Sending photographs", as_json=False, in_bytes=True) as shown:
+        report = scene.images.upload(photographs, progress=partial(upload_progress, shown))
+    for file in (*report.failed, *report.rejected):
+        console.print(f"  {file.path.name}: {file.image.reason if file.image else file.error}")
+    again = scene.images.upload(photographs)
+    console.print(
+        f"Sent {report.bytes_sent / 1e6:.1f} MB; sending all of it again moved {again.bytes_sent} bytes"
+    )
+
+
+def _update(scene: Scene, iterations: int, long_side_px: int) -> Job:
+    with display("Making the model", as_json=False) as shown:
+        queued = scene.update(iterations=iterations, long_side_px=long_side_px)
+        job = queued.wait(on_progress=partial(job_progress, shown))
+    snapshot = job.snapshot()
+    if snapshot is not None:
+        metrics = snapshot.metrics
+        console.print(
+            f"The model: {metrics.registered} photographs registered, {metrics.waiting} waiting, "
+            f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations"
+        )
+    for warning in job.warnings:
+        console.print(f"  {warning}")
+    return job
+
+
+def _print(ranking: Ranking) -> None:
+    console.print(f"Next views, by {ranking.request.method} in {ranking.seconds:.2f} s:")
+    table = Table(box=None)
+    for heading in ("rank", "id", "score", "coverage", "status"):
+        table.add_column(heading, justify="left" if heading in ("id", "status") else "right")
+    for item in ranking.candidates:
+        score = "" if item.score is None else f"{item.score:.3f}"
+        coverage = "" if item.coverage is None else f"{item.coverage:.0%}"
+        table.add_row(str(item.rank or ""), item.id, score, coverage, item.status.value)
+    console.print(table)
+
+
+def _leave(out: Path, snapshot: Snapshot, ranking: Ranking) -> None:
+    model = snapshot.download("point_cloud.ply", out)
+    snapshot.download("cameras.json", out)
+    (out / "ranking.json").write_text(ranking.model_dump_json(indent=1))
+    if ranking.best is not None:
+        draw_contact_sheet(out / "contact_sheet.png", ranking)
+        draw_trajectory(out / "trajectory.png", snapshot.cameras(), ranking, model)
+    console.print(f"Look at  {out}/contact_sheet.png   what the first candidates see, above their spectra")
+    console.print(f"    and  {out}/trajectory.png      where they are, among the photographs, from above")
+    console.print(f"Open     {out}/point_cloud.ply     in any splat viewer")
+
+
+if __name__ == "__main__":
+    main()
