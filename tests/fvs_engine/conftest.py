@@ -7,6 +7,7 @@ import pytest
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +23,15 @@ def kermit_sfm(
     return reconstruct(
         kermit_dir, kermit_names, tmp_path_factory.mktemp("kermit_sfm"), SfmSettings(), Monitor()
     )
+
+
+@pytest.fixture(scope="session")
+def yard_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Nine photographs of 320×240 px, half way around a made-up place, and the truth in transforms.json.
+
+    22.5° from each to the next: neighbours register, what is three apart does not. Read-only.
+    """
+    folder = tmp_path_factory.mktemp("yard", numbered=False)
+    camera = SimulatedCamera.like_a_drone(320, 240)
+    write_photographs(folder, courtyard(0), camera, orbit(16)[:9], Monitor())
+    return folder

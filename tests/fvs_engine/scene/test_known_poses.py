@@ -7,23 +7,20 @@ import pytest
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, DatasetView, read_dataset
+from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.reconstruct import SfmResult
 from fvs_engine.sfm.settings import SfmSettings
 
 SETTINGS = SfmSettings(max_features=1500)
-VISITED = ("kermit003.jpg", "kermit001.jpg", "kermit002.jpg")
+VISITED = ("0003.jpg", "0001.jpg", "0002.jpg")
 
 
 @pytest.fixture
-def kermit(kermit_sfm: SfmResult, kermit_dir: Path) -> Dataset:
-    """The small photographs with the poses that structure from motion found, without points."""
-    views = kermit_sfm.reconstruction.views
-    return Dataset(
-        "kermit", kermit_dir, tuple(DatasetView(v.name, v.camera, v.camera_from_model) for v in views)
-    )
+def yard(yard_dir: Path) -> Dataset:
+    """Small photographs with true poses, without points."""
+    return open_dataset(yard_dir)
 
 
 def test_points_are_those_that_two_visited_views_saw(tmp_path: Path, ball: Dataset) -> None:
@@ -38,17 +35,15 @@ def test_points_are_those_that_two_visited_views_saw(tmp_path: Path, ball: Datas
     assert source.localise(["7.png"], Monitor())["7.png"].camera == ball.by_name["7.png"].camera
 
 
-def test_points_are_triangulated_where_the_dataset_has_none(tmp_path: Path, kermit: Dataset) -> None:
-    source = KnownPoses(tmp_path / "sfm", kermit, SETTINGS)
+def test_points_are_triangulated_where_the_dataset_has_none(tmp_path: Path, yard: Dataset) -> None:
+    source = KnownPoses(tmp_path / "sfm", yard, SETTINGS)
     assert len(source.stand(VISITED[:1], Monitor()).points) == 0
     two = source.stand(VISITED[:2], Monitor())
     three = source.stand(VISITED, Monitor())
     assert 20 < len(two.points) < len(three.points)
     assert (three.points.colors.std(axis=0) > 5).all()
     for view in three.views:
-        assert np.array_equal(
-            view.camera_from_model.matrix, kermit.by_name[view.name].camera_from_world.matrix
-        )
+        assert np.array_equal(view.camera_from_model.matrix, yard.by_name[view.name].camera_from_world.matrix)
         in_front = view.camera_from_model.apply(three.points.xyz)[:, 2] > 0
         assert in_front.all()
 
@@ -72,12 +67,12 @@ def test_photographs_that_lack_the_colours_of_their_points_are_refused(
     assert len(KnownPoses(tmp_path / "sfm", plain, SETTINGS).stand(first, Monitor()).views) == 4
 
 
-def test_poses_of_other_photographs_are_refused(tmp_path: Path, kermit: Dataset) -> None:
-    names = [view.name for view in kermit.views]
+def test_poses_of_other_photographs_are_refused(tmp_path: Path, yard: Dataset) -> None:
+    names = [view.name for view in yard.views]
     swapped = tuple(
-        replace(kermit.by_name[name], name=other)
+        replace(yard.by_name[name], name=other)
         for name, other in zip(names, names[5:] + names[:5], strict=True)
     )
-    source = KnownPoses(tmp_path / "sfm", replace(kermit, views=swapped), SETTINGS)
-    with pytest.raises(ReconstructionError, match="given poses of kermit contradict"):
+    source = KnownPoses(tmp_path / "sfm", replace(yard, views=swapped), SETTINGS)
+    with pytest.raises(ReconstructionError, match="given poses of yard contradict"):
         source.stand(VISITED, Monitor())
