@@ -50,7 +50,8 @@ SETTINGS = {
     "FVS_LEASE_S": "5",
 }
 FINE_ITERATIONS = 200
-PATIENCE_S = 600.0
+KILLS_PER_LIFE = 8
+PATIENCE_S = 900.0
 
 
 @dataclass
@@ -120,6 +121,7 @@ class Killer(threading.Thread):
 
     service: Service
     kills: int
+    mean_pause_s: float
     rng: random.Random
     killed: Counter[str] = field(default_factory=Counter)
 
@@ -129,7 +131,7 @@ class Killer(threading.Thread):
     def run(self) -> None:
         """Kill."""
         while sum(self.killed.values()) < self.kills:
-            time.sleep(self.rng.uniform(0.3, 4.0))
+            time.sleep(self.rng.uniform(0.1, 1.9) * self.mean_pause_s)
             by_target: dict[str, list[int]] = {}
             for target, pid in self.service.children():
                 by_target.setdefault(target, []).append(pid)
@@ -196,8 +198,11 @@ def main() -> None:
         with Service(folder / "service", options.workers) as service:
             began = time.monotonic()
             peaceful = live(service, photographs)
-            print(f"in peace: {time.monotonic() - began:.0f} s", flush=True)
-            killer = Killer(service, options.kills, random.Random(options.seed))
+            peace_s = time.monotonic() - began
+            print(f"in peace: {peace_s:.0f} s", flush=True)
+            # Often enough to meet every stage, seldom enough that there is something to kill.
+            pause_s = peace_s / KILLS_PER_LIFE
+            killer = Killer(service, options.kills, pause_s, random.Random(options.seed))
             killer.start()
             rounds = 0
             while killer.is_alive():

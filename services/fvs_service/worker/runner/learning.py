@@ -27,7 +27,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
-from fvs_service.images.model import Image
+from fvs_service.images.model import Image, Registration
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 from fvs_service.snapshots.model import SnapshotMetrics
@@ -195,7 +195,7 @@ class Learner:
         return kept
 
     def _fine(self, question: JobQuestion, monitor: JobMonitor) -> JobOutcome:
-        images = self._photographs(question, monitor)
+        placed = self._photographs(question, monitor)
         fine = self._fine_folder(question.job_id)
         standing = self._cameras_of(fine, monitor)
         request, settings = question.request, self._settings
@@ -221,6 +221,13 @@ class Learner:
             raise
         trainer.save(checkpoint)
         model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
+        # Of images that came after its cameras were found nobody can say that they overlap with nothing.
+        posed = {view.name for view in views}
+        images = {
+            name: image
+            for name, image in placed.items()
+            if name in posed or image.registration is Registration.NO_OVERLAP
+        }
         return self._outcome(question, views, images, model, fine / "sparse", monitor)
 
     def _fine_folder(self, job_id: str) -> Path:
