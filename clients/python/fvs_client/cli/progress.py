@@ -63,9 +63,11 @@ def upload_progress(shown: Display, progress: UploadProgress) -> None:
         "files_total": progress.files_total,
         "bytes_sent": progress.bytes_sent,
     }
-    shown.show(
-        progress.bytes_done, progress.bytes_total, f"{progress.files_done} of {progress.files_total}", details
-    )
+    text = f"{progress.files_done} of {progress.files_total}"
+    done = progress.bytes_done
+    if progress.files_done < progress.files_total:  # all bytes may have gone; verdicts are still to come
+        done = min(done, progress.bytes_total - 1)
+    shown.show(done, progress.bytes_total, text, details)
 
 
 def verdict_of(file: UploadedFile) -> str:
@@ -115,7 +117,7 @@ class _Lines:
 
     def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:
         pause = _JSON_EVERY_S if self._machine else _LOG_EVERY_S
-        stage = text.partition(",")[0]
+        stage = str(details.get("stage") or details.get("state") or "")
         finished = done >= total
         if time.monotonic() - self._last_time < pause and stage == self._last_text and not finished:
             return
