@@ -170,7 +170,8 @@ def select_views(
 
 
 def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str], None]) -> SelectionResult:
-    loop.begin(monitor)
+    for warning in loop.begin(monitor):
+        warn(warning)
     if loop.scene.waiting and not loop.records:
         warn(
             f"{len(loop.scene.waiting)} of the {len(loop.initial)} initial views could not be registered "

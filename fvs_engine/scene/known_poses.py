@@ -13,7 +13,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.sfm.mapping import read_witnesses
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, open_colmap
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, has_colmap_model, open_colmap
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
@@ -74,6 +74,8 @@ class KnownPoses:
             result = triangulate(given, self._dataset.image_dir, self._folder, self._settings, monitor)
         except ReconstructionError:  # no point: the views are too far apart, or the poses wrong
             folder = SfmFolder(self._folder)
+            if not has_colmap_model(folder.mapping(GIVEN)):  # it did not get that far
+                raise
             witnesses = read_witnesses(Stages(folder, self._settings, monitor))
             self._require_support(witnesses.testify(open_colmap(folder.mapping(GIVEN)), monitor))
             return _NO_POINTS, ()

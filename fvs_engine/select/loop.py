@@ -145,17 +145,20 @@ class SelectionLoop:
         """The way through the visited views, centre to centre, in the dataset's unit."""
         return path_length([self._centres[name] for name in self.visited])
 
-    def begin(self, monitor: Monitor) -> None:
-        """Learn the initial views, or what a resumed selection had visited. ``step`` does it if need be.
+    def begin(self, monitor: Monitor) -> tuple[str, ...]:
+        """Learn the initial views, or what a resumed selection had visited; returns warnings, once.
 
-        Raises ``ReconstructionError`` when the initial views do not overlap, and what training raises.
+        ``step`` does it if need be. Raises ``ReconstructionError`` when the initial views do not overlap, and
+        what training raises.
         """
         if self._begun:
-            return
+            return ()
         monitor.report(STAGE, len(self.visited), self.settings.budget)
+        warnings: tuple[str, ...] = ()
         if self._pending is None:  # else the scene may already hold the chosen view, and is finished with it
-            self._learn(self.visited, monitor)
+            warnings, _ = self._learn(self.visited, monitor)
         self._begun = True
+        return warnings
 
     def step(self, monitor: Monitor) -> StepRecord | StopReason:
         """Choose the next view, visit it and learn from it, or say why the selection ends here.

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
@@ -76,3 +77,11 @@ def test_poses_of_other_photographs_are_refused(tmp_path: Path, yard: Dataset) -
     source = KnownPoses(tmp_path / "sfm", replace(yard, views=swapped), SETTINGS)
     with pytest.raises(ReconstructionError, match="given poses of yard contradict"):
         source.stand(VISITED, Monitor())
+
+
+def test_photographs_without_texture_are_named(tmp_path: Path, yard: Dataset) -> None:
+    bare = shutil.copytree(yard.image_dir, tmp_path / "bare")
+    for name in VISITED:
+        Image.new("RGB", (320, 240), (200, 190, 180)).save(bare / name)
+    with pytest.raises(ReconstructionError, match="3 of 3 images show no texture"):
+        KnownPoses(tmp_path / "sfm", replace(yard, image_dir=bare), SETTINGS).stand(VISITED, Monitor())

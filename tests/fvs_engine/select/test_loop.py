@@ -17,14 +17,15 @@ from fvs_engine.errors import (
     ReconstructionError,
     StorageError,
 )
-from fvs_engine.geometry import RigidTransform, SimilarityTransform, angle_between
+from fvs_engine.geometry import angle_between
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, DatasetView, read_dataset
+from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord, StopReason
-from fvs_engine.sfm.reconstruct import SfmResult
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.views import TrainingView
 
 SCENE = SceneSettings(poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5)
 BASE: dict[str, Any] = {"scene": SCENE, "initial": 4, "budget": 8, "nearest": 6}
@@ -175,6 +176,13 @@ def test_the_time_limit_and_the_threads_may_change(room: Dataset, tmp_path: Path
     open_loop(tmp_path, room, time_limit_s=3.0, scene=threads)
 
 
+def test_what_there_is_to_say_of_the_initial_views_is_said_once(room: Dataset, tmp_path: Path) -> None:
+    loop = open_loop(tmp_path, room, initial=2)
+    (warning,) = loop.begin(Monitor())
+    assert "first 2 views share only" in warning
+    assert loop.begin(Monitor()) == ()
+
+
 def test_a_time_limit_ends_it_and_a_later_run_goes_on(room: Dataset, tmp_path: Path) -> None:
     limited = open_loop(tmp_path, room, time_limit_s=1e-6)
     assert run(limited).kind == "time-limit"
@@ -259,92 +267,104 @@ def test_a_step_that_is_missing_is_noticed(room: Dataset, clean_run: SelectionLo
         open_loop(folder, room)
 
 
-KERMIT_SCENE = SceneSettings(
+ESTIMATED_SCENE = SceneSettings(
     poses="sfm",
     long_side_px=96,
     initial_iterations=20,
     iterations_per_view=5,
-    sfm=SfmSettings(threads=1, max_features=1500),
+    sfm=SfmSettings(threads=1, max_features=2000),
 )
-
-
-KERMIT = {"scene": KERMIT_SCENE, "initial": 5, "budget": 6, "nearest": 3, "test_every": 0}
-
-
-@pytest.fixture(scope="module")
-def kermit(kermit_dir: Path, kermit_sfm: SfmResult) -> Dataset:
-    """Photographs with the poses that structure from motion on all of them found, ten times as large."""
-    views = [
-        DatasetView(view.name, view.camera, _moved_and_scaled(view.camera_from_model))
-        for view in sorted(kermit_sfm.reconstruction.views, key=lambda view: view.name)
-    ]
-    return Dataset("kermit", kermit_dir, tuple(views))
-
-
-def _moved_and_scaled(camera_from_model: RigidTransform) -> RigidTransform:
-    world_from_model = SimilarityTransform(10.0, np.diag([-1.0, -1.0, 1.0]), np.array([3.0, -4.0, 5.0]))
-    return world_from_model.move_camera(camera_from_model.inverse()).inverse()
+ESTIMATED = {"scene": ESTIMATED_SCENE, "initial": 4, "budget": 5, "nearest": 1}
 
 
 @pytest.fixture(scope="module")
-def kermit_begun(kermit: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a selection that knows its five initial views. Read-only."""
-    folder = tmp_path_factory.mktemp("kermit")
-    open_loop(folder, kermit, **KERMIT).begin(Monitor())
+def yard(yard_dir: Path) -> Dataset:
+    """Nine photographs and where they were taken, in metres; the first and the last are held out."""
+    return open_dataset(yard_dir)
+
+
+@pytest.fixture(scope="module")
+def yard_begun(yard: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a selection that knows its four initial views. Read-only."""
+    folder = tmp_path_factory.mktemp("yard_begun")
+    open_loop(folder, yard, **ESTIMATED).begin(Monitor())
     return folder
 
 
 def test_photographs_register_and_candidates_land_in_the_model(
-    kermit: Dataset, kermit_begun: Path, tmp_path: Path
+    yard: Dataset, yard_begun: Path, tmp_path: Path
 ) -> None:
     """Poses come from the visited photographs alone, in a frame of their own."""
-    folder = shutil.copytree(kermit_begun, tmp_path / "out")
-    loop = open_loop(folder, kermit, **KERMIT)
+    folder = shutil.copytree(yard_begun, tmp_path / "out")
+    loop = open_loop(folder, yard, **ESTIMATED)
     record = loop.step(Monitor())
     assert isinstance(record, StepRecord)
-    assert record.registered == 6
-    centres = np.stack([kermit.by_name[name].centre for name in loop.initial])
+    assert (record.chosen, record.registered, record.warnings) == ("0005.jpg", 5, ())
+    centres = np.stack([yard.by_name[name].centre for name in loop.initial])
     spread = np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean())
-    assert record.alignment.views == 5
+    assert record.alignment.views == 4
     assert record.alignment.rms < 0.05 * spread
     assert record.alignment.attitude_deg < 2.0
-    # The photograph was then registered by itself: there its candidate must have stood.
-    found = {view.name: view.camera_from_model.inverse() for view in loop.scene.views}[record.chosen]
+
+    def apart(view: TrainingView) -> tuple[float, float]:
+        """How far a photograph stands from where its candidate stood: in units of the dataset, in degrees."""
+        found = view.camera_from_model.inverse()
+        expected = model_from_world.move_camera(yard.by_name[view.name].camera_from_world.inverse())
+        moved = np.linalg.norm(found.translation - expected.translation) / model_from_world.scale
+        return float(moved), float(np.degrees(angle_between(found.rotation, expected.rotation)))
+
+    # The chosen photograph was registered by itself, a held-out one is placed by itself.
     model_from_world = loop.align().model_from_world
-    expected = model_from_world.move_camera(kermit.by_name[record.chosen].camera_from_world.inverse())
-    moved = np.linalg.norm(found.translation - expected.translation) / model_from_world.scale
-    assert moved < 0.1 * spread
-    assert np.degrees(angle_between(found.rotation, expected.rotation)) < 3.0
+    held_out = loop.scene.localise(loop.test_names, Monitor())
+    assert "0000.jpg" in held_out
+    for view in (loop.scene.views[-1], held_out["0000.jpg"]):
+        moved, turned = apart(view)
+        assert moved < 0.1 * spread
+        assert turned < 3.0
+    assert not set(loop.test_names) & set(loop.scene.visited)
 
 
 def test_poses_that_contradict_the_photographs_are_refused(
-    kermit: Dataset, kermit_begun: Path, tmp_path: Path
+    yard: Dataset, yard_begun: Path, tmp_path: Path
 ) -> None:
-    folder = shutil.copytree(kermit_begun, tmp_path / "out")
-    loop = open_loop(folder, kermit, **KERMIT)
+    folder = shutil.copytree(yard_begun, tmp_path / "out")
+    loop = open_loop(folder, yard, **ESTIMATED)
+    mixed = [yard.views[place] for place in (0, 3, 1, 4, 2, 5, 6, 7, 8)]
     views = [
         dataclasses.replace(view, camera_from_world=other.camera_from_world)
-        for view, other in zip(kermit.views, kermit.views[::-1], strict=True)
+        for view, other in zip(yard.views, mixed, strict=True)
     ]
-    loop.dataset = dataclasses.replace(kermit, views=tuple(views))
+    loop.dataset = dataclasses.replace(yard, views=tuple(views))
     loop.scene.dataset = loop.dataset
-    with pytest.raises(InvalidInputError, match="(contradict|cannot be aligned with) the photographs"):
+    with pytest.raises(InvalidInputError, match=r"(contradict|cannot be aligned with) the photographs"):
         loop.step(Monitor())
     assert loop.records == ()
 
 
-def test_initial_views_that_do_not_overlap_are_refused(kermit: Dataset, tmp_path: Path) -> None:
-    """One photograph of the object, one of noise: nothing joins them."""
-    folder = tmp_path / "images"
-    folder.mkdir()
-    noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
-    first, second, *rest = kermit.views
-    for view in kermit.views:
-        shutil.copyfile(kermit.image_dir / view.name, folder / view.name)
-    Image.fromarray(noise).save(folder / second.name, format="JPEG")
-    strangers = dataclasses.replace(kermit, image_dir=folder, views=(first, second, *rest))
+def test_a_photograph_that_shares_too_little_waits_and_is_named(
+    yard: Dataset, yard_begun: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(yard_begun, tmp_path / "out")
+    selection = json.loads((folder / "selection.json").read_text())
+    selection["settings"] |= {"method": "farthest", "nearest": 3}  # nothing was chosen yet
+    (folder / "selection.json").write_text(json.dumps(selection))
+    loop = open_loop(folder, yard, **(ESTIMATED | {"method": "farthest", "nearest": 3}))
+    record = loop.step(Monitor())
+    assert isinstance(record, StepRecord)
+    assert record.chosen == "0007.jpg"
+    assert (record.registered, record.waiting, record.iterations) == (4, 1, 20)
+    (warning,) = record.warnings
+    assert "0007.jpg shows too little" in warning
+
+
+def test_initial_views_that_do_not_overlap_are_refused(yard: Dataset, tmp_path: Path) -> None:
+    """One photograph of the place, one of noise: nothing joins them."""
+    images = shutil.copytree(yard.image_dir, tmp_path / "images")
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(images / "0001.jpg")
+    strangers = dataclasses.replace(yard, image_dir=images)
     loop = open_loop(
-        tmp_path / "out", strangers, scene=KERMIT_SCENE, initial=2, budget=3, nearest=3, test_every=0
+        tmp_path / "out", strangers, scene=ESTIMATED_SCENE, initial=2, budget=3, nearest=3, test_every=0
     )
     with pytest.raises(ReconstructionError, match="overlap"):
         loop.step(Monitor())
