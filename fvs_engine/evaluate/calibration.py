@@ -10,7 +10,7 @@ from fvs_engine.evaluate.held_out import aligned_views, rendered
 from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore
+from fvs_engine.score import CandidateScore, CandidateStatus
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.trainer import torch_threads_for
@@ -50,9 +50,14 @@ def rank_correlation(
     """How well the order in which ``method`` asks for candidates follows the true error of their renders.
 
     The lowest score is asked for first, and the error is −PSNR: the correlation of the two orders is that of
-    scores with PSNR. ``in_reach`` is left out where it holds all candidates.
+    scores with PSNR. Only scores that may be compared count: what hardly shows the model is asked for last,
+    whatever its score. ``in_reach`` is left out where it holds all candidates.
     """
-    scored = {score.id: score.score for score in scores if score.score is not None}
+    scored = {
+        score.id: score.score
+        for score in scores
+        if score.score is not None and score.status is CandidateStatus.RANKED
+    }
     near = {name: value for name, value in scored.items() if name in in_reach}
     return RankCorrelation(
         method=method,

@@ -66,6 +66,12 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
             "seeds",
             f"{', '.join(map(str, seeds))}: {differs}",
         ),
+        (
+            "over farthest, over random",
+            "PSNR less that selector's, seed by seed: both began with the same views",
+        ),
+        ("travel, RMS", "in the unit of the dataset's poses"),
+        ("**bold**", "best mean of the selectors with the most runs"),
         ("±", f"half the {CONFIDENCE:.0%} confidence interval over the seeds (Student's t)"),
     )
     yield "| | |"
@@ -76,10 +82,13 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
 
 def _table(rows: Sequence[Row]) -> Iterator[str]:
     columns = [column for column in _COLUMNS if any(column[1](row) is not None for row in rows)]
+    # A selector of which only the lucky seeds are finished is not the best.
+    complete = [row for row in rows if row.psnr_db.count == max(r.psnr_db.count for r in rows)]
     best = {
-        title: pick(e.mean for row in rows if (e := value(row)) is not None)
+        title: pick(means)
         for title, value, _ in columns
         if (pick := _BEST.get(title)) is not None
+        and (means := [e.mean for row in complete if (e := value(row)) is not None])
     }
     yield "| selector | " + " | ".join(title for title, _, _ in columns) + " | runs |"
     yield "|---|" + "---:|" * (len(columns) + 1)
@@ -88,8 +97,8 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
         for title, value, form in columns:
             shown = _shown(value(row), form)
             estimate = value(row)
-            is_best = estimate is not None and len(rows) > 1 and estimate.mean == best.get(title)
-            cells.append(f"**{shown}**" if is_best else shown)
+            is_best = estimate is not None and row in complete and estimate.mean == best.get(title)
+            cells.append(f"**{shown}**" if is_best and len(rows) > 1 else shown)
         yield f"| {row.method} | {' | '.join(cells)} | {row.psnr_db.count} |"
 
 
@@ -134,12 +143,12 @@ def _gain_over(baseline: str) -> Callable[[Row], Estimate | None]:
 
 _COLUMNS: tuple[_Column, ...] = (
     ("PSNR dB", lambda row: row.psnr_db, ".2f"),
-    *((f"less {baseline}", _gain_over(baseline), "+.2f") for baseline in BASELINES),
+    *((f"dB over {baseline}", _gain_over(baseline), "+.2f") for baseline in BASELINES),
     ("SSIM", lambda row: row.ssim, ".3f"),
     ("LPIPS", lambda row: row.lpips, ".3f"),
     ("travel", lambda row: row.travel, ".2f"),
     ("s per selection", lambda row: row.selection_s, ".3f"),
-    ("registered", lambda row: row.registered, ".1f"),
+    ("registered views", lambda row: row.registered if row.aligned_only is not None else None, ".1f"),
     ("test views only aligned", lambda row: row.aligned_only, ".1f"),
     ("worst alignment RMS", lambda row: row.worst_rms, ".4f"),
 )

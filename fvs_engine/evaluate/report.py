@@ -72,13 +72,20 @@ def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iter
         for last in run.evaluations[-1:]
         if last.registered < last.visited
     )
+    lost = (
+        f"{run.method}, seed {run.seed}: after {last.visited} views these test views could not be localised "
+        f"in the model, and stand where the alignment puts them: {', '.join(last.aligned_only)}."
+        for run in runs
+        for last in run.evaluations[-1:]
+        if last.aligned_only
+    )
     return Summary(
         dataset=dataset,
         protocol=protocol,
         seeds=tuple(sorted({run.seed for run in runs})),
         rows=_rows(runs),
         correlations=_correlations(runs),
-        notes=(*notes, *ended_early, *unregistered, *fell_back),
+        notes=(*notes, *ended_early, *unregistered, *lost, *fell_back),
         runs=tuple(runs),
     )
 

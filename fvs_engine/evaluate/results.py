@@ -52,7 +52,7 @@ class RankCorrelation(Record):
     ``all_candidates``: Spearman's rank correlation between what the selector says of every unvisited view and
     the true error of its render; +1: it asks first for the worst. ``in_reach``: the same among those that the
     protocol lets it choose from. None where it is not defined: all scores equal, or fewer than three.
-    ``scored`` of ``candidates`` had a score.
+    ``scored`` of ``candidates`` had a score that may be compared with others' (status ``ranked``).
     """
 
     method: str

@@ -15,6 +15,8 @@ from fvs_engine.evaluate.results import Run
 Array = NDArray[np.float64]
 
 _CAPTURE = "#9A9A9A"
+_KEY_COLOR = "#6B6B6B"
+_KEY = "grey: the whole capture; in colour, above it: the views as visited\nhollow: initial; star: the last"
 _LIFT = 0.5
 """How far the selected views are lifted, in shares of the capture's width."""
 _ELEVATION_DEG, _AZIMUTH_DEG = 28.0, 25.0
@@ -39,7 +41,7 @@ def plot_trajectories(
     shape = (high - low + 2 * margin)[1] / (high - low + 2 * margin)[0]
     columns = min(3, len(runs))
     rows = ceil(len(runs) / columns)
-    height = rows * (_PANEL_WIDTH * shape + _HEADER) + _HEADER
+    height = rows * (_PANEL_WIDTH * shape + _HEADER) + 2 * _HEADER
     figure = Figure(figsize=(_PANEL_WIDTH * columns, height), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     places = {name: index for index, name in enumerate(centres)}
@@ -53,6 +55,7 @@ def plot_trajectories(
         axes.set_aspect("equal")
         axes.set_axis_off()
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    figure.supxlabel(_KEY, fontsize=9, color=_KEY_COLOR)
     save_figure(figure, path)
 
 

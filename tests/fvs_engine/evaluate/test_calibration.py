@@ -49,6 +49,14 @@ def test_candidates_without_a_score_are_counted_and_left_out() -> None:
     assert found.all_candidates == pytest.approx(1.0)
 
 
+def test_scores_that_cannot_be_compared_do_not_count() -> None:
+    """A view that shows next to nothing scores lowest, and is asked for last all the same."""
+    void = CandidateScore("d", -9.0, CandidateStatus.LOW_COVERAGE, 0.01)
+    found = rank_correlation("m", [*scores(a=1.0, b=2.0, c=3.0), void], PSNR_DB, ALL)
+    assert (found.candidates, found.scored) == (4, 3)
+    assert found.all_candidates == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("values", [{"a": 1.0, "b": 1.0, "c": 1.0}, {"a": 1.0, "b": 2.0}, {}])
 def test_no_order_no_correlation(values: dict[str, float]) -> None:
     assert rank_correlation("m", scores(**values), PSNR_DB, ALL).all_candidates is None

@@ -80,9 +80,19 @@ def test_estimated_poses_say_how_well_they_fit(make_run: MakeRun) -> None:
     guessed = last.model_copy(update={"aligned_only": ("a.png", "b.png")})
     estimated = run.model_copy(update={"worst_rms": 0.0123, "evaluations": (guessed,)})
     text = markdown(summarise("room", PRESETS["paper"], [estimated]))
-    assert "| test views only aligned | worst alignment RMS |" in text
-    assert "| 2.0 | 0.0123 | 1 |" in text
-    assert "aligned" not in markdown(summarise("room", PRESETS["fisherrf"], [run]))
+    assert "| registered views | test views only aligned | worst alignment RMS |" in text
+    assert "| 20.0 | 2.0 | 0.0123 | 1 |" in text
+    assert "a.png, b.png" in text
+    known = markdown(summarise("room", PRESETS["fisherrf"], [run]))
+    assert "aligned" not in known
+    assert "registered" not in known
+
+
+def test_only_the_selectors_with_the_most_runs_can_be_the_best(make_run: MakeRun) -> None:
+    runs = [make_run("farthest", seed, {20: 20.0}) for seed in range(3)]
+    text = markdown(summarise("room", PRESETS["fisherrf"], [*runs, make_run("fisher", 0, {20: 25.0})]))
+    assert "| fisher | 25.00 |" in text
+    assert "| farthest | **20.00 ± 0.00** |" in text
 
 
 def test_runs_that_ended_early_count_where_they_got_to_and_are_named(make_run: MakeRun) -> None:
