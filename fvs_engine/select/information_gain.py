@@ -12,7 +12,11 @@ from fvs_engine.score import Candidate, CandidateScore, ViewInformation, judged,
 from fvs_engine.select.interface import SelectionContext
 
 PRIOR = 1e-6
-"""λ, the information about every parameter before any view: FisherRF's published value."""
+"""λ, the information about every parameter before any view: FisherRF's published value.
+
+One number does for parameters in different units: a gain depends on ratios of information, in which units
+cancel, and λ counts only where the visited views say next to nothing.
+"""
 
 
 @dataclass(frozen=True)
