@@ -9,10 +9,12 @@ from fvs_client import Ranking
 from fvs_client.models import SnapshotCameras
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
+from fvs_engine.geometry import SimilarityTransform, matrix_from_quaternion
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.score import CandidateStatus, RankedCandidate
 
@@ -56,7 +58,11 @@ def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, mode
     axes.plot(way[:, 0], way[:, 1], color="0.25", linewidth=1, zorder=2)
     axes.scatter(way[:, 0], way[:, 1], color="0.1", s=16, label="photographs, as they came", zorder=3)
     ranked = [item for item in ranking.candidates if item.rank is not None]
-    places = np.array([item.pose.position for item in ranked]) @ across
+    alignment = ranking.alignment  # candidates are in the world, all else is in the model's frame
+    world_from_model = SimilarityTransform(
+        alignment.scale, matrix_from_quaternion(alignment.rotation_wxyz), np.array(alignment.translation)
+    )
+    places = world_from_model.inverse().apply(np.array([item.pose.position for item in ranked])) @ across
     dots = axes.scatter(
         places[:, 0],
         places[:, 1],
@@ -67,7 +73,9 @@ def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, mode
         label="candidates",
         zorder=4,
     )
-    figure.colorbar(dots, ax=axes, label="rank: 1 is to be photographed next", shrink=0.7)
+    figure.colorbar(
+        dots, ax=axes, label="rank: 1 is to be photographed next", shrink=0.7, ticks=MaxNLocator(integer=True)
+    )
     axes.annotate(
         ranked[0].id, places[0], xytext=(8, 8), textcoords="offset points", fontsize=9, fontweight="bold"
     )
