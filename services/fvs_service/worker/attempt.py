@@ -154,6 +154,10 @@ class Attempts:
             except StaleLeaseError:
                 self._host.drop(hosted)
                 raise
+            except _PausedError:
+                if not self._turns.update_waits(job.scene_id):  # the update is another worker's
+                    self._host.drop(hosted)
+                raise
             except (ServiceError, EngineError) as error:
                 told = JobError(
                     code=error.code,

@@ -10,7 +10,10 @@ from typing import Any
 
 import httpx2
 import numpy as np
+import pytest
 from PIL import Image
+
+pytestmark = pytest.mark.timeout(900)  # several processes that all import torch, on whatever machine
 
 RUNNER = "fvs_service.worker.runner.process"
 WORKER = "fvs_service.serving.worker_process"
@@ -26,7 +29,7 @@ def _latest(service: Any, scene: str) -> tuple[str, int]:
 
 def _kill(service: Any, module: str) -> None:
     """Kill a process that runs ``module``, as soon as there is one."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 150
     while not (found := service.processes(module)):
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -126,7 +129,7 @@ def test_jobs_outlive_whatever_is_killed(
     assert (made["metrics"]["iterations"], made["metrics"]["sh_degree"]) == (300, 3)
 
     _kill(service, GATEWAY)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 150
     while True:
         try:
             assert service.rank(modelled)["snapshot_id"] == made["id"]

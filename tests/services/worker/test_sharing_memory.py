@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.timeout(900)
+
 RUNNER = "fvs_service.worker.runner.process"
 
 
