@@ -45,7 +45,7 @@ def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> N
     """PSNR against views, and where each selector ends with its confidence interval; a PNG."""
     figure = Figure(figsize=(11.5, 5.2))
     curves, ends = figure.subplots(1, 2, width_ratios=(1.45, 1))
-    figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.9, wspace=0.62)
+    figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.9, wspace=0.72)
     _draw_curves(curves, summary.rows, styled, lambda row: row.psnr_db)
     curves.set_ylabel("PSNR of the test views / dB")
     last = max((row.visited for row in summary.rows), default=0)
