@@ -29,9 +29,7 @@ def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
     _match(stages, pairs, image_ids(stages.folder.database), listed=True)
 
 
-def _match(
-    stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int], *, listed: bool
-) -> None:
+def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int], *, listed: bool) -> None:
     database = stages.folder.database
     done = matched_pairs(database)
     todo = [pair for pair in pairs if _ordered(ids[pair[0]], ids[pair[1]]) not in done]
