@@ -23,7 +23,9 @@ def test_cameras_land_where_they_were_despite_wrong_positions() -> None:
     assert found is not None
     assert (found.inliers, found.ill_conditioned) == (15, False)
     assert found.rms == pytest.approx(0.0, abs=1e-9)
-    np.testing.assert_allclose(found.world_from_model.apply(centres), WORLD_FROM_MODEL.apply(centres), atol=1e-8)
+    np.testing.assert_allclose(
+        found.world_from_model.apply(centres), WORLD_FROM_MODEL.apply(centres), atol=1e-8
+    )
 
 
 def _line() -> np.ndarray:

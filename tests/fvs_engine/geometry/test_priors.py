@@ -113,7 +113,9 @@ def test_damaged_metadata_says_nothing(xmp: str) -> None:
     assert read_priors(_jpeg(xmp=xmp)) == PhotographPriors()
 
 
-@pytest.mark.parametrize("damage", [lambda c: b"", lambda c: c[:40], lambda c: c[:30] + b"\xff" * 60 + c[90:]])
+@pytest.mark.parametrize(
+    "damage", [lambda _: b"", lambda c: c[:40], lambda c: c[:30] + b"\xff" * 60 + c[90:]]
+)
 def test_damaged_files_do_not_raise(damage: Callable[[bytes], bytes]) -> None:
     read_priors(damage(_jpeg(_gps())))
 
