@@ -50,7 +50,7 @@ class SceneMemory(BaseModel):
     visited: tuple[str, ...]
     views: tuple[ViewMemory, ...]
     initial_views: int
-    infirm_points: int | None
+    begun_points: int
     generation: int
 
 

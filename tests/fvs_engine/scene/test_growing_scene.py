@@ -298,6 +298,33 @@ def test_a_model_of_guesses_begins_anew_once_its_views_share_points(
     assert scene.iteration == 40
 
 
+def test_a_model_begins_anew_whenever_its_points_have_doubled(
+    moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
+) -> None:
+    scene, source = moving
+    points = source.points
+    sizes = {"1.png": (1.9, False), "3.png": (2.0, True), "5.png": (3.9, False), "7.png": (4.0, True)}
+    spread = np.concatenate([points, points + np.array([5.0, 0.0, 0.0])])
+    source.points = spread[:MIN_POINTS]
+    assert scene.add(FIRST, Monitor()).warnings == ()
+    for name, (growth, anew) in sizes.items():
+        scene.train(Monitor())
+        scene.save()
+        before = scene.iteration
+        source.points = spread[: round(growth * MIN_POINTS)]
+        resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
+        resumed._resume(Monitor())
+        for grown in (scene, resumed):
+            update = grown.add([name], Monitor())
+            assert any("begins anew" in warning for warning in update.warnings) == anew, name
+            assert update.registered == (name,)
+            assert grown.iteration == (0 if anew else before)
+            assert grown.target_iteration == before + 10
+        assert_same(scene, resumed)
+    source.points = spread[:150]  # structure from motion lost some: what is there goes on
+    assert scene.add(["8.png"], Monitor()).warnings == ()
+
+
 def test_the_cap_on_gaussians_binds_additions_too(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:

@@ -105,6 +105,7 @@ class Learner:
         self._rasterizer = rasterizer
         self._states = states
         self._scene: GrowingScene | None = None
+        self._learned = 0  # iterations of the model that the update found
 
     def run(self, question: JobQuestion, monitor: JobMonitor, warn: Warn) -> JobOutcome:
         """Do the job; a repeated call goes on where the last one stopped. Raises ``EngineError``."""
@@ -122,14 +123,15 @@ class Learner:
         """Let rankings use the model while an update trains it, whenever it is fit to be looked at.
 
         Shortly after Gaussians were split a model renders worse; the schedule puts these moments half-way
-        between those at which it is published.
+        between those at which it is published. One that began anew is no better than its predecessor before
+        it has learned as long.
         """
         scene = self._scene
         updating = question.request.kind is JobKind.UPDATE
         if not updating or question.snapshot_id is None or scene is None:
             return
         every = scene.settings.iterations_per_view
-        if (iteration - scene.settings.initial_iterations) % every == 0:
+        if iteration >= self._learned and (iteration - scene.settings.initial_iterations) % every == 0:
             self._states.publish(question.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
     def _update(self, question: JobQuestion, monitor: JobMonitor, warn: Warn) -> JobOutcome:
@@ -140,6 +142,7 @@ class Learner:
                 hint="Send more photographs that overlap; eight or more make a good start.",
             )
         scene = self._open_scene(question.request, monitor, warn)
+        self._learned = scene.iteration
         update = scene.add(tuple(images), monitor)
         for sentence in update.warnings:
             warn(sentence)
