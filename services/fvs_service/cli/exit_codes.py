@@ -17,6 +17,7 @@ EXIT_CODES = {
     "disk-full": 9,
     "output-exists": 10,
     "backend-unavailable": 11,
+    "process-died": 12,
     "cancelled": INTERRUPTED,
 }
 """``EngineError.code`` → exit status. Statuses are never reassigned; new codes get new ones."""
