@@ -1,5 +1,6 @@
 # make setup      .venv with everything (done by the others when needed)
-# make demo       reconstruct and rank a folder of photographs: make demo IMAGES=path/to/photographs
+# make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
+#                 (without any, of a made-up courtyard)
 # make test       everything that CI checks
 # make test-slow  the long checks on real photographs
 # make lint       format and fix what can be fixed, then lint
@@ -26,13 +27,7 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 	touch $@
 
 demo: setup
-	@test -n "$(IMAGES)" || { echo "Say which photographs: make demo IMAGES=path/to/a/folder"; exit 2; }
-	$(BIN)/fvs reconstruct "$(IMAGES)" --out "$(OUT)"
-	$(BIN)/fvs rank "$(OUT)"
-	@echo
-	@echo "Look at   $(OUT)/ranking/contact_sheet.png   candidate views, the least well known first"
-	@echo "     and  $(OUT)/renders/held-out/           photographs the model never saw, beside its renders"
-	@echo "Open      $(OUT)/splat/point_cloud.ply       in any splat viewer"
+	$(BIN)/python demo/run.py $(if $(IMAGES),"$(IMAGES)") --out "$(OUT)"
 
 check: setup
 	$(BIN)/ruff format --check .
