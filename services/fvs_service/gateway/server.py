@@ -8,7 +8,6 @@ import uvicorn
 
 from fvs_service.application import Backend, open_storage
 from fvs_service.errors import ForbiddenError
-from fvs_service.gateway.detached import DETACHED
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.settings import Settings
 
@@ -16,7 +15,7 @@ _STOP_WITHIN_S = 5
 
 
 def run_gateway(
-    settings: Settings, backend: Backend = DETACHED, *, announce: Callable[[str], object] = lambda _: None
+    settings: Settings, backend: Backend, *, announce: Callable[[str], object] = lambda _: None
 ) -> None:
     """Serve until SIGINT or SIGTERM; ``announce`` is told where.
 
