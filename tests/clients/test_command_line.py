@@ -111,19 +111,25 @@ def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, sc
     assert "Updating the model: 100%" in done.stderr
 
 
-def test_progress_and_errors_are_json_where_json_is_asked_for(run: Run, gateway: Any, scene_id: str) -> None:
+def test_progress_and_errors_are_json_where_json_is_asked_for(
+    run: Run, url: str, gateway: Any, scene_id: str
+) -> None:
     gateway.model(scene_id)
     job_id = json.loads(run("jobs", "list", scene_id, "--json").stdout)[0]["id"]
-    result = run("jobs", "wait", job_id, "--json")
-    assert json.loads(result.stdout)["state"] == "succeeded"
-    said = [
-        json.loads(line) for line in result.stderr.splitlines()
-    ]  # the gateway of the tests logs there too
-    assert [line["progress"]["share"] for line in said if "progress" in line] == [1.0]
-    refused = run("jobs", "show", "job_none", "--json", expect=6).stderr.splitlines()
-    error = next(json.loads(line)["error"] for line in refused if "error" in json.loads(line))
-    assert error["code"] == "not-found"
-    assert error["request_id"]
+
+    def alone(*words: str, expect: int) -> tuple[str, list[Any]]:
+        """Run in a process of its own: the gateway of the tests logs to the stderr of this one."""
+        command = [sys.executable, "-m", "fvs_client", "--url", url, *words, "--json"]
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert process.returncode == expect, process.stderr
+        return process.stdout, [json.loads(line) for line in process.stderr.splitlines()]
+
+    result, said = alone("jobs", "wait", job_id, expect=0)
+    assert json.loads(result)["state"] == "succeeded"
+    assert [line["progress"]["share"] for line in said] == [1.0]
+    _, (refused,) = alone("jobs", "show", "job_none", expect=6)
+    assert refused["error"]["code"] == "not-found"
+    assert refused["error"]["request_id"]
 
 
 def test_events_are_printed_as_they_come(url: str, scene_id: str, run: Run) -> None:
