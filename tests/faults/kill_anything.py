@@ -1,16 +1,20 @@
-"""Kill parts of the service with SIGKILL while it works, and see whether anything is lost.
+"""Kill parts of the service with SIGKILL at every stage of its work, and see whether anything is lost.
 
-    python tests/faults/kill_anything.py --kills 30
+    python tests/faults/kill_anything.py
 
 A small made-up scene is first taken through the service in peace: an update with the first photographs, one
-with the rest, and a fine model. Then the same is done again and again, while processes of the service
-(gateway, workers, runners, structure from motion's child) are killed at random moments, and rankings are
-asked for all the time. Afterwards:
+with the rest, and a fine model. That tells which processes there are at which stage. Then the same is done
+again and again, while every kind of process (gateway, worker, runner, structure from motion's child) is
+killed at every stage at which there is one, each at a random moment of it, and rankings are asked for all the
+time. After each life of a scene:
 
 * every job has succeeded, in its first attempt, and ended once;
 * its snapshot is there once, and its Gaussians are those of the peaceful run, bit by bit;
 * every image is there once;
-* every ranking was answered from the snapshot that was the last one, though it may have taken retries.
+* every ranking was answered from the snapshot that was the last one, though it may have taken retries;
+* no process lives on that the service has lost sight of.
+
+At the end it prints how often what was killed at which stage.
 """
 
 import argparse
@@ -26,31 +30,27 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import httpx2
+from killer import Killer, Watch, choose_aims
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
-TARGETS = {
-    "gateway": "fvs_service.serving.gateway_process",
-    "worker": "fvs_service.serving.worker_process",
-    "runner": "fvs_service.worker.runner.process",
-    "sfm": "fvs_engine.sfm.native_child",
-}
+LEASE_S = 5.0
 SETTINGS = {
-    "FVS_WORKER__INITIAL_ITERATIONS": "200",
-    "FVS_WORKER__ITERATIONS_PER_IMAGE": "50",
+    "FVS_WORKER__INITIAL_ITERATIONS": "120",
+    "FVS_WORKER__ITERATIONS_PER_IMAGE": "30",
     "FVS_WORKER__LONG_SIDE_PX": "160",
     "FVS_WORKER__THREADS": "1",  # one thread makes structure from motion repeatable, bit by bit
-    "FVS_LEASE_S": "5",
+    "FVS_LEASE_S": f"{LEASE_S:g}",
 }
-FINE_ITERATIONS = 200
-KILLS_PER_LIFE = 8
+FINE_ITERATIONS = 150
+MOST_LIVES = 25
 PATIENCE_S = 900.0
 
 
@@ -101,50 +101,6 @@ class Service:
                 raise SystemExit(f"{method} {path} was not answered for {PATIENCE_S:g} s")
             time.sleep(0.1)
 
-    def children(self) -> Iterator[tuple[str, int]]:
-        """Target and process id of everything below the supervisor that can be killed."""
-        parents = dict(_processes())
-        for pid in parents:
-            ancestor = pid
-            while ancestor in parents and ancestor != self.process.pid:
-                ancestor = parents[ancestor]
-            if ancestor == self.process.pid:
-                command = _command(pid)
-                for target, module in TARGETS.items():
-                    if module in command:
-                        yield target, pid
-
-
-@dataclass(eq=False)
-class Killer(threading.Thread):
-    """Kills a random kind of process at random moments until it has killed so many."""
-
-    service: Service
-    kills: int
-    mean_pause_s: float
-    rng: random.Random
-    killed: Counter[str] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
-        super().__init__(daemon=True)
-
-    def run(self) -> None:
-        """Kill."""
-        while sum(self.killed.values()) < self.kills:
-            time.sleep(self.rng.uniform(0.1, 1.9) * self.mean_pause_s)
-            by_target: dict[str, list[int]] = {}
-            for target, pid in self.service.children():
-                by_target.setdefault(target, []).append(pid)
-            if not by_target:
-                continue
-            # What is rarely there is taken when it is.
-            rarest = min(by_target, key=lambda target: self.killed[target])
-            target = rarest if self.rng.random() < 0.5 else self.rng.choice(sorted(by_target))
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.rng.choice(by_target[target]), signal.SIGKILL)
-                self.killed[target] += 1
-                print(f"  kill {sum(self.killed.values()):3d}: {target}", flush=True)
-
 
 class Ranker(threading.Thread):
     """Asks for rankings of a scene all the time; each must be of the snapshot that was, or became, last."""
@@ -159,16 +115,22 @@ class Ranker(threading.Thread):
 
     def run(self) -> None:
         """Ask."""
-        while not self._stop_asking.wait(0.2):
-            before = self._snapshot()
-            if before is None:
-                continue
-            began = time.monotonic()
-            ranking = self._service.call("POST", f"/v1/scenes/{self._scene}/rankings", json=QUESTION)
-            self.slowest_s = max(self.slowest_s, time.monotonic() - began)
-            if ranking["snapshot_id"] not in (before, self._snapshot()) or ranking["total"] != 4:
-                self.wrong.append(str(ranking))
-            self.answered += 1
+        while not self._stop_asking.wait(0.5):
+            try:
+                self._ask()
+            except SystemExit as refused:
+                self.wrong.append(str(refused))
+
+    def _ask(self) -> None:
+        before = self._snapshot()
+        if before is None:
+            return
+        began = time.monotonic()
+        ranking = self._service.call("POST", f"/v1/scenes/{self._scene}/rankings", json=QUESTION)
+        self.slowest_s = max(self.slowest_s, time.monotonic() - began)
+        if ranking["snapshot_id"] not in (before, self._snapshot()) or ranking["total"] != 4:
+            self.wrong.append(str(ranking))
+        self.answered += 1
 
     def stop(self) -> None:
         """Ask no more; what was asked is answered first."""
@@ -185,34 +147,35 @@ QUESTION = {"generator": {"kind": "orbit", "count": 4}}
 def main() -> None:
     """Run the script; the exit status tells whether all was well."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--kills", type=int, default=30)
+    parser.add_argument("--kills", type=int, help="default: one for every process at every stage")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, help="a new folder to work in, which is kept with all logs")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))  # and take the service along
-    with tempfile.TemporaryDirectory(prefix="fvs-faults-") as name:
-        folder = Path(name)
+    rng = random.Random(options.seed)
+    with contextlib.ExitStack() as stack:
+        folder = options.folder or Path(
+            stack.enter_context(tempfile.TemporaryDirectory(prefix="fvs-faults-"))
+        )
         camera = SimulatedCamera.like_a_drone(320, 240)
         poses = orbit(9, turns=0.36)
         photographs = write_photographs(folder / "world", courtyard(), camera, poses, Monitor())
-        with Service(folder / "service", options.workers) as service:
-            began = time.monotonic()
-            peaceful = live(service, photographs)
-            peace_s = time.monotonic() - began
-            print(f"in peace: {peace_s:.0f} s", flush=True)
-            # Often enough to meet every stage, seldom enough that there is something to kill.
-            pause_s = peace_s / KILLS_PER_LIFE
-            killer = Killer(service, options.kills, pause_s, random.Random(options.seed))
-            killer.start()
-            rounds = 0
-            while killer.is_alive():
-                began = time.monotonic()
-                require(
-                    live(service, photographs) == peaceful, "a model differs from that of the peaceful run"
-                )
-                rounds += 1
-                print(f"round {rounds}: all is well after {time.monotonic() - began:.0f} s", flush=True)
-            print(f"{rounds} lives of a scene, killed: {dict(killer.killed)}")
+        service = stack.enter_context(Service(folder / "service", options.workers))
+        watch = Watch(service.process.pid, service.root / "fvs.sqlite3")
+        killer = stack.enter_context(Killer(watch, rng))
+        peaceful = live(service, photographs)
+        killer.aim_at(choose_aims(killer.seen_s, options.kills, rng))
+        print(f"{len(killer.left)} kills are to come", flush=True)
+        lives = 0
+        while killer.left and lives < MOST_LIVES:
+            require(live(service, photographs) == peaceful, "a model differs from that of the peaceful run")
+            require_no_orphans(watch)
+            lives += 1
+            print(f"life {lives}: all is well, {len(killer.left)} kills are left", flush=True)
+        print(killer.table())
+        print(f"{killer.killed.total()} kills in {lives} lives, {options.workers} workers", flush=True)
+        require(not killer.left, f"there was no occasion for {killer.left}")
 
 
 def live(service: Service, photographs: list[Path]) -> list[str]:
@@ -221,6 +184,7 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
     scene = service.call(
         "POST", "/v1/scenes", json={"name": "faults"}, headers={"Idempotency-Key": f"{key}-scene"}
     )["id"]
+    began = time.monotonic()
     ranker = Ranker(service, scene)
     ranker.start()
     jobs = []
@@ -244,7 +208,11 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
     ranker.stop()
     require(not ranker.wrong, f"rankings were wrong: {ranker.wrong[:2]}")
     require(ranker.answered > 0, "no ranking was answered")
-    print(f"  {ranker.answered} rankings, the slowest took {ranker.slowest_s:.1f} s", flush=True)
+    print(
+        f"  lived for {time.monotonic() - began:.0f} s; "
+        f"{ranker.answered} rankings, the slowest took {ranker.slowest_s:.1f} s",
+        flush=True,
+    )
     check(service, scene, photographs, jobs)
     return [model_of(service, job) for job in jobs]
 
@@ -279,6 +247,16 @@ def check(service: Service, scene: str, photographs: list[Path], jobs: list[dict
         query = f"SELECT count(*) FROM events WHERE scene_id = ? AND kind IN {kinds}"
         (ends,) = database.execute(query, (scene,)).fetchone()
     require(ends == len(jobs), f"{len(jobs)} jobs ended {ends} times")
+    last = service.call("POST", f"/v1/scenes/{scene}/rankings", json=QUESTION)
+    require(last["snapshot_id"] == jobs[-1]["snapshot_id"], f"the last model does not rank: {last}")
+
+
+def require_no_orphans(watch: Watch) -> None:
+    """What lost its parent must be gone within a lease."""
+    until = time.monotonic() + LEASE_S
+    while orphans := watch.orphans():
+        require(time.monotonic() < until, f"processes were left behind: {orphans}")
+        time.sleep(0.1)
 
 
 def model_of(service: Service, job: Mapping[str, Any]) -> str:
@@ -291,19 +269,6 @@ def require(holds: bool, otherwise: str) -> None:
     """End with a sentence unless it holds."""
     if not holds:
         raise SystemExit(f"FAILED: {otherwise}")
-
-
-def _processes() -> Iterator[tuple[int, int]]:
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            with contextlib.suppress(OSError, IndexError):
-                yield int(folder.name), int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-
-
-def _command(pid: int) -> list[str]:
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-    return []
 
 
 if __name__ == "__main__":
