@@ -39,6 +39,7 @@ from fvs_service.worker.protocol import (
     ask,
     connect,
 )
+from fvs_service.worker.tries import Tries
 from fvs_service.worker.turns import Turns
 
 ALIGNMENT = "alignment.json"
@@ -49,7 +50,8 @@ _POLL_S = 0.2
 _CONNECT_S = 5.0
 _STOP_S = 1.0
 """A runner that was asked to stop has so long; then it is killed. With the polling it stays under 2 s."""
-_MAX_DEATHS = 5
+MAX_TRIES = 6
+"""So often a job may break off without coming any farther."""
 _PAUSE_S = 0.5
 
 _log = structlog.get_logger()
@@ -61,6 +63,10 @@ class _StoppedError(Exception):
 
 class _PausedError(Exception):
     """The job goes on later: an update of the scene goes first."""
+
+
+class _ChildDiedError(Exception):
+    """Structure from motion's process died under the runner: its stage is begun again."""
 
 
 class _FailedError(Exception):
@@ -82,35 +88,40 @@ class Attempts:
         self._turns = Turns()
 
     def run(self, ticket: JobTicket) -> None:
-        """Bring the attempt to its end, also when its runner dies.
+        """Bring the attempt to its end, also when processes die of it.
 
-        One that dies again and again without coming any farther is given up.
+        One that breaks off again and again without coming any farther is given up.
         """
-        deaths, reached, reason = 0, 0.0, ""
+        tries = Tries(self._storage.settings.scenes / ticket.scene_id, ticket)
+        reason = "the death of its worker"
         while not self._over(ticket):
             if self._host.stopping:
                 threading.Event().wait()  # the process ends; the attempt is taken up by the next one
             try:
-                if deaths > _MAX_DEATHS:
+                if tries.in_vain(self._progress(ticket)) >= MAX_TRIES:
                     self._give_up(ticket, reason)
                 elif self._turns.take(ticket.scene_id, ticket.kind, lambda: self._over(ticket)):
                     try:
-                        self._try(ticket)
+                        self._try(ticket, tries)
                     finally:
                         self._turns.end(ticket.scene_id)
             except _PausedError:
+                tries.excuse()
                 time.sleep(_PAUSE_S)
             except StaleLeaseError:
+                tries.excuse()
                 _log.warning("lease lost", job=ticket.job_id)
                 time.sleep(_PAUSE_S)
             except Exception as error:  # the runner's death, or the database's, or a defect: try again
-                if not isinstance(error, RunnerGoneError):
+                reason = str(error)
+                if not isinstance(error, RunnerGoneError | _ChildDiedError):
+                    reason = f"{type(error).__name__}: {error}"
                     _log.exception("attempt broke", job=ticket.job_id)
-                progress = self._progress(ticket)
-                deaths, reached = (deaths + 1, reached) if progress <= reached else (1, progress)
-                reason = f"{type(error).__name__}: {error}"
-                _log.warning("trying again", job=ticket.job_id, deaths=deaths, reason=reason)
-                time.sleep(_PAUSE_S * deaths)
+                if self._host.stopping or isinstance(error, SQLAlchemyError):
+                    tries.excuse()
+                in_vain = tries.in_vain(self._progress(ticket))
+                _log.warning("trying again", job=ticket.job_id, in_vain=in_vain, reason=reason)
+                time.sleep(_PAUSE_S * max(1, in_vain))
 
     def _over(self, ticket: JobTicket) -> bool:
         """Whether there is nothing left to do: ended, or another attempt was begun."""
@@ -133,13 +144,15 @@ class Attempts:
         except SQLAlchemyError:
             return 0.0
 
-    def _try(self, ticket: JobTicket) -> None:
+    def _try(self, ticket: JobTicket, tries: Tries) -> None:
+        tries.begin(self._progress(ticket))
         with self._storage.database.reading() as session:
             request = find_job(session, ticket.job_id).request
             images = accepted_images(session, ticket.scene_id)
         need = job_need_bytes(request, images, self._storage.settings.worker)
         with self._host.hold(ticket.scene_id, need, lambda: self._over(ticket)) as hosted:
             if hosted is None:
+                tries.excuse()
                 return
             job = self._storage.ledger.start(hosted.lease, ticket.job_id, ticket.attempt)
             if job is None:
@@ -154,6 +167,8 @@ class Attempts:
             except StaleLeaseError:
                 self._host.drop(hosted)
                 raise
+            except _ChildDiedError:
+                raise  # the runner itself is well, and stays warm
             except _PausedError:
                 if not self._turns.update_waits(job.scene_id):  # the update is another worker's
                     self._host.drop(hosted)
@@ -241,8 +256,10 @@ class Attempts:
                 case ErrorNote():
                     if why is not None and document.code in ("cancelled", ProcessDiedError.code):
                         raise why
-                    if document.code == ProcessDiedError.code or self._host.stopping:
-                        raise RunnerGoneError(document.message)  # as if all of it had died: try again
+                    if self._host.stopping:
+                        raise RunnerGoneError(document.message)  # the next worker goes on
+                    if document.code == ProcessDiedError.code:
+                        raise _ChildDiedError(document.message)
                     raise _FailedError(document, stage)
                 case _:
                     raise why or RunnerGoneError("The runner died.")
@@ -267,7 +284,7 @@ class Attempts:
         self._storage.snapshots.commit(hosted.lease, job, _SNAPSHOT_STAGE, made)
 
     def _give_up(self, ticket: JobTicket, reason: str) -> None:
-        """Fail an attempt whose runner dies again and again; ``reason`` is the last one."""
+        """Fail an attempt that breaks off again and again; ``reason`` is the last one."""
         with self._host.leased(ticket.scene_id, lambda: self._over(ticket)) as lease:
             if lease is None:
                 return
@@ -276,7 +293,7 @@ class Attempts:
                 return
             error = JobError(
                 code="runner-died",
-                message=f"Work on the scene broke off {_MAX_DEATHS + 1} times, at last with {reason}",
+                message=f"Work on the scene broke off {MAX_TRIES} times at the same point: {reason}",
                 hint="Often memory ran out: use fewer or smaller images, or a machine that has more.",
                 retryable=True,
                 stage=job.stage,

@@ -1,5 +1,6 @@
 """The job engine of the service: DBOS' queues, and the worker that takes from them."""
 
+import os
 import signal
 import threading
 
@@ -18,7 +19,13 @@ from fvs_service.worker.queue import Queue, take_jobs
 _TEND_S = 2.0
 _FORGET_S = 600.0
 
+_EXIT_TAKEN_FOR_DEAD = 5
+
 _log = structlog.get_logger()
+
+
+class _TakenForDeadError(Exception):
+    """The others took this worker for dead, and go on with its jobs."""
 
 
 class DbosEngine:
@@ -55,6 +62,9 @@ class DbosEngine:
         _log.info("worker ready", worker=worker_id)
         try:
             self._tend(worker_id, stop)
+        except _TakenForDeadError:
+            _log.warning("another worker took over", worker=worker_id)
+            os._exit(_EXIT_TAKEN_FOR_DEAD)  # at once: what is under way here is done elsewhere
         finally:
             host.stop()
             stop_taking()
@@ -65,15 +75,22 @@ class DbosEngine:
         return self._queue.resume(worker_id)
 
     def _tend(self, worker_id: str, stop: threading.Event) -> None:
-        """Until asked to stop: show that the worker lives, and see to what others left lying."""
+        """Until asked to stop: show that the worker lives, and see to what others left lying.
+
+        Raises ``_TakenForDeadError`` when others did the same with what this one left.
+        """
         presence = Presence(self._storage.database, self._storage.settings.lease_s)
+        shown = False
         jobs = Jobs(self._storage.database, self, self._storage.settings.limits)
         forget_in_s = _FORGET_S
         while not stop.wait(_TEND_S):
             try:
-                presence.show(worker_id)
+                if not presence.show(worker_id) and shown:
+                    raise _TakenForDeadError
+                shown = True
                 for dead in presence.take_dead(worker_id):
                     _log.warning("reaping", worker=dead, jobs=self.reap(dead))
+                    presence.forget(dead)
                 jobs.submit_waiting()
                 forget_in_s -= _TEND_S
                 if forget_in_s <= 0:

@@ -1,4 +1,7 @@
-"""Which workers live: each shows itself, and one of the others takes over what a dead one left."""
+"""Which workers live: each shows itself, and one of the others takes over what a dead one left.
+
+A worker that was only frozen, and taken for dead, learns of it when it shows itself again.
+"""
 
 from sqlalchemy import delete, select, update
 
@@ -17,8 +20,8 @@ class Presence:
         self._database = database
         self._duration_ms = round(_MISSED * lease_s * 1000)
 
-    def show(self, worker_id: str) -> None:
-        """Say that this worker lives."""
+    def show(self, worker_id: str) -> bool:
+        """Say that this worker lives; whether the others still thought so."""
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(
@@ -29,9 +32,13 @@ class Presence:
             )
             if known is None:
                 session.add(WorkerRow(id=worker_id, expires_at_ms=until))
+        return known is not None
 
     def take_dead(self, worker_id: str) -> tuple[str, ...]:
-        """The workers that are dead for good; each is given to one caller only."""
+        """The workers that are dead for good; each is given to one caller only, until that one is dead too.
+
+        The caller takes over what they left, and then says ``forget``.
+        """
         with self._database.reading() as session:
             dead = session.scalars(
                 select(WorkerRow.id).where(WorkerRow.expires_at_ms < now_ms(), WorkerRow.id != worker_id)
@@ -40,8 +47,14 @@ class Presence:
             return ()
         with self._database.writing() as session:
             taken = session.scalars(
-                delete(WorkerRow)
+                update(WorkerRow)
                 .where(WorkerRow.id.in_(dead), WorkerRow.expires_at_ms < now_ms())
+                .values(expires_at_ms=now_ms() + self._duration_ms)
                 .returning(WorkerRow.id)
             )
             return tuple(taken)
+
+    def forget(self, worker_id: str) -> None:
+        """A dead worker has left nothing any more."""
+        with self._database.writing() as session:
+            session.execute(delete(WorkerRow).where(WorkerRow.id == worker_id))

@@ -24,3 +24,25 @@ def test_a_worker_that_shows_itself_no_more_is_given_to_one_other(database: Data
     assert presence.take_dead("old") == ()  # nobody takes itself, and the other lives
     assert presence.take_dead("new") == ("old",)
     assert presence.take_dead("new") == ()
+
+
+def test_who_takes_over_dies_too_and_the_next_one_is_asked(database: Database) -> None:
+    presence = Presence(database, lease_s=0.02)
+    presence.show("old")
+    time.sleep(0.1)
+    assert presence.take_dead("first") == ("old",)
+    time.sleep(0.1)
+    assert presence.take_dead("second") == ("old",)
+    presence.forget("old")
+    time.sleep(0.1)
+    assert presence.take_dead("second") == ()
+
+
+def test_a_worker_that_was_taken_for_dead_learns_of_it(database: Database) -> None:
+    presence = Presence(database, lease_s=0.02)
+    assert not presence.show("old")
+    assert presence.show("old")
+    time.sleep(0.1)
+    assert presence.take_dead("new") == ("old",)
+    presence.forget("old")
+    assert not presence.show("old")

@@ -8,26 +8,20 @@ import numpy as np
 import torch
 from PIL import Image
 
-from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
 from fvs_engine.pipeline.contact_sheet import log_magnitude
 from fvs_engine.score import Candidate
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.raster import Rasterizer
 from fvs_service.rankings.port import Picture, RankedView, RankedViews
-from fvs_service.snapshots.model import SnapshotCameras
 from fvs_service.worker.protocol import DrawQuestion, RankQuestion
 from fvs_service.worker.runner.states import State
-
-_VISITED = "visited:"
-"""Prefix of visited views' ids, which keeps them apart from candidates'."""
 
 
 def rank_views(question: RankQuestion, state: State, rasterizer: Rasterizer) -> RankedViews:
     """Rank the question's views; raises ``InvalidInputError`` for an unknown method."""
-    began = time.perf_counter()
     views = [message.view() for message in question.views]
-    visited = _visited(state.cameras)
+    visited = state.visited
     candidates = tuple(Candidate(view.id, view.camera, view.camera_from_model) for view in views)
     names = (*(view.id for view in visited), *sorted(view.id for view in views))
     context = SelectionContext(
@@ -42,7 +36,9 @@ def rank_views(question: RankQuestion, state: State, rasterizer: Rasterizer) -> 
         step=0,
     )
     distances = {view.id: view.distance_m for view in views if view.distance_m is not None}
+    began = time.perf_counter()
     chosen = select(context, create_selector(question.method), distances)
+    seconds = time.perf_counter() - began
     return RankedViews(
         snapshot_id=state.snapshot_id,
         iterations=state.iterations,
@@ -52,7 +48,7 @@ def rank_views(question: RankQuestion, state: State, rasterizer: Rasterizer) -> 
             for place in chosen.ranked
         ),
         fallback=chosen.fallback,
-        seconds=time.perf_counter() - began,
+        seconds=seconds,
     )
 
 
@@ -76,19 +72,6 @@ def draw_view(question: DrawQuestion, state: State, rasterizer: Rasterizer) -> b
 def document_of(ranked: RankedViews) -> dict[str, object]:
     """A ranking as JSON has it."""
     return asdict(ranked)
-
-
-def _visited(cameras: SnapshotCameras) -> tuple[Candidate, ...]:
-    lens = cameras.camera
-    camera = PinholeCamera(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
-    return tuple(
-        Candidate(
-            _VISITED + view.image,
-            camera,
-            RigidTransform(matrix_from_quaternion(view.orientation_wxyz), np.array(view.position)).inverse(),
-        )
-        for view in cameras.views
-    )
 
 
 def _png(pixels: np.ndarray) -> bytes:

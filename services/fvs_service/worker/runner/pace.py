@@ -14,30 +14,36 @@ _REPORT_EVERY_S = 0.2
 
 
 class Pace:
-    """Counts the questions that are being answered; learning pauses between two steps while there are any."""
+    """Answers one question after the other; learning pauses between two steps while there are any.
+
+    An answer keeps all cores busy, so that two at once would take twice as long, and twice the memory.
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._answering = 0
+        self._came = 0
+        self._answered = 0
 
     @contextmanager
-    def answering(self) -> Iterator[None]:
-        """Have the processor for an answer."""
+    def answering(self) -> Iterator[float]:
+        """Have the processor for an answer, after all that came before; yields the seconds that it waited."""
+        came = time.monotonic()
         with self._changed:
-            self._answering += 1
+            place, self._came = self._came, self._came + 1
+            self._changed.wait_for(lambda: self._answered == place)
         try:
-            yield
+            yield time.monotonic() - came
         finally:
             with self._changed:
-                self._answering -= 1
+                self._answered += 1
                 self._changed.notify_all()
 
     def give_way(self) -> None:
-        """Wait until nothing is being answered, but not for long."""
-        if self._answering == 0:
+        """Wait until nothing is to be answered, but not for long."""
+        if self._answered == self._came:
             return
         with self._changed:
-            self._changed.wait_for(lambda: self._answering == 0, _LONGEST_PAUSE_S)
+            self._changed.wait_for(lambda: self._answered == self._came, _LONGEST_PAUSE_S)
 
 
 class JobMonitor(Monitor):

@@ -6,6 +6,7 @@ import logging
 import socket
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -106,10 +107,10 @@ class RunnerServer:
         match question:
             case RankQuestion():
                 self._touched = time.monotonic()
-                with self._pace.answering():
+                with self._pace.answering() as waited_s:
                     find = self._states.exactly if question.pinned else self._states.newest
-                    state = find(question.snapshot_id)
-                    return document_of(rank_views(question, state, self._rasterizer))
+                    ranked = rank_views(question, find(question.snapshot_id), self._rasterizer)
+                return document_of(replace(ranked, waited_s=waited_s))
             case DrawQuestion():
                 self._touched = time.monotonic()
                 with self._pace.answering():

@@ -7,8 +7,13 @@ import tempfile
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
+from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
+from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
@@ -31,6 +36,19 @@ class State:
     sh_degree: int
     cameras: SnapshotCameras
     iterations: int
+
+    @cached_property
+    def visited(self) -> tuple[Candidate, ...]:
+        """The views that were photographed; a prefix keeps their ids apart from those of candidates."""
+        lens, views = self.cameras.camera, self.cameras.views
+        camera = PinholeCamera(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
+        turns = matrix_from_quaternion(np.array([view.orientation_wxyz for view in views]).reshape(-1, 4))
+        return tuple(
+            Candidate(
+                f"visited:{view.image}", camera, RigidTransform(turn, np.array(view.position)).inverse()
+            )
+            for view, turn in zip(views, turns, strict=True)
+        )
 
 
 class States:
