@@ -1,4 +1,6 @@
 import io
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -74,11 +76,12 @@ def test_photographs_are_upright_files_in_the_order_of_arrival(
     assert before.items() <= {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}.items()
 
 
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
 def test_what_the_scene_knows_of_its_camera_is_told_to_images_that_do_not(
-    tmp_path: Path, store: Callable[..., SceneImage]
+    tmp_path: Path, store: Callable[..., SceneImage], kind: str
 ) -> None:
     blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
-    silent, labelled = store(1), store(2, exif={_MAKE: "Maker"})
+    silent, labelled = store(1, kind), store(2, kind, exif={_MAKE: "Maker"})
     prior = CameraPrior(focal_length_px=2000.0, width_px=1600)
     stored = blobs.read(blob_key("scn", silent.digest))
     for name in place_photographs(blobs, [silent, labelled], folder, prior, Monitor()):
@@ -94,3 +97,22 @@ def test_what_the_scene_knows_of_its_camera_is_told_to_images_that_do_not(
 
 def _digest(name: str) -> str:
     return f"sha256:{int(name.split('-')[0]):064x}"
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_structure_from_motion_begins_with_what_it_was_told(
+    tmp_path: Path, store: Callable[..., SceneImage], kind: str
+) -> None:
+    """COLMAP reads EXIF itself. It is asked in a process of its own, for it clashes with Pillow's zlib."""
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    prior = CameraPrior(focal_length_px=2000.0, width_px=1600)
+    (name,) = place_photographs(blobs, [store(1, kind)], folder, prior, Monitor())
+    ask = (
+        "import pycolmap, sys; camera = pycolmap.infer_camera_from_image(sys.argv[1]); "
+        "print(camera.params[0], camera.has_prior_focal_length)"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", ask, str(folder / name)], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert float(told[0]) == pytest.approx(80.0, rel=0.02)
+    assert told[1] == "True"
