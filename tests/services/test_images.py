@@ -56,12 +56,13 @@ def test_bytes_that_are_not_what_was_promised_are_refused(gateway: Any, photogra
     assert damaged.status_code == 422
     assert damaged.json()["code"] == "digest-mismatch"
     promise = base64.b64encode(hashlib.sha256(b"a third").digest()).decode()
-    contradiction = gateway.client.put(
-        path, content=b"another", headers={"Repr-Digest": f"sha-256=:{promise}:"}
-    )
-    assert contradiction.json()["code"] == "digest-mismatch"
-    malformed = gateway.client.put(path, content=b"another", headers={"Repr-Digest": "sha-256=:QUJD:"})
-    assert malformed.status_code == 400
+    for header in ("Repr-Digest", "Content-Digest"):
+        for told in (f"sha-256=:{promise}:", f"sha-512=:AAAA:, sha-256=:{promise}:"):
+            contradiction = gateway.client.put(path, content=b"another", headers={header: told})
+            assert contradiction.json()["code"] == "digest-mismatch"
+        for told in ("sha-256=:QUJD:", "sha-256=QUJD", "sha-256=:A:, sha-512=:AAAA:", "sha-256="):
+            malformed = gateway.client.put(path, content=b"another", headers={header: told})
+            assert malformed.status_code == 400, told
     assert gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"] == []
 
 

@@ -31,6 +31,7 @@ def test_every_error_has_a_code_of_its_own() -> None:
         ("POST", "/v1/scenes", {"content": b"\xff\xfe{}"}, 400, "malformed-request"),
         ("POST", "/v1/scenes", {"data": {"name": "a"}}, 415, "unsupported-media-type"),
         ("POST", "/v1/scenes", {"content": b"", "headers": {}}, 422, "invalid-request"),
+        ("POST", "/v1/scenes", {"content": b"{}", "headers": {}}, 415, "unsupported-media-type"),
         ("GET", "/v1/scenes", {"params": {"limit": 0}}, 422, "invalid-request"),
         ("GET", "/v1/scenes", {"params": {"colour": "red"}}, 422, "invalid-request"),
         ("PUT", "/v1/scenes/x/images/sha256:xyz", {"content": b""}, 422, "invalid-request"),
@@ -56,6 +57,53 @@ def test_every_error_is_a_problem_document(
     assert problem["request_id"] == answer.headers["x-request-id"]
     if status == 405:
         assert answer.headers["allow"] == "GET, POST"
+
+
+_POSE = {"position": [0, 0, 0], "orientation_wxyz": [1, 1, 0, 0]}
+_TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}}] * 2
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "field", "detail"),
+    [
+        ("/v1/scenes", {"name": "a", "nmae": "b"}, "nmae", "nmae: there is no such field here."),
+        ("/v1/scenes", {}, "name", "name: it is missing."),
+        (
+            "/v1/scenes",
+            {"name": "a", "world": {"kind": "enu"}},
+            "world.origin",
+            "world.origin: it is missing.",
+        ),
+        (
+            "/v1/scenes/scn_none/rankings",
+            {"candidates": [{"id": "a", "pose": {"frame": "world", **_POSE}}]},
+            "candidates.0.pose.orientation_wxyz",
+            None,
+        ),
+        ("/v1/scenes/scn_none/rankings", {"candidates": [{"id": "a", "pose": 3}]}, "candidates.0.pose", None),
+        ("/v1/scenes/scn_none/rankings", {"candidates": _TWINS}, "", "Two candidates have the id a."),
+        (
+            "/v1/scenes/scn_none/rankings",
+            {"generator": {"kind": "orbit", "count": 0}},
+            "generator.count",
+            "generator.count: Input should be greater than or equal to 1.",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_by_its_place_in_the_request(
+    gateway: Any, path: str, body: dict[str, Any], field: str, detail: str | None
+) -> None:
+    problem = gateway.client.post(path, json=body).json()
+    assert problem["code"] == "invalid-request"
+    assert problem["errors"][0]["field"] == field
+    assert detail is None or problem["detail"] == detail
+    assert "openapi.json" in problem["hint"]
+
+
+def test_broken_json_is_pointed_at(gateway: Any) -> None:
+    headers = {"Content-Type": "application/json"}
+    problem = gateway.client.post("/v1/scenes", content=b'{"name": }', headers=headers).json()
+    assert problem["detail"] == "The body is not JSON: Expecting value, at character 9."
 
 
 def test_a_request_keeps_its_own_id(gateway: Any) -> None:

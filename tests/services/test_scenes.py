@@ -60,7 +60,7 @@ def test_no_more_scenes_than_allowed(open_gateway: Callable[..., Any]) -> None:
         ('{"name": "a", "camera": {"focal_length_px": NaN, "width_px": 640}}', "camera.focal_length_px"),
         ('{"name": "a", "camera": {"focal_length_px": Infinity, "width_px": 640}}', "camera.focal_length_px"),
         ('{"name": "a", "camera": {"focal_length_px": "9", "width_px": 640}}', "camera.focal_length_px"),
-        ('{"name": "a", "world": {"kind": "enu"}}', "world.enu.origin"),
+        ('{"name": "a", "world": {"kind": "enu"}}', "world.origin"),
         ('{"name": "a", "world": {"kind": "flat"}}', "world"),
     ],
 )

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from starlette.concurrency import run_in_threadpool
 
 from fvs_service.application import Application
 from fvs_service.errors import UnauthenticatedError
@@ -20,17 +21,18 @@ _bearer = HTTPBearer(
 )
 
 
-def _application(request: Request) -> Application:
+# These are coroutines so that the framework calls them where it is, and not in a thread of their own.
+async def _application(request: Request) -> Application:
     application: Application = request.app.state.application
     return application
 
 
-def _feed(request: Request) -> EventFeed:
+async def _feed(request: Request) -> EventFeed:
     feed: EventFeed = request.app.state.feed
     return feed
 
 
-def _metrics(request: Request) -> Metrics:
+async def _metrics(request: Request) -> Metrics:
     metrics: Metrics = request.app.state.metrics
     return metrics
 
@@ -40,13 +42,13 @@ Feed = Annotated[EventFeed, Depends(_feed)]
 Counters = Annotated[Metrics, Depends(_metrics)]
 
 
-def _caller(
+async def _caller(
     request: Request,
     app: App,
     credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
 ) -> Principal:
     if credentials is not None:
-        return app.storage.keys.authenticate(credentials.credentials)
+        return await run_in_threadpool(app.storage.keys.authenticate, credentials.credentials)
     if "authorization" in request.headers:  # whoever shows something must not be taken for nobody
         raise UnauthenticatedError("The Authorization is not a Bearer key.")
     return app.storage.keys.authenticate(None)

@@ -1,12 +1,12 @@
 """Events over REST, as server-sent events (WHATWG HTML, section 9.2)."""
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import ExitStack
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query
 from fastapi.responses import StreamingResponse
+from starlette.concurrency import run_in_threadpool
 
 from fvs_service.events.feed import EventFeed
 from fvs_service.events.model import Event
@@ -33,7 +33,7 @@ async def watch_events(
     last: Annotated[int | None, Header(alias="Last-Event-ID", ge=0, le=2**53)] = None,
 ) -> StreamingResponse:
     """Watch a scene: past events after `Last-Event-ID` (or `after`), then new ones as they come."""
-    await asyncio.to_thread(feed.check, caller, scene_id)
+    await run_in_threadpool(feed.check, caller, scene_id)
     if tail and last is None:
         after = await feed.newest()
     place = ExitStack()

@@ -1,10 +1,10 @@
 """Images over REST."""
 
-import asyncio
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 from pydantic import ValidationError
+from starlette.concurrency import run_in_threadpool
 
 from fvs_service.application import Application
 from fvs_service.errors import (
@@ -70,11 +70,12 @@ async def put_image(
     metadata: Annotated[ImageMetadata, Query()],
     request: Request,
     response: Response,
-    digest_header: Annotated[str | None, Header(alias="Repr-Digest")] = None,
+    repr_header: Annotated[str | None, Header(alias="Repr-Digest")] = None,
+    content_header: Annotated[str | None, Header(alias="Content-Digest")] = None,
 ) -> Image:
     """Send an image's bytes; the answer has its verdict. Sending it again changes nothing."""
     digest = f"sha256:{hexadecimal}"
-    require_digest(digest, promised_digest(digest_header))
+    require_digest(digest, promised_digest(repr_header), promised_digest(content_header))
     image, created = await _receive(app, caller, scene_id, digest, metadata, request, metrics)
     response.status_code = 201 if created else 200
     response.headers["Location"] = f"/v1/scenes/{scene_id}/images/{digest}"
@@ -87,12 +88,12 @@ async def post_images(
     app: App, caller: Caller, metrics: Counters, scene_id: SceneId, request: Request
 ) -> UploadAnswer:
     """Send one or many images as a form. What has arrived when the connection breaks is kept."""
-    await asyncio.to_thread(app.images.require_open, caller, scene_id)
+    await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
     with app.uploads_at_once.use(caller.tenant_id):
         async for file in receive_files(request, app.staging, app.storage.settings.limits.multipart_files):
             metadata = _named(file.name)
-            image, new = await asyncio.to_thread(app.images.store, caller, scene_id, file.staged, metadata)
+            image, new = await run_in_threadpool(app.images.store, caller, scene_id, file.staged, metadata)
             _count(metrics, image, created=new)
             items.append(UploadItem(name=file.name, created=new, image=image))
     if not items:
@@ -123,7 +124,7 @@ async def _receive(
 ) -> tuple[Image, bool]:
     """Take the body of a PUT to disk, and store it if the scene does not have it."""
     _require_image_type(request)
-    known = await asyncio.to_thread(app.images.known, caller, scene_id, digest)
+    known = await run_in_threadpool(app.images.known, caller, scene_id, digest)
     if known is not None:
         async for _ in request.stream():  # read and dropped, so that the connection can be used again
             pass
@@ -136,7 +137,7 @@ async def _receive(
             receiver.write(chunk)
         staged = receiver.finish()
         require_digest(staged.digest, digest)
-        image, created = await asyncio.to_thread(app.images.store, caller, scene_id, staged, metadata)
+        image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
     _count(metrics, image, created=created)
     return image, created
 

@@ -94,7 +94,8 @@ class BodyGuard:
             if not more:  # the body is there; what comes now is only the client going away
                 return await receive()
             try:
-                message = await asyncio.wait_for(receive(), self._idle_s)
+                async with asyncio.timeout(self._idle_s):
+                    message = await receive()
             except TimeoutError as error:
                 raise SlowRequestError(f"No byte of the body came for {self._idle_s:g} s.") from error
             received += len(message.get("body", b""))

@@ -1,8 +1,7 @@
 """Errors as problem documents (RFC 9457), whoever raised them: a service, the engine, the framework."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from http import HTTPStatus
-from typing import Any
 
 import structlog
 from fastapi import FastAPI, Request
@@ -13,11 +12,11 @@ from starlette.routing import Match
 
 from fvs_engine.errors import EngineError
 from fvs_service import errors
-from fvs_service.errors import FieldError, ServiceError
+from fvs_service.errors import ServiceError
+from fvs_service.gateway.rest import validation
 from fvs_service.model import Model
 
 MEDIA_TYPE = "application/problem+json"
-_MOST_FIELDS = 32
 _METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 _BY_STATUS: Mapping[int, type[ServiceError]] = {
@@ -105,21 +104,7 @@ async def _engine_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
-    found = error.errors()
-    if any(item["type"] == "json_invalid" for item in found):
-        return problem_response(request, errors.MalformedRequestError("The body is not JSON."))
-    content_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    wrong_body = any(tuple(item["loc"]) == ("body",) for item in found)
-    if wrong_body and content_type and not (content_type.endswith(("/json", "+json"))):
-        return problem_response(
-            request,
-            errors.UnsupportedMediaTypeError(
-                f"The body is {content_type}.", hint="Send JSON with Content-Type: application/json."
-            ),
-        )
-    fields = _fields(found)
-    first = f"{fields[0].field}: {fields[0].message}" if fields else "The request is not valid."
-    return problem_response(request, errors.InvalidRequestError(first, errors=fields))
+    return problem_response(request, validation.error_of(request, error))
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
@@ -129,14 +114,19 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     kind = _BY_STATUS.get(error.status_code, errors.MalformedRequestError)
     if error.status_code >= HTTPStatus.INTERNAL_SERVER_ERROR:
         kind = errors.InternalError
-    details = {
-        errors.NotFoundError: f"There is nothing at {request.url.path}.",
-        errors.MethodNotAllowedError: f"{request.method} is not allowed at {request.url.path}.",
-    }
-    headers = error.headers
-    if kind is errors.MethodNotAllowedError:
-        headers = {"Allow": ", ".join(_allowed_methods(request))}
-    return problem_response(request, kind(details.get(kind, str(error.detail))), headers)
+    path, headers = request.url.path, error.headers
+    told: ServiceError
+    if kind is errors.NotFoundError:
+        told = kind(f"There is nothing at {path}.", hint="GET /openapi.json says what there is.")
+    elif kind is errors.MethodNotAllowedError:
+        allowed = ", ".join(_allowed_methods(request))
+        told = kind(f"{request.method} is not allowed at {path}.", hint=f"It takes {allowed}.")
+        headers = {"Allow": allowed}
+    elif kind is errors.MalformedRequestError:
+        told = kind("The body cannot be read.", hint="JSON is sent in UTF-8, and not nested without end.")
+    else:
+        told = kind(str(error.detail))
+    return problem_response(request, told, headers)
 
 
 def _allowed_methods(request: Request) -> list[str]:
@@ -156,11 +146,4 @@ async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:
         errors.InternalError(
             "The service failed.", hint="Try again; if it fails again, report the request_id."
         ),
-    )
-
-
-def _fields(found: Sequence[Any]) -> tuple[FieldError, ...]:
-    return tuple(
-        FieldError(".".join(map(str, item["loc"][1:])) or str(item["loc"][0]), item["msg"])
-        for item in found[:_MOST_FIELDS]
     )
