@@ -1,5 +1,6 @@
 """Where cameras stand and how they move: look-at, camera axes of other programs, paths through views."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from fvs_engine.geometry.rotations import (
     slerp,
 )
 from fvs_engine.geometry.transforms import RigidTransform
-from fvs_engine.geometry.validation import finite_array
+from fvs_engine.geometry.validation import cross, finite_array
 
 OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Our camera axes (x right, y down, z forward) to those of OpenGL, Blender and NeRF (y up, z backward).
@@ -32,19 +33,19 @@ def look_at(centre: ArrayLike, target: ArrayLike, up: ArrayLike) -> RigidTransfo
     is zero or a number is not finite.
     """
     origin = finite_array("centre", centre, (3,))
-    forward = finite_array("target", target, (3,)) - origin
-    upwards = finite_array("up", up, (3,))
-    distance, height = np.linalg.norm(forward), np.linalg.norm(upwards)
+    forward = (finite_array("target", target, (3,)) - origin).tolist()
+    upwards = finite_array("up", up, (3,)).tolist()
+    distance, height = math.hypot(*forward), math.hypot(*upwards)
     if distance <= 1e-12 * np.abs(origin).max() or distance == 0:
         raise InvalidInputError("A camera cannot look at its own centre.")
     if height == 0:
         raise InvalidInputError("The up vector is zero.")
-    z = forward / distance
-    x = np.cross(z, upwards / height)
-    if np.linalg.norm(x) < 1e-6:
-        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return RigidTransform(np.column_stack([x, np.cross(z, x), z]), origin)
+    z = _divided(forward, distance)
+    x = cross(z, _divided(upwards, height))
+    if math.hypot(*x) < 1e-6:
+        x = cross(z, np.eye(3)[np.argmin(np.abs(z))].tolist())
+    x = _divided(x, math.hypot(*x))
+    return RigidTransform(np.array([x, cross(z, x), z]).T, origin)
 
 
 def interpolate(first: RigidTransform, second: RigidTransform, t: float) -> RigidTransform:
@@ -73,6 +74,10 @@ def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tup
     centres = CubicSpline(times, np.stack([key.translation for key in keys]), bc_type="natural")(samples)
     turns = RotationSpline(times, Rotation.from_matrix(np.stack([key.rotation for key in keys])))
     return tuple(map(RigidTransform, turns(samples).as_matrix(), centres))
+
+
+def _divided(vector: Sequence[float], by: float) -> tuple[float, float, float]:
+    return vector[0] / by, vector[1] / by, vector[2] / by
 
 
 def _steps(keys: Sequence[RigidTransform]) -> np.ndarray:

@@ -5,6 +5,8 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
+import anyio.to_thread
+
 from fvs_service.events.model import Event
 from fvs_service.events.repository import events_after, last_number
 from fvs_service.limiter import AtOnce
@@ -87,4 +89,4 @@ class EventFeed:
             with self._database.reading() as session:
                 return query(session)
 
-        return await asyncio.to_thread(run)
+        return await anyio.to_thread.run_sync(run)

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import RigidTransform, interpolate, look_at
+from fvs_engine.geometry import RigidTransform, look_at, matrix_from_quaternion, quaternion_from_matrix
 from fvs_service.errors import InvalidRequestError
 from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
 
@@ -37,6 +39,16 @@ class Surroundings:
         """The upward direction [3]."""
         return np.asarray(self.level[:, 2])
 
+    @cached_property
+    def places(self) -> KDTree:
+        """Where the cameras are, to be searched for the nearest."""
+        return KDTree(np.stack([camera.translation for camera in self.cameras]))
+
+    @property
+    def centres(self) -> Array:
+        """Where the cameras are [N, 3]."""
+        return np.asarray(self.places.data)
+
 
 def generate(
     generator: Orbit | Grid | Dataset | AroundCurrent,
@@ -63,7 +75,7 @@ def generate(
 
 def _orbit(orbit: Orbit, around: Surroundings) -> Candidates:
     centre = around.centre if orbit.centre is None else np.array(orbit.centre)
-    offsets = (_centres(around) - centre) @ around.level
+    offsets = (around.centres - centre) @ around.level
     radius = orbit.radius_m or float(np.median(np.hypot(offsets[:, 0], offsets[:, 1])))
     height = float(np.median(offsets[:, 2])) if orbit.height_m is None else orbit.height_m
     angles = np.arange(orbit.count) * (2.0 * np.pi / orbit.count)
@@ -72,7 +84,7 @@ def _orbit(orbit: Orbit, around: Surroundings) -> Candidates:
 
 
 def _grid(grid: Grid, around: Surroundings) -> Candidates:
-    heights = (_centres(around) - around.centre) @ around.up
+    heights = (around.centres - around.centre) @ around.up
     height = float(heights.max()) if grid.height_m is None else grid.height_m
     middle = around.centre @ around.level
     x = _spread(around.lower[0], around.upper[0], grid.columns)
@@ -85,16 +97,22 @@ def _grid(grid: Grid, around: Surroundings) -> Candidates:
 
 
 def _between(around: Surroundings) -> Candidates:
-    centres = _centres(around)
+    centres = around.centres
+    if len(centres) < 2:
+        return {}
+    _, nearest = around.places.query(centres, k=min(_NEIGHBOURS + 1, len(centres)))
     pairs: set[tuple[int, int]] = set()
-    for index, centre in enumerate(centres):
-        order = np.argsort(np.linalg.norm(centres - centre, axis=1), kind="stable")
-        for other in [int(number) for number in order if number != index][:_NEIGHBOURS]:
+    for index, near in enumerate(nearest.tolist()):
+        for other in [number for number in near if number != index][:_NEIGHBOURS]:
             pairs.add((min(index, other), max(index, other)))
-    return {
-        f"between-{first:04d}-{second:04d}": interpolate(around.cameras[first], around.cameras[second], 0.5)
-        for first, second in sorted(pairs)
-    }
+    first, second = np.array(sorted(pairs)).T
+    turns = quaternion_from_matrix(np.stack([camera.rotation for camera in around.cameras]))
+    # Half-way, the short way, is along the sum of the two unit quaternions, of ±q the nearer one.
+    nearer = np.where(np.sum(turns[first] * turns[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    rotations = matrix_from_quaternion(turns[first] + nearer * turns[second])
+    names = [f"between-{one:04d}-{other:04d}" for one, other in zip(first, second, strict=True)]
+    middles = 0.5 * (centres[first] + centres[second])
+    return dict(zip(names, map(RigidTransform, rotations, middles), strict=True))
 
 
 def _ball(generator: AroundCurrent, around: Surroundings, current: Array, radius: float) -> Candidates:
@@ -121,7 +139,3 @@ def _looking(prefix: str, places: Array, target: Callable[[Array], Array], up: A
 def _spread(lower: float, upper: float, count: int) -> Array:
     """``count`` places in the middle of equal parts."""
     return lower + (upper - lower) * (np.arange(count) + 0.5) / count
-
-
-def _centres(around: Surroundings) -> Array:
-    return np.stack([camera.translation for camera in around.cameras])

@@ -168,5 +168,7 @@ class Ranking(Model):
     total: Count
     """How many candidates there were before `top_k`."""
     seconds: Number
-    """What the runner took."""
+    """What scoring took."""
+    waited_s: Number = 0.0
+    """How long other questions about the same scene went before."""
     created_at: Timestamp

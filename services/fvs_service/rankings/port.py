@@ -61,7 +61,8 @@ class RankedViews:
     """All views, the first to be photographed first, and the state of the model that was used.
 
     ``snapshot_id`` is the snapshot that the state was, or grew from; ``iterations`` says how far it had come.
-    ``fallback`` names the rule that chose when the method could not, else None.
+    ``fallback`` names the rule that chose when the method could not, else None. ``seconds`` is what scoring
+    took, ``waited_s`` how long other questions to the same runner went before.
     """
 
     snapshot_id: str
@@ -70,6 +71,7 @@ class RankedViews:
     views: tuple[RankedView, ...]
     fallback: str | None = None
     seconds: float = 0.0
+    waited_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,13 +26,12 @@ from fvs_service.rankings.port import (
     RunnerView,
     SceneRunners,
 )
-from fvs_service.rankings.surroundings import is_visited, pinhole, surroundings
-from fvs_service.scenes.model import Scene
-from fvs_service.scenes.poses import WorldFrame, world_pose
-from fvs_service.scenes.repository import find_scene, scene_of
+from fvs_service.rankings.surroundings import pinhole, surroundings, visited_among
+from fvs_service.scenes.poses import FramePose, WorldFrame, world_poses
+from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot, SnapshotCameras
-from fvs_service.snapshots.repository import find_snapshot, snapshot_of
+from fvs_service.snapshots.repository import find_snapshot
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
@@ -52,9 +51,12 @@ class Rankings:
         self._runners = runners
         self._limits = limits
         self._at_once = AtOnce("rankings", limits.rankings_at_once_per_tenant)
+        # Snapshots never change, and each is asked for again and again.
+        self._snapshot = lru_cache(_CACHED_SNAPSHOTS)(self._find)
         self._cameras = lru_cache(_CACHED_SNAPSHOTS)(
-            lambda snapshot_id: snapshots.cameras(self._find(snapshot_id))
+            lambda snapshot_id: snapshots.cameras(self._snapshot(snapshot_id))
         )
+        self._around = lru_cache(_CACHED_SNAPSHOTS)(self._surroundings)
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -68,19 +70,19 @@ class Rankings:
         principal.require(Scope.OPERATE, scene_id)
         remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
         with self._database.reading() as session:
-            scene = scene_of(session, principal, scene_id)
+            scene = scene_head_of(session, principal, scene_id)
             earlier = remembered.resource_id(session)
             if earlier is not None:
                 return repository.ranking_of(session, principal, earlier)
-            snapshot_id = request.snapshot_id or scene.snapshot_id
-            if snapshot_id is None:
-                raise NoSnapshotError(
-                    "The scene has no model yet, so nothing can be ranked.",
-                    hint='Run a job {"kind": "update"} and wait for its snapshot.',
-                )
-            snapshot = snapshot_of(session, principal, snapshot_id)
-            if snapshot.scene_id != scene_id:
-                raise NotFoundError("The scene has no such snapshot.")
+        snapshot_id = request.snapshot_id or scene.snapshot_id
+        if snapshot_id is None:
+            raise NoSnapshotError(
+                "The scene has no model yet, so nothing can be ranked.",
+                hint='Run a job {"kind": "update"} and wait for its snapshot.',
+            )
+        snapshot = self._snapshot(snapshot_id)
+        if snapshot.scene_id != scene_id:
+            raise NotFoundError("There is no such snapshot.")
         self._require_method(request.method)
         with self._at_once.use(principal.tenant_id):
             ranking = self._rank(scene, snapshot, request)
@@ -110,8 +112,8 @@ class Rankings:
         if self._blobs.exists(key):
             return self._blobs.read(key)
         with self._database.reading() as session:
-            scene = find_scene(session, ranking.scene_id)
-        frame = WorldFrame(scene, ranking.alignment)
+            scene = find_scene_head(session, ranking.scene_id)
+        frame = WorldFrame(scene.origin, ranking.alignment)
         camera = pinhole(self._cameras(ranking.snapshot_id).camera)
         model_from_camera = frame.model_from_camera(frame.world_from_camera(candidate.pose))
         view = RunnerView(candidate.id, camera, model_from_camera.inverse())
@@ -120,10 +122,10 @@ class Rankings:
         self._blobs.put(drawn, key)
         return drawn
 
-    def _rank(self, scene: Scene, snapshot: Snapshot, request: RankingRequest) -> Ranking:
+    def _rank(self, scene: SceneHead, snapshot: Snapshot, request: RankingRequest) -> Ranking:
         cameras: SnapshotCameras = self._cameras(snapshot.id)
-        frame = WorldFrame(scene, snapshot.alignment)
-        around = surroundings(frame, cameras)
+        frame = WorldFrame(scene.origin, snapshot.alignment)
+        around = self._around(snapshot.id)
         current = (
             None
             if request.current_pose is None
@@ -151,7 +153,8 @@ class Rankings:
                     seed=request.seed,
                 )
             )
-        places = [_place(view, poses[view.id], distances[view.id]) for view in answer.views]
+        shown = dict(zip(poses, world_poses(tuple(poses.values())), strict=True))
+        places = [_place(view, shown[view.id], distances[view.id]) for view in answer.views]
         places += [
             RankedCandidate(
                 id=name,
@@ -160,7 +163,7 @@ class Rankings:
                 status=status,
                 coverage=None,
                 distance_m=distances[name],
-                pose=world_pose(poses[name]),
+                pose=shown[name],
             )
             for name, status in left_out.items()
         ]
@@ -176,6 +179,7 @@ class Rankings:
             candidates=tuple(places[: request.top_k]),
             total=len(places),
             seconds=answer.seconds,
+            waited_s=answer.waited_s,
             created_at=now(),
         )
 
@@ -189,7 +193,9 @@ class Rankings:
         if request.generator is not None:
             poses = generate(request.generator, around, current, request.radius_m)
         else:
-            poses = {item.id: frame.world_from_camera(item.pose) for item in request.candidates or ()}
+            given = request.candidates or ()
+            cameras = frame.world_from_cameras([item.pose for item in given])
+            poses = {item.id: camera for item, camera in zip(given, cameras, strict=True)}
         if len(poses) > self._limits.candidates_per_ranking:
             raise InvalidRequestError(
                 f"There are {len(poses)} candidates; {self._limits.candidates_per_ranking} are allowed.",
@@ -202,6 +208,10 @@ class Rankings:
             raise InvalidRequestError(
                 f"There is no method {method!r}.", hint=f"These are known: {', '.join(self.methods)}."
             )
+
+    def _surroundings(self, snapshot_id: str) -> Surroundings:
+        frame = WorldFrame(None, self._snapshot(snapshot_id).alignment)
+        return surroundings(frame, self._cameras(snapshot_id))
 
     def _find(self, snapshot_id: str) -> Snapshot:
         with self._database.reading() as session:
@@ -224,16 +234,17 @@ def _left_out(
 ) -> dict[str, CandidateStatus]:
     """The candidates that need not be rendered, and why; nearest first, then by id."""
     found: dict[str, CandidateStatus] = {}
+    visited = visited_among(poses, around)
     for name in sorted(poses, key=lambda name: (distances[name] or 0.0, name)):
         distance = distances[name]
         if radius is not None and distance is not None and distance > radius:
             found[name] = CandidateStatus.OUT_OF_RANGE
-        elif is_visited(poses[name], around):
+        elif name in visited:
             found[name] = CandidateStatus.VISITED
     return found
 
 
-def _place(view: RankedView, pose: RigidTransform, distance_m: float | None) -> RankedCandidate:
+def _place(view: RankedView, pose: FramePose, distance_m: float | None) -> RankedCandidate:
     return RankedCandidate(
         id=view.id,
         rank=view.rank,
@@ -241,5 +252,5 @@ def _place(view: RankedView, pose: RigidTransform, distance_m: float | None) -> 
         status=CandidateStatus(view.status),
         coverage=view.coverage,
         distance_m=distance_m,
-        pose=world_pose(pose),
+        pose=pose,
     )

@@ -1,5 +1,7 @@
 """From a snapshot's cameras, in the model's frame, to what a ranking needs to know of the world."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,23 +52,32 @@ def pinhole(intrinsics: PinholeIntrinsics) -> PinholeCamera:
     )
 
 
-def is_visited(world_from_camera: RigidTransform, around: Surroundings) -> bool:
-    """Whether an image was taken at this pose: at the same place, looking the same way."""
-    centres = np.stack([camera.translation for camera in around.cameras])
-    near = np.linalg.norm(centres - world_from_camera.translation, axis=1) <= _SAME_PLACE * _spacing(centres)
-    return any(
-        angle_between(around.cameras[index].rotation, world_from_camera.rotation) <= _SAME_DIRECTION_RAD
-        for index in np.flatnonzero(near)
+def visited_among(poses: Mapping[str, RigidTransform], around: Surroundings) -> frozenset[str]:
+    """Those at which an image was taken: at the same place, looking the same way.
+
+    ``poses`` are id → world_from_camera.
+    """
+    if not poses:
+        return frozenset()
+    near = around.places.query_ball_point(
+        np.stack([pose.translation for pose in poses.values()]), _SAME_PLACE * _spacing(around)
+    )
+    return frozenset(
+        name
+        for (name, pose), indices in zip(poses.items(), near, strict=True)
+        if any(
+            angle_between(around.cameras[index].rotation, pose.rotation) <= _SAME_DIRECTION_RAD
+            for index in indices
+        )
     )
 
 
-def _spacing(centres: Array) -> float:
+def _spacing(around: Surroundings) -> float:
     """Median distance from an image to its nearest neighbour."""
-    if len(centres) < 2:
+    if len(around.cameras) < 2:
         return 0.0
-    distances = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    np.fill_diagonal(distances, np.inf)
-    return float(np.median(distances.min(axis=1)))
+    distances, _ = around.places.query(around.centres, k=2)
+    return float(np.median(distances[:, 1]))
 
 
 def _level_axes(up: Array) -> Array:

@@ -1,6 +1,7 @@
 """Poses as they are written on the wire, and the one place that turns them into transforms and back."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -24,7 +25,6 @@ from fvs_service.scenes.model import (
     Longitude,
     Origin,
     Quaternion,
-    Scene,
     Vector,
 )
 
@@ -49,7 +49,7 @@ class FramePose(Model):
     @field_validator("orientation_wxyz")
     @classmethod
     def _unit(cls, value: Quaternion) -> Quaternion:
-        length = float(np.linalg.norm(value))
+        length = math.hypot(*value)
         if abs(length - 1.0) > _UNIT_TOLERANCE:
             raise ValueError(f"a unit quaternion, w first; the length of this one is {length:.4g}")
         return value
@@ -80,14 +80,15 @@ Pose = Annotated[
 class WorldFrame:
     """The world of one scene and where the model stands in it."""
 
-    def __init__(self, scene: Scene, alignment: Alignment) -> None:
-        self._origin = scene.origin
+    def __init__(self, origin: Origin | None, alignment: Alignment) -> None:
+        self._origin = origin
         self._alignment = alignment
         self.world_from_model = SimilarityTransform(
             alignment.scale,
             matrix_from_quaternion(alignment.rotation_wxyz),
             np.array(alignment.translation),
         )
+        self.model_from_world = self.world_from_model.inverse()
 
     @property
     def aligned(self) -> bool:
@@ -96,14 +97,29 @@ class WorldFrame:
 
     def world_from_camera(self, pose: FramePose | VehiclePose) -> RigidTransform:
         """The camera of ``pose`` in the world; raises ``InvalidRequestError`` if that is not known."""
-        if isinstance(pose, VehiclePose):
-            return self._of_vehicle(pose)
-        own = RigidTransform(matrix_from_quaternion(pose.orientation_wxyz), np.array(pose.position))
-        return self.world_from_model.move_camera(own) if pose.frame == "model" else own
+        return self.world_from_cameras([pose])[0]
+
+    def world_from_cameras(self, poses: Sequence[FramePose | VehiclePose]) -> tuple[RigidTransform, ...]:
+        """The same of many poses, in their order, in much less time than one by one."""
+        turns = [pose.orientation_wxyz for pose in poses if isinstance(pose, FramePose)]
+        rotations = iter(matrix_from_quaternion(np.array(turns)) if turns else ())
+        return tuple(
+            self._of_vehicle(pose)
+            if isinstance(pose, VehiclePose)
+            else self._in_world(pose, RigidTransform(next(rotations), np.array(pose.position)))
+            for pose in poses
+        )
 
     def model_from_camera(self, world_from_camera: RigidTransform) -> RigidTransform:
         """A camera of the world in the model's frame."""
-        return self.world_from_model.inverse().move_camera(world_from_camera)
+        return self.model_from_world.move_camera(world_from_camera)
+
+    def _in_world(self, pose: FramePose, frame_from_camera: RigidTransform) -> RigidTransform:
+        return (
+            frame_from_camera
+            if pose.frame == "world"
+            else self.world_from_model.move_camera(frame_from_camera)
+        )
 
     def _of_vehicle(self, pose: VehiclePose) -> RigidTransform:
         if self._origin is None or not self.aligned:
@@ -122,18 +138,18 @@ class WorldFrame:
         return camera_at(position, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
 
 
-def world_pose(world_from_camera: RigidTransform) -> FramePose:
-    """A camera of the world, for the wire."""
-    return frame_pose(world_from_camera, "world")
-
-
-def frame_pose(frame_from_camera: RigidTransform, frame: Literal["world", "model"]) -> FramePose:
-    """A camera, for the wire."""
-    quaternion = quaternion_from_matrix(frame_from_camera.rotation)
-    return FramePose(
-        frame=frame,
-        position=tuple(frame_from_camera.translation.tolist()),
-        orientation_wxyz=tuple(quaternion.tolist()),
+def world_poses(world_from_cameras: Sequence[RigidTransform]) -> tuple[FramePose, ...]:
+    """Cameras of the world, for the wire."""
+    if not world_from_cameras:
+        return ()
+    turns = quaternion_from_matrix(np.stack([camera.rotation for camera in world_from_cameras]))
+    return tuple(
+        FramePose(
+            frame="world",
+            position=tuple(camera.translation.tolist()),
+            orientation_wxyz=tuple(turn),
+        )
+        for camera, turn in zip(world_from_cameras, turns.tolist(), strict=True)
     )
 
 

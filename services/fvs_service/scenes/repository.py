@@ -1,5 +1,6 @@
 """Scenes in the database."""
 
+from dataclasses import dataclass
 from datetime import datetime
 
 from pydantic import TypeAdapter
@@ -12,6 +13,16 @@ from fvs_service.scenes.model import Alignment, EnuWorld, ImageCounts, Origin, S
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotRow
 
 _ALIGNMENT = TypeAdapter(Alignment)
+_NO_SCENE = "There is no such scene."
+
+
+@dataclass(frozen=True)
+class SceneHead:
+    """What is known of a scene without a look at its images and its model."""
+
+    id: str
+    origin: Origin | None
+    snapshot_id: str | None
 
 
 def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneRequest, at: datetime) -> None:
@@ -32,18 +43,22 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
 
 def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
     """A scene of the principal's tenant; raises ``NotFoundError``."""
-    row = session.get(SceneRow, scene_id)
-    if row is None or row.tenant_id != principal.tenant_id or principal.scene_id not in (None, scene_id):
-        raise NotFoundError("There is no such scene.")
-    return _scene(session, row)
+    return _scene(session, _row_of(session, principal, scene_id))
+
+
+def scene_head_of(session: Session, principal: Principal, scene_id: str) -> SceneHead:
+    """The same with one look at the database, for what is asked often; raises ``NotFoundError``."""
+    return _head(_row_of(session, principal, scene_id))
 
 
 def find_scene(session: Session, scene_id: str) -> Scene:
     """Any scene, for whoever works on it; raises ``NotFoundError``."""
-    row = session.get(SceneRow, scene_id)
-    if row is None:
-        raise NotFoundError("There is no such scene.")
-    return _scene(session, row)
+    return _scene(session, _row(session, scene_id))
+
+
+def find_scene_head(session: Session, scene_id: str) -> SceneHead:
+    """The same with one look at the database; raises ``NotFoundError``."""
+    return _head(_row(session, scene_id))
 
 
 def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit: int) -> tuple[Scene, ...]:
@@ -76,6 +91,28 @@ def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
         row.snapshot_id = snapshot_id
 
 
+def _row_of(session: Session, principal: Principal, scene_id: str) -> SceneRow:
+    row = _row(session, scene_id)
+    if row.tenant_id != principal.tenant_id or principal.scene_id not in (None, scene_id):
+        raise NotFoundError(_NO_SCENE)
+    return row
+
+
+def _row(session: Session, scene_id: str) -> SceneRow:
+    row = session.get(SceneRow, scene_id)
+    if row is None:
+        raise NotFoundError(_NO_SCENE)
+    return row
+
+
+def _head(row: SceneRow) -> SceneHead:
+    return SceneHead(row.id, _origin(row), row.snapshot_id)
+
+
+def _origin(row: SceneRow) -> Origin | None:
+    return None if row.origin is None else Origin.model_validate(row.origin)
+
+
 def _scene(session: Session, row: SceneRow) -> Scene:
     request = SceneRequest.model_validate(row.request)
     alignment = None
@@ -86,7 +123,7 @@ def _scene(session: Session, row: SceneRow) -> Scene:
         id=row.id,
         name=request.name,
         world=request.world,
-        origin=None if row.origin is None else Origin.model_validate(row.origin),
+        origin=_origin(row),
         camera=request.camera,
         policy=request.policy,
         images=_counts(session, row.id),

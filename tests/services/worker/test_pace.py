@@ -19,6 +19,34 @@ def test_learning_waits_while_a_question_is_answered() -> None:
     thread.join()
 
 
+def test_questions_are_answered_one_by_one_in_the_order_in_which_they_came() -> None:
+    pace, order, threads = Pace(), [], []
+
+    def ask(number: int) -> None:
+        with pace.answering() as waited_s:
+            order.append((number, waited_s > 0.01))
+
+    with pace.answering():
+        for number in range(5):
+            threads.append(threading.Thread(target=ask, args=(number,)))
+            threads[-1].start()
+            while pace._came < number + 2:
+                time.sleep(0.001)
+        time.sleep(0.02)
+        assert not order
+    for thread in threads:
+        thread.join()
+    assert order == [(number, True) for number in range(5)]
+
+
+def test_a_question_that_fails_lets_the_next_one_go() -> None:
+    pace = Pace()
+    with pytest.raises(KeyError), pace.answering():
+        raise KeyError
+    with pace.answering() as waited_s:
+        assert waited_s < 1
+
+
 def test_questions_without_end_do_not_stop_learning() -> None:
     pace = Pace()
     with pace.answering():

@@ -124,7 +124,9 @@ class RankingData(Answer):
     total: int
     """How many candidates there were before `top_k`."""
     seconds: float
-    """What the model's holder took."""
+    """What scoring took."""
+    waited_s: float = 0.0
+    """How long other questions about the same scene went before."""
     created_at: Timestamp
 
     @property

@@ -55,7 +55,14 @@ async def _caller(
 
 
 Caller = Annotated[Principal, Depends(_caller)]
-Paging = Annotated[Page, Query()]
+
+
+def _page(app: App, page: Annotated[Page, Query()]) -> Page:
+    most = app.storage.settings.limits.page_items
+    return page.model_copy(update={"limit": min(page.limit, most)})
+
+
+Paging = Annotated[Page, Depends(_page)]
 IdempotencyKey = Annotated[
     str | None,
     Header(
