@@ -87,12 +87,16 @@ def test_names_are_not_paths(gateway: Any, photograph: Photograph, name: str) ->
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["received"] == 0
 
 
-def test_names_in_a_form_are_not_paths(gateway: Any, photograph: Photograph) -> None:
+def test_names_in_a_form_are_not_paths_and_cost_no_file(gateway: Any, photograph: Photograph) -> None:
     scene = gateway.scene()
-    files = {"file": ("../../passwd", photograph())}
+    names = ["../../passwd", "flight 1/a.jpg", "C:\\photos\\b.jpg", "..", "x" * 300]
+    contents = [photograph(seed) for seed in range(len(names))]
+    files = [("file", (name, content)) for name, content in zip(names, contents, strict=True)]
     answer = gateway.client.post(f"/v1/scenes/{scene}/images", files=files)
-    assert answer.status_code == 422
-    assert answer.json()["errors"][0]["field"] == "filename"
+    assert answer.status_code == 200
+    kept = [item["image"]["name"] for item in answer.json()["items"]]
+    digests = [_digest(content).removeprefix("sha256:")[:12] for content in contents[3:]]
+    assert kept == ["passwd", "a.jpg", "b.jpg", *digests]
 
 
 def test_the_same_pixels_in_another_file_are_a_duplicate(gateway: Any, photograph: Photograph) -> None:
@@ -216,6 +220,19 @@ def test_positions_must_fit_the_world(gateway: Any, photograph: Photograph) -> N
     assert gateway.put(local, photograph(), x_m=1, y_m=2).status_code == 422
     assert gateway.put(local, photograph(), x_m="nan", y_m=2, z_m=3).status_code == 422
     assert gateway.put(local, photograph(), x_m=1, y_m=2, z_m=3).json()["prior"]["z_m"] == 3
+
+
+def test_altitudes_must_be_above_what_the_scenes_are_above(gateway: Any, photograph: Photograph) -> None:
+    origin = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 400.0, "altitude_datum": "takeoff"}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    here = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 430.0}
+    refused = gateway.put(scene, photograph(1), **here)
+    assert refused.status_code == 422
+    assert "takeoff, not sea-level" in refused.json()["detail"]
+    assert gateway.put(scene, photograph(1), altitude_datum="takeoff").status_code == 422
+    assert gateway.put(scene, photograph(1), **here, altitude_datum="takeoff").status_code == 201
+    by_gps = gateway.put(scene, photograph(2, exif=_gps((48, 18, 0), (7, 15, 0)))).json()
+    assert (by_gps["verdict"], by_gps["warnings"]) == ("accepted", ["position-ignored"])
 
 
 def test_types_that_are_no_images_are_refused(gateway: Any, photograph: Photograph) -> None:

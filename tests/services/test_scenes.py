@@ -57,6 +57,7 @@ def test_no_more_scenes_than_allowed(open_gateway: Callable[..., Any]) -> None:
         ('{"name": "a", "colour": "red"}', "colour"),
         ('{"name": ""}', "name"),
         ('{"name": 7}', "name"),
+        ('{"name": "a\\u0000b"}', "name"),
         ('{"name": "a", "camera": {"focal_length_px": NaN, "width_px": 640}}', "camera.focal_length_px"),
         ('{"name": "a", "camera": {"focal_length_px": Infinity, "width_px": 640}}', "camera.focal_length_px"),
         ('{"name": "a", "camera": {"focal_length_px": "9", "width_px": 640}}', "camera.focal_length_px"),

@@ -40,7 +40,8 @@ class ImageWarning(StrEnum):
 
     BLURRED = "blurred"
     NO_FIX = "position-ignored"
-    """It tells a position that cannot be true, or that cannot be read."""
+    """It tells a position that cannot be true, cannot be read, or has an altitude that is not above what the
+    scene's are above."""
 
 
 class PriorSource(StrEnum):
@@ -115,6 +116,8 @@ class ImageMetadata(Model):
                 raise ValueError(f"{names} belong together")
         if geodetic[0] is not None and local[0] is not None:
             raise ValueError("a position is geodetic or local, not both")
+        if self.altitude_datum is not None and self.altitude_m is None:
+            raise ValueError("altitude_datum says what an altitude_m is above, and there is none")
         return self
 
     def prior(self) -> Prior | None:

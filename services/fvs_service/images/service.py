@@ -21,6 +21,7 @@ from fvs_service.images.model import (
     Image,
     ImageList,
     ImageMetadata,
+    ImageWarning,
     Prior,
     PriorSource,
     Registration,
@@ -52,6 +53,11 @@ class Images:
     def check(self, principal: Principal, scene_id: str, request: DigestCheck) -> DigestAnswer:
         """Which of these digests the scene has already."""
         principal.require(Scope.UPLOAD, scene_id)
+        if len(request.digests) > self._limits.digests_per_check:
+            raise InvalidRequestError(
+                f"There are {len(request.digests)} digests; {self._limits.digests_per_check} are allowed.",
+                hint="Ask several times.",
+            )
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             known = repository.known_digests(session, scene_id, request.digests)
@@ -64,28 +70,26 @@ class Images:
         """Raise unless the principal may send images to the scene, and it takes more."""
         principal.require(Scope.UPLOAD, scene_id)
         with self._database.reading() as session:
-            scene = scene_of(session, principal, scene_id)
-        if scene.images.received >= self._limits.images_per_scene:
-            raise ConflictError(
-                f"The scene has {self._limits.images_per_scene} images, and no more are allowed.",
-                hint="Make another scene.",
-            )
+            self._require_room(scene_of(session, principal, scene_id))
 
-    def known(self, principal: Principal, scene_id: str, digest: str) -> Image | None:
-        """The image with this digest, None when it is still to be sent."""
+    def known(
+        self, principal: Principal, scene_id: str, digest: str, metadata: ImageMetadata
+    ) -> Image | None:
+        """The image with this digest, None when it is still to be sent, and ``metadata`` fits the scene."""
         principal.require(Scope.UPLOAD, scene_id)
         with self._database.reading() as session:
-            scene_of(session, principal, scene_id)
+            scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, digest)
         if found is None:
-            self.require_open(principal, scene_id)
+            self._require_room(scene)
+            _require_frame(scene, metadata)
         return found
 
     def store(
         self, principal: Principal, scene_id: str, staged: StagedFile, metadata: ImageMetadata
     ) -> tuple[Image, bool]:
         """Judge a staged file and keep it; returns the image, and whether it is new to the scene."""
-        found = self.known(principal, scene_id, staged.digest)
+        found = self.known(principal, scene_id, staged.digest, metadata)
         if found is not None:
             return found, False
         inspection = self._inspector.inspect(staged.path)
@@ -131,6 +135,13 @@ class Images:
             images = repository.images_after(session, scene_id, int(page.after or 0), page.limit + 1)
         items = images[: page.limit]
         return ImageList(items=items, next=str(items[-1].number) if len(images) > page.limit else None)
+
+    def _require_room(self, scene: Scene) -> None:
+        if scene.images.received >= self._limits.images_per_scene:
+            raise ConflictError(
+                f"The scene has {self._limits.images_per_scene} images, and no more are allowed.",
+                hint="Make another scene.",
+            )
 
     def _has_twin(self, scene_id: str, inspection: Inspection) -> bool:
         with self._database.reading() as session:
@@ -188,6 +199,21 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
             "Only a scene with a local world takes x_m, y_m and z_m.",
             hint='Make the scene with {"world": {"kind": "local"}}, or give a latitude and a longitude.',
         )
+    prior = metadata.prior()
+    if prior is not None and not _fits(prior, scene):
+        assert scene.origin is not None
+        datum = scene.origin.altitude_datum.value
+        raise InvalidRequestError(
+            f"Altitudes of the scene are above {datum}, not {prior.altitude_datum}.",
+            hint=f"Convert the altitude and say altitude_datum={datum}; or leave the position out.",
+        )
+
+
+def _fits(prior: Prior, scene: Scene) -> bool:
+    """Whether an altitude can be compared with those of the scene."""
+    if prior.altitude_datum is None or scene.origin is None:
+        return True
+    return prior.altitude_datum is scene.origin.altitude_datum
 
 
 def _image(
@@ -203,6 +229,10 @@ def _image(
         verdict, reason = Verdict.DUPLICATE, f"{twin.name} has the same pixels."
         hint = "It adds nothing, and is not used."
     accepted = verdict is Verdict.ACCEPTED
+    prior = metadata.prior() or _prior_of(inspection, scene)
+    warnings = inspection.warnings
+    if prior is not None and not _fits(prior, scene) and ImageWarning.NO_FIX not in warnings:
+        warnings += (ImageWarning.NO_FIX,)
     return Image(
         digest=staged.digest,
         scene_id=scene.id,
@@ -211,7 +241,7 @@ def _image(
         verdict=verdict,
         reason=reason,
         hint=hint,
-        warnings=inspection.warnings,
+        warnings=warnings,
         duplicate_of=None if twin is None else twin.digest,
         registration=Registration.PENDING if accepted else Registration.UNUSED,
         size_bytes=staged.size_bytes,
@@ -220,7 +250,7 @@ def _image(
         height_px=inspection.height_px,
         focal_length_px=inspection.focal_length_px,
         sharpness=inspection.sharpness,
-        prior=metadata.prior() or _prior_of(inspection, scene),
+        prior=prior,
         captured_at=metadata.captured_at or inspection.captured_at,
         received_at=now(),
     )

@@ -103,7 +103,7 @@ class SceneRequest(Model):
         }
     )
 
-    name: Annotated[str, Field(min_length=1, max_length=200)]
+    name: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
     world: World = AutomaticWorld()
     camera: CameraPrior | None = None
     policy: Policy = Policy()

@@ -8,7 +8,6 @@ from starlette.concurrency import run_in_threadpool
 
 from fvs_service.application import Application
 from fvs_service.errors import (
-    FieldError,
     InvalidRequestError,
     MalformedRequestError,
     UnsupportedMediaTypeError,
@@ -124,7 +123,7 @@ async def _receive(
 ) -> tuple[Image, bool]:
     """Take the body of a PUT to disk, and store it if the scene does not have it."""
     _require_image_type(request)
-    known = await run_in_threadpool(app.images.known, caller, scene_id, digest)
+    known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
     if known is not None:
         async for _ in request.stream():  # read and dropped, so that the connection can be used again
             pass
@@ -142,14 +141,16 @@ async def _receive(
     return image, created
 
 
-def _named(name: str) -> ImageMetadata:
+def _named(filename: str) -> ImageMetadata:
+    """What a form calls a file, without the folders that browsers put before it (RFC 7578, section 4.2).
+
+    One that cannot be kept must not cost the form its other files: its image is named by its digest.
+    """
+    name = filename.replace("\\", "/").rpartition("/")[2]
     try:
         return ImageMetadata(name=name)
-    except ValidationError as error:
-        message = error.errors()[0]["msg"]
-        raise InvalidRequestError(
-            f"{name!r} is no name for an image: {message}.", errors=[FieldError("filename", message)]
-        ) from error
+    except ValidationError:
+        return ImageMetadata()
 
 
 def _require_image_type(request: Request) -> None:
