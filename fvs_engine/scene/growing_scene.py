@@ -384,4 +384,4 @@ def _pose_source(
 ) -> PoseSource:
     if settings.poses == "known":
         return KnownPoses(files.sfm, dataset, settings.sfm)
-    return SfmPoses(files.sfm, dataset.image_dir, settings.sfm, monitor)
+    return SfmPoses(files.sfm, dataset, settings.sfm, monitor)

@@ -11,12 +11,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.geometry.alignment import robust_umeyama
 from fvs_engine.sfm.database import VerifiedPair
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
 from fvs_engine.sfm.report import Evidence
 
@@ -37,7 +36,6 @@ _EXPLAINED = 0.5
 """A pair is explained when half of its matches are."""
 
 _MAX_TRIPLETS = 20_000
-_MIN_GPS_FIXES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +114,18 @@ def gather_evidence(
     model: pycolmap.Reconstruction,
     pairs: Sequence[VerifiedPair],
     keypoints: Mapping[int, Array],
-    gps_m: Mapping[int, Array],
+    positions: Positions,
     on_pair: Callable[[], None] | None = None,
 ) -> Evidence | None:
-    """Everything the pairs and the GPS say about ``model``; None when no verified pair lies within it.
+    """Everything the pairs and the positions say about ``model``; None when no verified pair lies within it.
 
     It takes a hundredth of a second per pair; ``on_pair`` is called before each, a place to stop.
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
     if not checks:
         return None
+    posed = [image for image in model.images.values() if image.has_pose]
+    centres = {image.name: np.asarray(image.projection_center()) for image in posed}
     matches = np.array([check.matches for check in checks], dtype=np.float64)
     supported = np.array([check.supported for check in checks], dtype=np.float64)
     rotation = np.array([check.rotation_error_deg for check in checks])
@@ -137,8 +137,8 @@ def gather_evidence(
         rotation_support=_weighted_share(rotation, _MAX_ROTATION_DEG, matches),
         translation_support=_weighted_share(direction, _MAX_DIRECTION_DEG, matches),
         cycle_consistency=cycle_consistency(pairs),
-        unsupported_images=_unsupported(model, checks),
-        prior_residual_share=_prior_residual(model, gps_m),
+        unsupported_images=tuple(sorted({*_untied(model, checks), *positions.misplaced(centres)})),
+        prior_residual_share=positions.residual_share(centres),
     )
 
 
@@ -231,27 +231,32 @@ def _weighted_share(errors_deg: Array, limit_deg: float, weights: Array) -> floa
     return float((weights[known] * (errors_deg[known] < limit_deg)).sum() / weights[known].sum())
 
 
-def _unsupported(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> tuple[str, ...]:
-    """Names of the images outside the largest group that explained pairs tie together."""
+def _untied(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> list[str]:
+    """Names of the images that the pairs do not tie to the rest of the model.
+
+    They lie outside the largest group that explained pairs hold together, or on the smaller side of a seam:
+    of the matches across one, most contradict the poses, though one pair or another fits. A group of images
+    that is right in itself and stands in the wrong place looks like that.
+    """
     ids = sorted(i for i, image in model.images.items() if image.has_pose)
     index = {image_id: k for k, image_id in enumerate(ids)}
-    ties = [(index[check.first], index[check.second]) for check in checks if explains(check)]
-    rows, columns = np.array(ties, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(ties)), (rows, columns)), shape=(len(ids), len(ids)))
-    _, group = connected_components(graph, directed=False)
-    largest = np.argmax(np.bincount(group))
-    return tuple(sorted(model.images[i].name for i in ids if group[index[i]] != largest))
-
-
-def _prior_residual(model: pycolmap.Reconstruction, gps_m: Mapping[int, Array]) -> float | None:
-    shared = [i for i, image in model.images.items() if image.has_pose and i in gps_m]
-    if len(shared) < _MIN_GPS_FIXES:
-        return None
-    target = np.stack([gps_m[i] for i in shared])
-    source = np.stack([model.images[i].projection_center() for i in shared])
-    try:
-        alignment = robust_umeyama(source, target)
-    except InvalidInputError:  # all fixes in one place: they say nothing
-        return None
-    residuals = np.linalg.norm(alignment.transform.apply(source) - target, axis=1)
-    return float(np.median(residuals) / centre_spread(target))
+    ends = np.array([(index[check.first], index[check.second]) for check in checks])
+    matches = np.array([check.matches for check in checks])
+    supported = np.array([check.supported for check in checks])
+    tied = np.array([explains(check) for check in checks])
+    rows, columns = ends[tied].T
+    # Of the trees that hold a group together, the one of the strongest ties: its edges are where the others
+    # are weakest, too.
+    tree = minimum_spanning_tree(coo_array((1.0 / supported[tied], (rows, columns)), shape=(len(ids),) * 2))
+    group = connected_components(tree, directed=False)[1]
+    outside = group != np.argmax(np.bincount(group))
+    tree = tree.tocoo()
+    for k in np.flatnonzero(~outside[tree.row]):
+        edges = np.arange(tree.nnz) != k
+        cut = coo_array((tree.data[edges], (tree.row[edges], tree.col[edges])), shape=tree.shape)
+        side = connected_components(cut, directed=False)[1]
+        here, there = side == side[tree.row[k]], side == side[tree.col[k]]
+        across = (here[ends[:, 0]] & there[ends[:, 1]]) | (there[ends[:, 0]] & here[ends[:, 1]])
+        if supported[across].sum() < _EXPLAINED * matches[across].sum():
+            outside |= here if here.sum() < there.sum() else there
+    return [model.images[ids[k]].name for k in np.flatnonzero(outside)]

@@ -125,14 +125,15 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         )
     if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * len(candidate.centres):
         refusals.append(
-            f"{len(evidence.unsupported_images)} of its {len(candidate.centres)} images hang on matches that "
-            "contradict their poses."
+            f"{len(evidence.unsupported_images)} of its {len(candidate.centres)} images hang on matches or "
+            "positions that contradict their poses."
         )
     if (
         evidence.prior_residual_share is not None
         and evidence.prior_residual_share > settings.max_prior_disagreement
     ):
-        refusals.append(f"Its cameras are {evidence.prior_residual_share:.0%} of the track away from GPS.")
+        off = f"{evidence.prior_residual_share:.0%}"
+        refusals.append(f"Its cameras stand {off} of the track away from where the photographs were taken.")
     if refusals:
         return Judgement("refused", tuple(refusals))
     weaknesses = []

@@ -24,6 +24,7 @@ from fvs_engine.sfm.growing_state import GrowthFolder, GrowthState, require_unch
 from fvs_engine.sfm.localise import localise
 from fvs_engine.sfm.matching import require_plain_names
 from fvs_engine.sfm.neighbours import Looks, match_with_neighbours
+from fvs_engine.sfm.positions import Positions, positions_in_exif
 from fvs_engine.sfm.reconstruct import reconstruct
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, read_colmap
 from fvs_engine.sfm.registration import reason_to_remap, register, remap
@@ -122,13 +123,17 @@ class GrowingReconstruction:
         """Grows with every committed change of the model; 0 before the first."""
         return self._state.generation
 
-    def add(self, names: Sequence[str], monitor: Monitor) -> GrowthReport:
+    def add(self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> GrowthReport:
         """Add photographs (posix paths in the image folder); what was added before is not added again.
 
         The first two or more are bootstrapped; a single first one waits. Progress is reported as the stages
         of ``reconstruct``, or ``features``, ``matching``, ``registration`` and, when all cameras are found
         anew, its mapping stages. A call after ``Cancelled`` or a kill goes on where the former stopped, also
         if it names other images.
+
+        ``positions``: where photographs were taken, as far as it is known, those of earlier calls included;
+        by default what GPS wrote into their EXIF. They move no camera, but places and models that contradict
+        them are not believed.
 
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
@@ -146,15 +151,17 @@ class GrowingReconstruction:
         if not self._state.pending or len(self._state.images) < _MIN_BOOTSTRAP:
             return GrowthReport((), self.waiting, False, (), {})
         if self.generation == 0:
-            return self._bootstrap(monitor)
-        return self._grow(monitor)
+            return self._bootstrap(monitor, positions)
+        return self._grow(monitor, positions)
 
-    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+    def localise(
+        self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None
+    ) -> dict[str, PosedView]:
         """Cameras of other photographs in the standing model, which stays as it is.
 
-        Those that cannot be placed, or whose matches contradict the place, are left out; registered ones have
-        the camera that they have. What is found depends on the standing model alone, not on earlier calls.
-        Raises ``InvalidInputError`` for missing files, ``Cancelled``.
+        Those that cannot be placed, or whose matches or ``positions`` contradict the place, are left out;
+        registered ones have the camera that they have. What is found depends on the standing model alone, not
+        on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
         """
         require_plain_names(names)
         require_unchanged(self._state, self._image_dir, names)
@@ -174,12 +181,14 @@ class GrowingReconstruction:
                 self._folder.model(self.generation),
                 self._folder.sfm.database,
                 self._open_looks(),
+                positions or Positions(),
             )
         return found
 
-    def _bootstrap(self, monitor: Monitor) -> GrowthReport:
+    def _bootstrap(self, monitor: Monitor, positions: Positions | None) -> GrowthReport:
         names = list(self._state.images)
-        result = reconstruct(self._image_dir, names, self._folder.sfm.root, self._settings, monitor)
+        folder = self._folder.sfm.root
+        result = reconstruct(self._image_dir, names, folder, self._settings, monitor, positions)
         shutil.copytree(result.model_dir, fresh_folder(self._folder.next_model), dirs_exist_ok=True)
         posed = {view.name for view in result.reconstruction.views}
         chosen = next(c for c in result.report.candidates if c.mapper == result.report.mapper)
@@ -200,18 +209,21 @@ class GrowingReconstruction:
             self.registered, self.waiting, False, result.report.warnings, result.report.seconds
         )
 
-    def _grow(self, monitor: Monitor) -> GrowthReport:
+    def _grow(self, monitor: Monitor, given: Positions | None) -> GrowthReport:
         stages = Stages(self._folder.sfm, self._settings, monitor)
         before = self._state
         standing = self._folder.model(before.generation)
         candidates = self._match_waiting(stages)
-        grown = register(stages, self._image_dir, before, candidates, standing, self._folder.next_model)
+        positions = given or positions_in_exif(stages.folder.database)
+        grown = register(
+            stages, self._image_dir, before, candidates, positions, standing, self._folder.next_model
+        )
         warnings = [*stages.warnings, *grown.warnings]
         state, refreshed = grown.state, grown.adjusted
         reason = reason_to_remap(state, grown.support, self._stranded(state), self._settings)
         if reason is not None:
             model_dir = self._folder.next_model if grown.changed else standing
-            found = remap(stages, self._image_dir, state, model_dir, self._folder.next_model)
+            found = remap(stages, self._image_dir, state, positions, model_dir, self._folder.next_model)
             state, refreshed = found.state, refreshed or found.adopted
             warnings += [f"{reason} {line}" for line in found.warnings]
         state = state.model_copy(update={"pending": ()})

@@ -14,6 +14,7 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.database import feature_counts, require_sound_database
 from fvs_engine.sfm.features import add_features, camera_groups, import_images
 from fvs_engine.sfm.neighbours import Looks, match_with_neighbours
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, camera_from_pycolmap
 from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
 
@@ -27,6 +28,7 @@ def localise(
     model_dir: Path,
     database: Path,
     looks: Looks,
+    positions: Positions,
 ) -> dict[str, PosedView]:
     """The cameras of ``names`` in the model of ``model_dir`` (``standing``), without those it cannot place.
 
@@ -68,6 +70,7 @@ def localise(
                 "model_dir": str(model_dir),
                 "neighbours": chosen,
                 "siblings": siblings,
+                "positions": positions.to_json(),
                 "min_image_support": stages.settings.growth.min_image_support,
                 "seed": stages.settings.seed,
             },

@@ -1,6 +1,6 @@
 """Stage three: the two mappers, their models on disk, and what the gate needs to know of each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.database import (
     VerifiedPair,
-    gps_positions,
     publish,
     read_keypoints,
     read_verified_pairs,
     require_sound_database,
     verified_pair_count,
 )
-from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, gather_evidence
+from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, check_pairs, gather_evidence
 from fvs_engine.sfm.gate import MAX_UNSUPPORTED_SHARE, Candidate
+from fvs_engine.sfm.positions import Positions, positions_in_exif
 from fvs_engine.sfm.reconstruction import has_colmap_model, open_colmap
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
@@ -28,15 +28,22 @@ from fvs_engine.sfm.stages import Stages, fresh_folder, replace_folder
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
-    """What knows nothing of any model: verified pairs with relative poses, keypoints, GPS."""
+    """What knows nothing of any model: verified pairs with relative poses, keypoints, positions."""
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
-    gps_m: Mapping[int, NDArray[np.float64]]
+    positions: Positions
 
     def testify(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """What they say about ``model``; None when no verified pair lies within it."""
-        return gather_evidence(model, self.pairs, self.keypoints, self.gps_m, monitor.check)
+        return gather_evidence(model, self.pairs, self.keypoints, self.positions, monitor.check)
+
+    def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
+        """How many of the verified matches between the images ``names`` fit their cameras in ``model``."""
+        ids = {image_id for image_id, image in model.images.items() if image.name in names}
+        pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
+        checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
+        return sum(check.supported for check in checks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +79,11 @@ class MappedScene:
         return MappedScene(largest, Candidate(mapper, centres, evidence), others)
 
 
-def read_witnesses(stages: Stages) -> Witnesses:
-    """Calibrate the view graph if that is still to do, and read what the pairs say."""
+def read_witnesses(stages: Stages, positions: Positions | None = None) -> Witnesses:
+    """Calibrate the view graph if that is still to do, and read what the pairs say.
+
+    ``positions``, if there are any, take the place of the GPS in the photographs' EXIF.
+    """
     calibrate_view_graph(stages)
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
     # Only the calibrated geometries have relative poses that do not hang on a guessed focal length.
@@ -86,9 +96,8 @@ def read_witnesses(stages: Stages) -> Witnesses:
         for pair in pairs
     ]
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    return Witnesses(
-        pairs, read_keypoints(stages.folder.database, ids), gps_positions(stages.folder.database)
-    )
+    keypoints = read_keypoints(stages.folder.database, ids)
+    return Witnesses(pairs, keypoints, positions or positions_in_exif(stages.folder.database))
 
 
 def calibrate_view_graph(stages: Stages) -> None:

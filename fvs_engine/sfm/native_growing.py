@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.sfm.contradictions import Contradictions, Keypoints
 from fvs_engine.sfm.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
-from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, check_pairs, explains
+from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.frames import align_poses, camera_poses, move
+from fvs_engine.sfm.positions import Positions
 
 Report = Callable[[int], None]
-Keypoints = Mapping[int, NDArray[np.float64]]
 
 _MIN_POSE_INLIERS = 30
 """Points that an image must see for its pose to be estimated; COLMAP's own limit."""
@@ -50,6 +50,7 @@ def grow(
     out_dir: str,
     names: list[str],
     refine: bool,
+    positions: dict[str, Any],
     min_image_support: float,
     adjust_every: float,
     adjusted_images: int,
@@ -58,6 +59,8 @@ def grow(
     threads: int | None,
 ) -> dict[str, Any]:
     """Register ``names`` into the model as far as possible; the model that results goes to ``out_dir``.
+
+    ``positions`` are ``Positions`` as JSON.
 
     Returns the names ``registered``, those ``refused`` with what contradicts them, the model's size when it
     was adjusted last, and, if that was now, the share of verified matches that it explains.
@@ -68,9 +71,8 @@ def grow(
     growth = _Growth(
         model,
         _load(database, [image.name for image in model.images.values()] + names),
-        Path(database),
         _pipeline_options(refine, seed, threads),
-        min_image_support,
+        Contradictions.read(database, min_image_support, Positions.from_json(positions)),
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
     adjusted = False
@@ -120,9 +122,8 @@ class _Growth:
         self,
         model: pycolmap.Reconstruction,
         cache: pycolmap.DatabaseCache,
-        database: Path,
         options: pycolmap.IncrementalPipelineOptions,
-        min_image_support: float,
+        contradictions: Contradictions,
     ) -> None:
         self.model = model
         self.registered: list[str] = []
@@ -131,9 +132,7 @@ class _Growth:
         self._resting: set[str] = set()
         self._cache = cache
         self._options = options
-        self._min_image_support = min_image_support
-        self._pairs = read_verified_pairs(database, MIN_PAIR_MATCHES)
-        self._keypoints = read_keypoints(database, {i for p in self._pairs for i in (p.first, p.second)})
+        self._contradictions = contradictions
         self.mapper = self._begin()
         # What many images agreed on is not bent to fit one more; a camera that is new is estimated.
         self._local = options.get_mapper()
@@ -175,7 +174,8 @@ class _Growth:
 
     def support(self) -> float | None:
         """The share of the verified matches within the model that its poses explain."""
-        checks = check_pairs(self.model, self._pairs, self._keypoints, relative_poses=False)
+        known = self._contradictions
+        checks = check_pairs(self.model, known.pairs, known.keypoints, relative_poses=False)
         matches = sum(check.matches for check in checks)
         return sum(check.supported for check in checks) / matches if matches > 0 else None
 
@@ -191,9 +191,7 @@ class _Growth:
         )
         if not find(self._local, image_id):
             return False
-        contradiction = contradicts(
-            self.model, image_id, self._pairs, self._keypoints, self._min_image_support
-        )
+        contradiction = self._contradictions.of(self.model, image_id)
         if contradiction is not None:
             self._refuse(image, contradiction)
             camera.params = params
@@ -219,9 +217,7 @@ class _Growth:
         for name in self.registered:
             image = self.model.find_image_with_name(name)
             if image is not None and image.has_pose:
-                contradiction = contradicts(
-                    self.model, image.image_id, self._pairs, self._keypoints, self._min_image_support
-                )
+                contradiction = self._contradictions.of(self.model, image.image_id)
                 if contradiction is not None:
                     self._refuse(image, contradiction)
 
@@ -235,24 +231,6 @@ class _Growth:
         mapper = pycolmap.IncrementalMapper(self._cache)
         mapper.begin_reconstruction(self.model)
         return mapper
-
-
-def contradicts(
-    model: pycolmap.Reconstruction,
-    image_id: int,
-    pairs: Sequence[VerifiedPair],
-    keypoints: Keypoints,
-    min_support: float,
-) -> str | None:
-    """What the pairs of one image say against its pose, None if they support it."""
-    own = [pair for pair in pairs if image_id in (pair.first, pair.second)]
-    involved = {i for pair in own for i in (pair.first, pair.second)}
-    checks = check_pairs(model, own, {i: keypoints[i] for i in involved}, relative_poses=False)
-    matches = sum(check.matches for check in checks)
-    supported = sum(check.supported for check in checks)
-    if any(explains(check) for check in checks) and supported >= min_support * matches:
-        return None
-    return f"{supported} of its {matches} verified matches fit the place found for it"
 
 
 def _color(model: pycolmap.Reconstruction, image_dir: str, standing: set[int]) -> None:
@@ -284,6 +262,7 @@ def locate(
     model_dir: str,
     neighbours: dict[str, list[str]],
     siblings: dict[str, str],
+    positions: dict[str, Any],
     min_image_support: float,
     seed: int,
 ) -> dict[str, dict[str, Any]]:
@@ -309,17 +288,18 @@ def locate(
     guests = {name: max(standing.values()) + 1 + k for k, name in enumerate(sorted(neighbours))}
     number |= {ids[name]: guest for name, guest in guests.items()}
     translated = [VerifiedPair(number[pair.first], number[pair.second], pair.matches, None) for pair in pairs]
-    positions = {number[i]: xy for i, xy in keypoints.items()}
+    features = {number[i]: xy for i, xy in keypoints.items()}
     cameras = {}
     with pycolmap.Database.open(database) as opened:
         for name in neighbours:
             cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
+    contradictions = Contradictions(translated, features, min_image_support, Positions.from_json(positions))
     placed: dict[str, dict[str, Any]] = {}
     for done, (name, guest) in enumerate(guests.items(), start=1):
         sibling = model.image(standing[siblings[name]]).camera if name in siblings else None
         own = [pair for pair in translated if guest in (pair.first, pair.second)]
-        found = _place(model, name, guest, own, positions, sibling, cameras[name], seed)
-        if found and contradicts(model, guest, own, positions, min_image_support) is None:
+        found = _place(model, name, guest, own, features, sibling, cameras[name], seed)
+        if found and contradictions.of(model, guest) is None:
             image = model.image(guest)
             camera = model.camera(image.camera_id)
             placed[name] = {
@@ -339,7 +319,7 @@ def _place(
     name: str,
     guest: int,
     pairs: Sequence[VerifiedPair],
-    positions: Keypoints,
+    features: Keypoints,
     sibling: pycolmap.Camera | None,
     camera: pycolmap.Camera,
     seed: int,
@@ -361,7 +341,7 @@ def _place(
     refinement = pycolmap.AbsolutePoseRefinementOptions()
     refinement.refine_focal_length = refinement.refine_extra_params = sibling is None
     answer = pycolmap.estimate_and_refine_absolute_pose(
-        np.stack([positions[guest][feature] for feature, _ in seen]),
+        np.stack([features[guest][feature] for feature, _ in seen]),
         np.stack([model.point3D(point).xyz for _, point in seen]),
         camera,
         estimation,

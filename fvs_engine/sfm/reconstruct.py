@@ -21,6 +21,7 @@ from fvs_engine.sfm.features import extract_features
 from fvs_engine.sfm.gate import Decision, decide
 from fvs_engine.sfm.mapping import MappedScene, Witnesses, load_models, map_scene, read_witnesses
 from fvs_engine.sfm.matching import match_features
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, read_colmap
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
@@ -41,14 +42,20 @@ class SfmResult:
 
 
 def reconstruct(
-    image_dir: Path, image_names: Sequence[str], out_dir: Path, settings: SfmSettings, monitor: Monitor
+    image_dir: Path,
+    image_names: Sequence[str],
+    out_dir: Path,
+    settings: SfmSettings,
+    monitor: Monitor,
+    positions: Positions | None = None,
 ) -> SfmResult:
     """Find the cameras of ``image_names`` (posix paths in ``image_dir``; the order is the capture order).
 
     What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` goes on where
     the first one stopped, and a call after success returns at once. Progress is reported as the stages
     ``features``, ``pairs``, ``matching``, ``calibration``, ``incremental mapping``, ``global mapping``,
-    ``evidence``.
+    ``evidence``. ``positions``: where the photographs were taken, by default what GPS wrote into their EXIF;
+    they move no camera, but a model that contradicts them is refused.
 
     Raises ``NoImagesError`` for fewer than two images, ``ReconstructionError`` when the images do not support
     a model (and says what to do), ``Cancelled``.
@@ -60,7 +67,7 @@ def reconstruct(
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)
-    witnesses = read_witnesses(stages)
+    witnesses = read_witnesses(stages, positions)
     scenes = map_images(stages, image_dir, len(names), witnesses)
     decision = decide([scene.candidate for scene in scenes], settings.gate)
     return _conclude(stages, names, scenes, decision)

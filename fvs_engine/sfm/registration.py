@@ -8,12 +8,13 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.sfm.frames import align_poses, camera_poses, move
-from fvs_engine.sfm.gate import Candidate, decide
+from fvs_engine.sfm.gate import Candidate, Decision, decide
 from fvs_engine.sfm.growing_state import GrowthState
 from fvs_engine.sfm.mapping import MappedScene, Witnesses, read_witnesses, registered_names
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruct import map_images
 from fvs_engine.sfm.reconstruction import open_colmap
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 
 _STANDING = "standing"
@@ -51,10 +52,14 @@ def register(
     image_dir: Path,
     state: GrowthState,
     names: Sequence[str],
+    positions: Positions,
     model_dir: Path,
     out_dir: Path,
 ) -> Registration:
-    """Register those of ``names`` whose matches support a place in the model; it goes to ``out_dir``."""
+    """Register those of ``names`` whose matches support a place in the model; it goes to ``out_dir``.
+
+    A place that contradicts ``positions`` does not count either.
+    """
     if not names:
         return Registration(state, changed=False, adjusted=False, support=None, warnings=())
     settings = stages.settings
@@ -69,6 +74,7 @@ def register(
                 "out_dir": str(fresh_folder(out_dir)),
                 "names": list(names),
                 "refine": settings.intrinsics is None,
+                "positions": positions.to_json(),
                 "min_image_support": settings.growth.min_image_support,
                 "adjust_every": settings.growth.adjust_every,
                 "adjusted_images": state.adjusted_images,
@@ -130,14 +136,21 @@ def reason_to_remap(
     return None
 
 
-def remap(stages: Stages, image_dir: Path, state: GrowthState, model_dir: Path, out_dir: Path) -> Remapping:
+def remap(
+    stages: Stages,
+    image_dir: Path,
+    state: GrowthState,
+    positions: Positions,
+    model_dir: Path,
+    out_dir: Path,
+) -> Remapping:
     """Find all cameras anew from the matches at hand; the gate weighs them against the standing model.
 
     A model that takes its place is laid onto it and written to ``out_dir``.
     """
     names = list(state.images)
     stages.open(image_dir, names, 2)  # forgets the mappers' models of fewer images
-    witnesses = read_witnesses(stages)
+    witnesses = read_witnesses(stages, positions)
     standing = open_colmap(model_dir)
     scenes = [
         _weigh_standing(stages, standing, witnesses),
@@ -146,8 +159,8 @@ def remap(stages: Stages, image_dir: Path, state: GrowthState, model_dir: Path, 
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     chosen = decision.chosen or 0
     if chosen > 0 and decision.judgements[0].verdict != "refused":
-        gained = _explained(scenes[chosen]) / max(_explained(scenes[0]), 1.0)
-        chosen = chosen if gained >= _MIN_GAIN else 0
+        better = _is_better(scenes[chosen], scenes[0], decision, witnesses, stages.settings.gate)
+        chosen = chosen if better else 0
     update: dict[str, object] = {"mapped_images": len(names)}
     evidence = scenes[chosen].candidate.evidence
     if evidence is not None:
@@ -184,6 +197,23 @@ def remap(stages: Stages, image_dir: Path, state: GrowthState, model_dir: Path, 
 def _weigh_standing(stages: Stages, model: pycolmap.Reconstruction, witnesses: Witnesses) -> MappedScene:
     centres = {name: pose.translation for name, pose in camera_poses(model).items()}
     return MappedScene(model, Candidate(_STANDING, centres, witnesses.testify(model, stages.monitor)), ())
+
+
+def _is_better(
+    new: MappedScene, standing: MappedScene, decision: Decision, witnesses: Witnesses, settings: GateSettings
+) -> bool:
+    """Whether the new model explains so many more matches that it is worth moving all cameras.
+
+    One of two models that contradict each other is wrong, and that one of them has more images does not make
+    it the right one: then only the matches between images of both count.
+    """
+    mappers = {new.candidate.mapper, standing.candidate.mapper}
+    agreement = next((found for found in decision.agreements if set(found.mappers) == mappers), None)
+    if agreement is not None and agreement.median_share <= settings.max_disagreement:
+        return _explained(new) >= _MIN_GAIN * _explained(standing)
+    shared = new.candidate.centres.keys() & standing.candidate.centres.keys()
+    ours, theirs = (witnesses.matches_explained(scene.model, shared) for scene in (new, standing))
+    return ours >= _MIN_GAIN * theirs
 
 
 def _explained(scene: MappedScene) -> float:

@@ -12,6 +12,7 @@ from fvs_engine.sfm.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.gate import Candidate, Decision, decide
 from fvs_engine.sfm.mapping import MappedScene, Witnesses
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruct import SfmResult
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
@@ -136,7 +137,7 @@ def test_equally_supported_models_that_contradict_are_doubtful():
     [
         ({"rotation_support": 0.6}, "relative rotations"),
         ({"unsupported_images": tuple(NAMES[:3])}, "contradict their poses"),
-        ({"prior_residual_share": 0.5}, "GPS"),
+        ({"prior_residual_share": 0.5}, "50% of the track"),
     ],
 )
 def test_each_kind_of_evidence_can_refuse_alone(changes: dict[str, object], reason: str):
@@ -159,7 +160,7 @@ def test_agreement_ignores_the_frame():
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), {})
+    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), Positions())
     scene = MappedScene.weigh("global", [model], witnesses, Monitor())
     assert scene.candidate.evidence is not None
     return decide([scene.candidate], SETTINGS), scene.candidate.evidence

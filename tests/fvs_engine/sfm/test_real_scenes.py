@@ -18,6 +18,7 @@ from fvs_engine.sfm.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.evidence import MIN_PAIR_MATCHES, centre_spread
 from fvs_engine.sfm.gate import Judgement, decide
 from fvs_engine.sfm.mapping import MappedScene, Witnesses, load_models
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 
@@ -75,7 +76,7 @@ def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
     """The gate on a model that no mapper of this run made, with the matches of this run."""
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), {})
+    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), Positions())
     scene = MappedScene.weigh("any", [model], witnesses, Monitor())
     return decide([scene.candidate], GateSettings()).judgements[0]
 
