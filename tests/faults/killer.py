@@ -22,6 +22,8 @@ TARGETS = {
 BETWEEN_JOBS = "uploading"
 
 _POLL_S = 0.02
+_LONGEST_S = 3.0
+"""The kill falls within so much of an aim's time, however long that is."""
 _MOST_PER_JOB = 4
 """Deaths that one job meets at most: six without any progress between them are its end, by design."""
 
@@ -161,7 +163,8 @@ class Killer(threading.Thread):
         return aim.target == "gateway" or self._deaths[moment.job] < _MOST_PER_JOB
 
     def _strike(self, aim: Aim) -> None:
-        time.sleep(self._rng.uniform(0, self._usual_s[aim] / 2 ** self._missed[aim]))
+        usual_s = min(_LONGEST_S, self._usual_s[aim])
+        time.sleep(self._rng.uniform(0, usual_s / 2 ** self._missed[aim]))
         moment = self._watch.moment()
         if aim not in moment.aims:
             self._missed[aim] += 1
