@@ -37,6 +37,13 @@ class Page(Model):
     limit: int = Field(default=100, ge=1, le=1000)
 
 
+class NumberedPage(Page):
+    """A page of a list whose items are numbered."""
+
+    after: Annotated[str, Field(pattern=r"^[0-9]{1,9}$")] | None = None
+    """`next` of the page before."""
+
+
 def now() -> datetime:
     """The present, in UTC."""
     return datetime.now(UTC)

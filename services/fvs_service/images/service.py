@@ -29,7 +29,7 @@ from fvs_service.images.model import (
 )
 from fvs_service.images.staging import StagedFile
 from fvs_service.jobs.service import Jobs
-from fvs_service.model import Page, now
+from fvs_service.model import NumberedPage, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_service.scenes.repository import scene_of, set_origin
@@ -123,13 +123,9 @@ class Images:
             raise NotFoundError("The scene has no such image.")
         return found
 
-    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> ImageList:
+    def of_scene(self, principal: Principal, scene_id: str, page: NumberedPage) -> ImageList:
         """The images of a scene in the order of arrival."""
         principal.require(Scope.READ, scene_id)
-        if page.after is not None and not (
-            page.after.isascii() and page.after.isdigit() and len(page.after) < 10
-        ):
-            raise InvalidRequestError("`after` must be what `next` of the page before said.")
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             images = repository.images_after(session, scene_id, int(page.after or 0), page.limit + 1)

@@ -4,6 +4,7 @@ from enum import StrEnum
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
+from pydantic.config import JsonDict
 
 from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
 from fvs_service.scenes.model import Alignment, Coordinate, Vector
@@ -13,6 +14,9 @@ CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
 _PlaceCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
 _Distance = Annotated[PositiveNumber, Field(le=1e9)]
+
+
+_GIVEN: JsonDict = {"not": {"type": "null"}}
 
 
 class CandidateStatus(StrEnum):
@@ -83,8 +87,12 @@ class RankingRequest(Model):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "oneOf": [{"required": ["candidates"]}, {"required": ["generator"]}],
-            "dependentRequired": {"radius_m": ["current_pose"]},
+            "oneOf": [
+                {"required": [given], "properties": {given: _GIVEN, other: {"type": "null"}}}
+                for given, other in (("candidates", "generator"), ("generator", "candidates"))
+            ],
+            "if": {"required": ["radius_m"], "properties": {"radius_m": _GIVEN}},
+            "then": {"required": ["current_pose"], "properties": {"current_pose": _GIVEN}},
             "examples": [
                 {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
                 {

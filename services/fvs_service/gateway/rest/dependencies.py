@@ -1,6 +1,6 @@
 """What handlers are given: the application, who asks, and the parts of a request that many routes share."""
 
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
@@ -10,9 +10,11 @@ from fvs_service.application import Application
 from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.ids import new_id
-from fvs_service.model import Page
+from fvs_service.model import NumberedPage, Page
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
+
+PageT = TypeVar("PageT", bound=Page)
 
 _bearer = HTTPBearer(
     auto_error=False,
@@ -58,11 +60,20 @@ Caller = Annotated[Principal, Depends(_caller)]
 
 
 def _page(app: App, page: Annotated[Page, Query()]) -> Page:
+    return _within_limits(app, page)
+
+
+def _numbered_page(app: App, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
+    return _within_limits(app, page)
+
+
+def _within_limits(app: Application, page: PageT) -> PageT:
     most = app.storage.settings.limits.page_items
     return page.model_copy(update={"limit": min(page.limit, most)})
 
 
 Paging = Annotated[Page, Depends(_page)]
+NumberedPaging = Annotated[NumberedPage, Depends(_numbered_page)]
 IdempotencyKey = Annotated[
     str | None,
     Header(

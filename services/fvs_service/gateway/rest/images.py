@@ -12,7 +12,7 @@ from fvs_service.errors import (
     MalformedRequestError,
     UnsupportedMediaTypeError,
 )
-from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Paging, SceneId
+from fvs_service.gateway.rest.dependencies import App, Caller, Counters, NumberedPaging, SceneId
 from fvs_service.gateway.rest.digests import promised_digest, repr_digest, require_digest
 from fvs_service.gateway.rest.multipart import receive_files
 from fvs_service.images.model import (
@@ -43,7 +43,7 @@ _FORM: dict[str, Any] = {
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
-                    "properties": {"file": {"type": "array", "items": _BINARY["schema"]}},
+                    "properties": {"file": {"type": "array", "minItems": 1, "items": _BINARY["schema"]}},
                     "required": ["file"],
                 }
             }
@@ -101,7 +101,7 @@ async def post_images(
 
 
 @router.get("/images")
-def list_images(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> ImageList:
+def list_images(app: App, caller: Caller, scene_id: SceneId, page: NumberedPaging) -> ImageList:
     """List the images of a scene in the order of arrival, with their verdicts."""
     return app.images.of_scene(caller, scene_id, page)
 
