@@ -1,6 +1,7 @@
 import base64
 import hashlib
 import io
+import json
 import shutil
 import socket
 import struct
@@ -343,3 +344,18 @@ def test_sharpness_does_not_depend_on_contrast() -> None:
         measure_sharpness(Image.fromarray(dim)), rel=0.1
     )
     assert measure_sharpness(Image.new("RGB", (64, 64), "grey")) == 1.0
+
+
+def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
+    gateway: Any, photograph: Photograph
+) -> None:
+    from fvs_service.images.model import Image as SceneImage
+    from fvs_service.images.service import file_name, with_senders_names
+
+    scene = gateway.scene()
+    sent = [gateway.put(scene, photograph(seed), name=f"IMG {seed}.jpg").json() for seed in range(2)]
+    images = [SceneImage.model_validate_json(json.dumps(image)) for image in sent]
+    first, second = map(file_name, images)
+    said = f"{first}, {second}.png and 000009-0123456789ab.jpg show nothing. 000001-4."
+    told = "IMG 0.jpg, IMG 1.jpg and 000009-0123456789ab.jpg show nothing. 000001-4."
+    assert with_senders_names(said, images) == told

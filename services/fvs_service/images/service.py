@@ -5,6 +5,8 @@ judges them and commits the image: the bytes first, the row after, so that a cra
 nothing that was answered for, and sending it again stores it once.
 """
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -183,6 +185,15 @@ def file_name(image: Image) -> str:
     """What an image is called in the engine's folders."""
     suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
     return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
+
+
+_FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")
+
+
+def with_senders_names(sentence: str, images: Iterable[Image]) -> str:
+    """What the engine says of its files, told with the names that their senders gave them."""
+    names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
+    return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)
 
 
 def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:

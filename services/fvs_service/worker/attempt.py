@@ -18,6 +18,7 @@ from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, ServiceError, StaleLeaseError
 from fvs_service.images.model import Image
 from fvs_service.images.repository import accepted_images
+from fvs_service.images.service import with_senders_names
 from fvs_service.jobs.model import Job, JobError, JobKind
 from fvs_service.jobs.port import JobTicket
 from fvs_service.jobs.repository import find_job
@@ -250,7 +251,8 @@ class Attempts:
                     stage, eta_s = note.stage, progress.follow(note)
                     self._storage.ledger.report(hosted.lease, job.id, stage, progress.reached, eta_s)
                 case {"warning": str(sentence)}:
-                    self._storage.ledger.warn(hosted.lease, job.id, sentence)
+                    told = with_senders_names(sentence, question.images)
+                    self._storage.ledger.warn(hosted.lease, job.id, told)
                 case {"result": made}:
                     return JobOutcome.model_validate(made)
                 case ErrorNote():
@@ -260,7 +262,8 @@ class Attempts:
                         raise RunnerGoneError(document.message)  # the next worker goes on
                     if document.code == ProcessDiedError.code:
                         raise _ChildDiedError(document.message)
-                    raise _FailedError(document, stage)
+                    named = with_senders_names(document.message, question.images)
+                    raise _FailedError(document.model_copy(update={"message": named}), stage)
                 case _:
                     raise why or RunnerGoneError("The runner died.")
 
