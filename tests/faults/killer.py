@@ -160,7 +160,8 @@ class Killer(threading.Thread):
         return "\n".join([*lines, f"{'all':<28}" + "".join(f"{number:>9}" for number in sums)])
 
     def _may(self, aim: Aim, moment: Moment) -> bool:
-        return aim.target == "gateway" or self._deaths[moment.job] < _MOST_PER_JOB
+        harmless = aim.target == "gateway" or moment.job is None
+        return harmless or self._deaths[moment.job] < _MOST_PER_JOB
 
     def _strike(self, aim: Aim) -> None:
         usual_s = min(_LONGEST_S, self._usual_s[aim])

@@ -122,7 +122,8 @@ class Attempts:
                     tries.excuse()
                 in_vain = tries.in_vain(self._progress(ticket))
                 _log.warning("trying again", job=ticket.job_id, in_vain=in_vain, reason=reason)
-                time.sleep(_PAUSE_S * max(1, in_vain))
+                # At first at once, so that the scene stays here: a runner takes its time to start anyway.
+                time.sleep(_PAUSE_S * (in_vain - 1) if in_vain else _PAUSE_S)
 
     def _over(self, ticket: JobTicket) -> bool:
         """Whether there is nothing left to do: ended, or another attempt was begun."""

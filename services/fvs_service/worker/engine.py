@@ -49,6 +49,9 @@ class DbosEngine:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: stop.set())
         settings = self._storage.settings
+        # At once, or others might still take over what this worker's last life left, and it goes on with.
+        presence = Presence(self._storage.database, settings.lease_s)
+        presence.show(worker_id)
         host = Host(self._storage, worker_id)
         attempts = Attempts(self._storage, host)
         stop_taking = take_jobs(
@@ -61,7 +64,7 @@ class DbosEngine:
         )
         _log.info("worker ready", worker=worker_id)
         try:
-            self._tend(worker_id, stop)
+            self._tend(worker_id, presence, stop)
         except _TakenForDeadError:
             _log.warning("another worker took over", worker=worker_id)
             os._exit(_EXIT_TAKEN_FOR_DEAD)  # at once: what is under way here is done elsewhere
@@ -74,20 +77,17 @@ class DbosEngine:
         """See ``JobEngine``."""
         return self._queue.resume(worker_id)
 
-    def _tend(self, worker_id: str, stop: threading.Event) -> None:
+    def _tend(self, worker_id: str, presence: Presence, stop: threading.Event) -> None:
         """Until asked to stop: show that the worker lives, and see to what others left lying.
 
         Raises ``_TakenForDeadError`` when others did the same with what this one left.
         """
-        presence = Presence(self._storage.database, self._storage.settings.lease_s)
-        shown = False
         jobs = Jobs(self._storage.database, self, self._storage.settings.limits)
         forget_in_s = _FORGET_S
         while not stop.wait(_TEND_S):
             try:
-                if not presence.show(worker_id) and shown:
+                if not presence.show(worker_id):
                     raise _TakenForDeadError
-                shown = True
                 for dead in presence.take_dead(worker_id):
                     _log.warning("reaping", worker=dead, jobs=self.reap(dead))
                     presence.forget(dead)

@@ -86,10 +86,18 @@ class Host:
                     self._storage.leases.release(lease)
 
     def warm(self, scene_id: str) -> None:
-        """Start the scene's runner, so that it can answer; no more if it does not start."""
+        """Start the scene's runner, so that it can answer; no more if it does not start.
+
+        Another worker that holds the scene is left alone: it has a runner, or is starting one.
+        """
         until = time.monotonic() + _WARM_PATIENCE_S
+
+        def give_up() -> bool:
+            holder = self._storage.leases.holder(scene_id)
+            return time.monotonic() > until or (holder is not None and holder.worker_id != self._worker_id)
+
         try:
-            with self.hold(scene_id, self._warm_need(scene_id), lambda: time.monotonic() > until):
+            with self.hold(scene_id, self._warm_need(scene_id), give_up):
                 pass
         except RunnerGoneError as error:
             _log.warning("runner did not start", scene=scene_id, reason=str(error))
@@ -132,13 +140,16 @@ class Host:
             if lease is None:
                 self._budget.release(scene_id)
                 return None
-            return self._start(lease, give_up)
+            return self._start(lease)
 
-    def _start(self, lease: Lease, give_up: Callable[[], bool]) -> Hosted:
+    def _start(self, lease: Lease) -> Hosted:
         keep = _Extender(self._storage, lease)
         try:
             child = RunnerChild(
-                lease.scene_id, self._storage.settings, self._spawner, lambda: give_up() or keep.lost()
+                lease.scene_id,
+                self._storage.settings,
+                self._spawner,
+                lambda: self._stopping.is_set() or keep.lost(),
             )
         except RunnerGoneError:
             self._budget.release(lease.scene_id)

@@ -1,5 +1,6 @@
 """From photographs to rankings through the processes of the whole service."""
 
+import contextlib
 import io
 import os
 import signal
@@ -99,6 +100,8 @@ def test_rankings_are_answered_while_the_model_learns(
     updated = service.finish(service.start(modelled))
     assert service.job(fine)["state"] == "running"
     assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
+    assert service.snapshot(before)["metrics"]["new_images_psnr_db"] is None
+    assert 5 < service.snapshot(updated["snapshot_id"])["metrics"]["new_images_psnr_db"] < 40
     service.client.post(f"/v1/jobs/{fine}:cancel")
     service.wait(fine, lambda found: found["state"] == "canceled")
     assert service.rank(modelled)["snapshot_id"] == updated["snapshot_id"]
@@ -117,7 +120,7 @@ def test_jobs_outlive_whatever_is_killed(
     assert done["attempt"] == 1
     assert _latest(service, modelled) == (done["snapshot_id"], registered + 2)
 
-    fine = service.start(modelled, "fine", iterations=300)
+    fine = service.start(modelled, "fine", iterations=300, test_every=4)
     service.wait(fine, lambda found: found["stage"] == "train")
     _kill(service, WORKER)
     assert service.rank(modelled)["snapshot_id"] == done["snapshot_id"]
@@ -127,6 +130,9 @@ def test_jobs_outlive_whatever_is_killed(
     assert [item["job_id"] for item in snapshots].count(update) == 1
     (made,) = (item for item in snapshots if item["job_id"] == fine)
     assert (made["metrics"]["iterations"], made["metrics"]["sh_degree"]) == (300, 3)
+    assert made["metrics"]["registered"] == registered + 2
+    assert 10 < made["metrics"]["psnr_db"] < 40
+    assert 0 < made["metrics"]["ssim"] < 1
 
     _kill(service, GATEWAY)
     deadline = time.monotonic() + 150
@@ -137,6 +143,25 @@ def test_jobs_outlive_whatever_is_killed(
         except httpx2.TransportError:
             assert time.monotonic() < deadline
             time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[:7])
+    job = service.start(scene)
+    deadline = time.monotonic() + 240
+    while (found := service.job(job))["state"] in ("queued", "running"):
+        assert time.monotonic() < deadline
+        for pid in service.processes(SFM_CHILD):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+    assert (found["state"], found["error"]["code"]) == ("failed", "runner-died")
+    assert found["error"]["hint"]
+    service.client.post(f"/v1/jobs/{job}:retry")
+    assert service.finish(job)["attempt"] == 2
 
 
 def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> None:
@@ -150,6 +175,7 @@ def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> Non
     failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
     assert failed["error"]["code"] == "reconstruction-failed"
     assert failed["error"]["hint"]
+    assert "0.png" in failed["error"]["message"]
     assert failed["error"]["stage"]
     refused = service.client.post(f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit"}})
     assert refused.json()["code"] == "no-snapshot"
