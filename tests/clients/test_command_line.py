@@ -158,7 +158,7 @@ def test_a_service_that_does_not_run_is_told_kindly(run: Run, monkeypatch: pytes
 
 
 def test_wrong_usage_is_told(run: Run) -> None:
-    run("scenes", "show", "nowhere", expect=2)
+    assert "scenes create" in run("scenes", "show", "nowhere", expect=6).stderr
     run("--url", "nowhere", "status", expect=2)
     run("scenes", "create", "x", "--local", "--origin", "1", "2", "3", expect=2)
     run("upload", "scene", "/does/not/exist", expect=2)
@@ -178,6 +178,29 @@ def test_a_world_is_made_as_asked_for(run: Run, client: Client) -> None:
     assert scene.origin is not None
     assert (scene.origin.latitude_deg, scene.origin.altitude_m) == (48.3, 412.0)
     assert (scene.policy.trigger, scene.policy.k) == ("every-k-images", 5)
+
+
+def test_what_is_known_of_the_camera_goes_along(run: Run, client: Client) -> None:
+    words = ["--focal-length", "1042.5", "1600", "--every", "3", "--first", "12"]
+    scene = client.scenes.get(run("scenes", "create", "x", *words).stdout.strip())
+    assert scene.camera is not None
+    assert (scene.camera.focal_length_px, scene.camera.width_px) == (1042.5, 1600)
+    assert (scene.policy.k, scene.policy.first) == (3, 12)
+
+
+def test_images_are_listed_with_what_became_of_them(run: Run, scene_id: str, photographs: Path) -> None:
+    (photographs / "broken.jpg").write_bytes(b"no photograph")
+    run("upload", scene_id, str(photographs), expect=10)
+    listed = json.loads(run("images", scene_id, "--json").stdout)
+    assert sorted(image["name"] for image in listed) == ["a.JPG", "b.jpg", "broken.jpg", "left_c.png"]
+    assert "unreadable" in run("images", scene_id, "--problems").stdout
+
+
+def test_a_fine_model_is_measured_as_asked_for(run: Run, gateway: Any, scene_id: str) -> None:
+    gateway.model(scene_id)
+    job = json.loads(run("fine", scene_id, "--test-every", "8", "--no-wait", "--json").stdout)
+    assert gateway.client.get(f"/v1/jobs/{job['id']}").json()["request"]["test_every"] == 8
+    run("jobs", "cancel", job["id"])
 
 
 def test_status_tells_what_the_service_can_do(run: Run) -> None:

@@ -109,6 +109,17 @@ def test_a_fine_job_needs_an_update_first(gateway: Any) -> None:
     assert answer.status_code == 409
 
 
+def test_only_fine_models_keep_images_out_of_their_training(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    path = f"/v1/scenes/{scene}/jobs"
+    refused = gateway.client.post(path, json={"kind": "update", "test_every": 8})
+    assert refused.status_code == 422
+    assert "fine models" in refused.json()["detail"]
+    assert gateway.client.post(path, json={"kind": "fine", "test_every": 1}).status_code == 422
+    assert gateway.client.post(path, json={"kind": "fine", "test_every": 8}).status_code == 202
+
+
 def test_open_jobs_are_limited(open_gateway: Any) -> None:
     gateway = open_gateway(limits={"open_jobs_per_tenant": 1})
     gateway.queue(gateway.scene())

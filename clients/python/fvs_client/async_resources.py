@@ -173,10 +173,13 @@ class AsyncSceneJobs:
         *,
         iterations: int | None = None,
         long_side_px: int | None = None,
+        test_every: int | None = None,
         idempotency_key: str | None = None,
     ) -> AsyncJob:
         """Queue a job; while one of its kind waits for its turn, that one is returned."""
-        request = requests.create_job(self._scene_id, kind, iterations, long_side_px, idempotency_key)
+        request = requests.create_job(
+            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        )
         return await self._session.fetch(AsyncJob, request)
 
     def list(self) -> AsyncIterator[AsyncJob]:
@@ -228,9 +231,17 @@ class AsyncScene(_Resource, SceneData):
         """Take up all images that have arrived, and train the model on."""
         return await self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
 
-    async def fine(self, *, iterations: int | None = None, long_side_px: int | None = None) -> AsyncJob:
-        """Train the final model."""
-        return await self.jobs.create(JobKind.FINE, iterations=iterations, long_side_px=long_side_px)
+    async def fine(
+        self,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+    ) -> AsyncJob:
+        """Train the final model; measured by every ``test_every``-th image, if that is given."""
+        return await self.jobs.create(
+            JobKind.FINE, iterations=iterations, long_side_px=long_side_px, test_every=test_every
+        )
 
     async def rank(
         self,

@@ -90,10 +90,13 @@ def create_job(
     kind: JobKind | str,
     iterations: int | None,
     long_side_px: int | None,
+    test_every: int | None,
     idempotency_key: str | None,
 ) -> Request:
     """Queue a job."""
-    request = JobRequest(kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px)
+    request = JobRequest(
+        kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px, test_every=test_every
+    )
     return _keyed(jobs_of(scene_id), request, idempotency_key)
 
 

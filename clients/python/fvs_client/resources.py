@@ -173,10 +173,13 @@ class SceneJobs:
         *,
         iterations: int | None = None,
         long_side_px: int | None = None,
+        test_every: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
         """Queue a job; while one of its kind waits for its turn, that one is returned."""
-        request = requests.create_job(self._scene_id, kind, iterations, long_side_px, idempotency_key)
+        request = requests.create_job(
+            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        )
         return self._session.fetch(Job, request)
 
     def list(self) -> Iterator[Job]:
@@ -228,9 +231,17 @@ class Scene(_Resource, SceneData):
         """Take up all images that have arrived, and train the model on."""
         return self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
 
-    def fine(self, *, iterations: int | None = None, long_side_px: int | None = None) -> Job:
-        """Train the final model."""
-        return self.jobs.create(JobKind.FINE, iterations=iterations, long_side_px=long_side_px)
+    def fine(
+        self,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+    ) -> Job:
+        """Train the final model; measured by every ``test_every``-th image, if that is given."""
+        return self.jobs.create(
+            JobKind.FINE, iterations=iterations, long_side_px=long_side_px, test_every=test_every
+        )
 
     def rank(
         self,

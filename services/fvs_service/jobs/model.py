@@ -1,9 +1,9 @@
 """What a job is."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from fvs_service.model import Count, Model, Number, Timestamp, WholeNumber
 
@@ -36,7 +36,9 @@ class JobRequest(Model):
     """A job to be done."""
 
     model_config = ConfigDict(
-        json_schema_extra={"examples": [{"kind": "update"}, {"kind": "fine", "iterations": 7000}]}
+        json_schema_extra={
+            "examples": [{"kind": "update"}, {"kind": "fine", "iterations": 7000, "test_every": 8}]
+        }
     )
 
     kind: JobKind
@@ -44,6 +46,15 @@ class JobRequest(Model):
     """Training iterations; by default as many as the kind of job needs for the images there are."""
     long_side_px: Annotated[WholeNumber, Field(ge=64, le=8192)] | None = None
     """Train on images reduced to this long side."""
+    test_every: Annotated[WholeNumber, Field(ge=2, le=1_000)] | None = None
+    """Of a `fine` model: keep every so many-th image out of the training, and measure the model by it (papers
+    use 8). By default it learns from all."""
+
+    @model_validator(mode="after")
+    def _only_fine_models_are_tested(self) -> Self:
+        if self.test_every is not None and self.kind is not JobKind.FINE:
+            raise ValueError("test_every is for fine models: an update learns from all images")
+        return self
 
 
 class JobError(Model):

@@ -40,8 +40,12 @@ class SnapshotMetrics(Model):
     gaussians: Count
     sh_degree: Count
     psnr_db: Number | None = None
-    """Over held-out images; null when none were held out."""
+    """Over the images that a fine model was kept from (`test_every`); null when it learned from all."""
     ssim: Number | None = None
+    """Over the same images."""
+    new_images_psnr_db: Number | None = None
+    """What the snapshot before made of the images that are new in this one, which it had not seen: a measure
+    that costs no image. Null where there was none before, or nothing is new."""
 
 
 class Snapshot(Model):

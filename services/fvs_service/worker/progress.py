@@ -25,7 +25,8 @@ _FINE = {
     "images": (0.00, 0.01),
     "normalise": (0.01, 0.02),
     "load": (0.02, 0.04),
-    "train": (0.04, 0.98),
+    "train": (0.04, 0.97),
+    "evaluate": (0.97, 0.98),
     "snapshot": (0.98, 1.00),
 }
 """Which part of a job a stage is: from where to where. What is not listed moves nothing."""

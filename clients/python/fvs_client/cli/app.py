@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli import jobs, rankings, scenes, transfers
+from fvs_client.cli import images, jobs, rankings, scenes, transfers
 from fvs_client.cli.session import JsonOption, SceneArgument, Target, find_scene, print_json, service
 from fvs_client.connection import DEFAULT_URL
 
@@ -34,6 +34,7 @@ def options(
 
 app.add_typer(scenes.scenes, name="scenes")
 app.command("upload")(transfers.upload)
+app.command("images")(images.images)
 app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)

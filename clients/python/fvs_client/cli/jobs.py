@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fvs_client.cli.progress import display, job_progress
+from fvs_client.cli.quality import in_words
 from fvs_client.cli.session import (
     JsonOption,
     SceneArgument,
@@ -16,7 +17,7 @@ from fvs_client.cli.session import (
     print_json,
     service,
 )
-from fvs_client.models.jobs import JobKind
+from fvs_client.models.jobs import JobKind, JobRequest
 from fvs_client.resources import Job
 
 jobs = typer.Typer(help="Show, await, cancel and retry jobs.", no_args_is_help=True)
@@ -31,6 +32,18 @@ _LongSide = Annotated[
 ]
 
 
+_TestEvery = Annotated[
+    int | None,
+    typer.Option(
+        "--test-every",
+        min=2,
+        metavar="N",
+        help="Keep every Nth image out of the training, and measure the model by it.",
+        show_default="learn from all",
+    ),
+]
+
+
 def update(
     context: typer.Context,
     scene: SceneArgument,
@@ -41,7 +54,8 @@ def update(
     as_json: JsonOption = False,
 ) -> None:
     """Take up all images that have arrived, and train the model on."""
-    _queue(context, JobKind.UPDATE, scene, iterations, long_side, wait=wait, timeout=timeout, as_json=as_json)
+    request = JobRequest(kind=JobKind.UPDATE, iterations=iterations, long_side_px=long_side)
+    _queue(context, scene, request, wait=wait, timeout=timeout, as_json=as_json)
 
 
 def fine(
@@ -49,12 +63,16 @@ def fine(
     scene: SceneArgument,
     iterations: _Iterations = None,
     long_side: _LongSide = None,
+    test_every: _TestEvery = None,
     wait: WaitOption = True,
     timeout: TimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Train the final model."""
-    _queue(context, JobKind.FINE, scene, iterations, long_side, wait=wait, timeout=timeout, as_json=as_json)
+    request = JobRequest(
+        kind=JobKind.FINE, iterations=iterations, long_side_px=long_side, test_every=test_every
+    )
+    _queue(context, scene, request, wait=wait, timeout=timeout, as_json=as_json)
 
 
 @jobs.command("list")
@@ -115,10 +133,8 @@ def retry(
 
 def _queue(
     context: typer.Context,
-    kind: JobKind,
     scene: str,
-    iterations: int | None,
-    long_side: int | None,
+    request: JobRequest,
     *,
     wait: bool,
     timeout: float | None,
@@ -126,7 +142,12 @@ def _queue(
 ) -> None:
     with service(context, as_json=as_json, patient=True) as client:
         found = find_scene(client, scene)
-        job = found.jobs.create(kind, iterations=iterations, long_side_px=long_side)
+        job = found.jobs.create(
+            request.kind,
+            iterations=request.iterations,
+            long_side_px=request.long_side_px,
+            test_every=request.test_every,
+        )
         _print(_wait(job, timeout, as_json=as_json) if wait else job, as_json=as_json)
 
 
@@ -150,9 +171,4 @@ def _print(job: Job, *, as_json: bool) -> None:
         typer.echo(f"warning: {warning}")
     snapshot = job.snapshot()
     if snapshot is not None:
-        metrics = snapshot.metrics
-        waiting = f", {metrics.waiting} waiting for overlap" if metrics.waiting else ""
-        typer.echo(
-            f"{snapshot.id}  {metrics.registered} images registered{waiting}, "
-            f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations"
-        )
+        typer.echo(f"{snapshot.id}  {in_words(snapshot.metrics)}")

@@ -6,9 +6,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from fvs_client.cli.quality import in_words
 from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
 from fvs_client.models.scenes import (
     AutomaticWorld,
+    CameraPrior,
     EnuWorld,
     LocalWorld,
     Origin,
@@ -35,6 +37,17 @@ def create(
     every: Annotated[
         int | None, typer.Option(min=1, metavar="K", help="Update the model after every K images by itself.")
     ] = None,
+    first: Annotated[
+        int,
+        typer.Option(min=2, metavar="N", help="With --every: the first update waits for N images."),
+    ] = Policy().first,
+    focal_length: Annotated[
+        tuple[float, int] | None,
+        typer.Option(
+            metavar="PX WIDTH",
+            help="Focal length in px, in images so many px wide: of images whose EXIF does not tell.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a scene and print its id."""
@@ -46,9 +59,13 @@ def create(
         world = EnuWorld(origin=Origin(latitude_deg=latitude, longitude_deg=longitude, altitude_m=altitude))
     elif local:
         world = LocalWorld()
-    policy = Policy() if every is None else Policy(trigger=Trigger.EVERY_K_IMAGES, k=every)
+    policy = Policy() if every is None else Policy(trigger=Trigger.EVERY_K_IMAGES, k=every, first=first)
+    camera = None
+    if focal_length is not None:
+        focal_px, width_px = focal_length
+        camera = CameraPrior(focal_length_px=focal_px, width_px=width_px)
     with service(context, as_json=as_json) as client:
-        scene = client.scenes.create(name, world=world, policy=policy)
+        scene = client.scenes.create(name, world=world, camera=camera, policy=policy)
     if as_json:
         print_json(scene.model_dump(mode="json", by_alias=True))
     else:
@@ -92,12 +109,7 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
         "model": "none yet",
     }
     if snapshot is not None:
-        metrics = snapshot.metrics
-        quality = "" if metrics.psnr_db is None else f", PSNR {metrics.psnr_db:.2f} dB"
-        lines["model"] = (
-            f"{snapshot.id}  {snapshot.kind.value}, {metrics.registered} images registered, "
-            f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations{quality}"
-        )
+        lines["model"] = f"{snapshot.id}  {snapshot.kind.value}, {in_words(snapshot.metrics)}"
         lines["files"] = ", ".join(artifact.name for artifact in snapshot.artifacts)
     for name, text in lines.items():
         typer.echo(f"{name:<8}{text}")

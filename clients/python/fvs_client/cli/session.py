@@ -10,7 +10,7 @@ import typer
 
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE, exit_code_of
 from fvs_client.client import Client
-from fvs_client.errors import ApiError, FvsError
+from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
 from fvs_client.resources import Scene
 from fvs_client.retries import Retries
 
@@ -68,7 +68,9 @@ def find_scene(client: Client, name: str) -> Scene:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise typer.BadParameter(f"There is no scene called {name!r}; `fvs-client scenes list` shows all.")
+        told = f"There is no scene called {name!r}."
+        hint = "`fvs-client scenes list` shows all; `fvs-client scenes create` makes one."
+        raise NotFoundError(Problem(status=404, code=NotFoundError.code, detail=told, hint=hint))
     raise typer.BadParameter(
         f"{len(found)} scenes are called {name!r}: {', '.join(scene.id for scene in found)}."
     )
@@ -81,6 +83,8 @@ def print_json(document: Any) -> None:
 
 def _show(error: FvsError, *, as_json: bool) -> None:
     code = error.problem.code if isinstance(error, ApiError) else type(error).__name__
+    if isinstance(error, JobFailedError) and error.job.error is not None:
+        code = error.job.error.code
     fields = error.errors if isinstance(error, ApiError) else ()
     if as_json:
         document = {
@@ -97,7 +101,7 @@ def _show(error: FvsError, *, as_json: bool) -> None:
         return
     typer.echo(f"Error: {error.message}", err=True)
     for field in fields[1:] if len(fields) > 1 else ():
-        typer.echo(f"       {field.field}: {field.message}", err=True)
+        typer.echo(f"       {field.field or 'request'}: {field.message}", err=True)
     if error.hint:
         typer.echo(error.hint, err=True)
     if isinstance(error, ApiError) and error.request_id:

@@ -33,6 +33,8 @@ class JobRequest(Input):
     """Training iterations; by default as many as the kind of job needs for the images there are."""
     long_side_px: int | None = None
     """Train on images reduced to this long side."""
+    test_every: int | None = None
+    """Of a fine model: keep every so many-th image out of the training, and measure the model by it."""
 
 
 class JobFailure(Answer):

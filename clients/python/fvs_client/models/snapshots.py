@@ -26,7 +26,10 @@ class SnapshotMetrics(Answer):
     gaussians: int
     sh_degree: int
     psnr_db: float | None
+    """Over the images that a fine model was kept from (``test_every``)."""
     ssim: float | None
+    new_images_psnr_db: float | None = None
+    """What the snapshot before made of the images that are new in this one, which it had not seen."""
 
 
 class SnapshotData(Answer):

@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import Cancelled, InvalidInputError, ReconstructionError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.monitor import Monitor, SavingMonitor
-from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
@@ -36,9 +36,12 @@ from fvs_service.worker.protocol import JobOutcome, JobQuestion
 from fvs_service.worker.runner.model_files import write_model_files
 from fvs_service.worker.runner.pace import JobMonitor
 from fvs_service.worker.runner.photographs import place_photographs
+from fvs_service.worker.runner.quality import Quality, measure, spread
 from fvs_service.worker.runner.states import States
 
 _SAVE_EVERY_S = 30.0
+_MOST_MEASURED = 16
+"""New photographs that the snapshot before is measured on: an update must not wait for its own praise."""
 
 Warn = Callable[[str], None]
 
@@ -144,6 +147,7 @@ class Learner:
         scene = self._open_scene(question.request, monitor, warn)
         self._learned = scene.iteration
         update = scene.add(tuple(images), monitor)
+        foresight = self._foresight(question, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)
         if update.registered or update.moved:
@@ -153,7 +157,20 @@ class Learner:
         model_dir = self._reconstruction(monitor).model_dir
         assert model_dir is not None  # training needs a camera, and cameras come from there
         model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
-        return self._outcome(question, scene.views, images, model, model_dir, monitor)
+        measured = {"new_images_psnr_db": None if foresight is None else foresight.psnr_db}
+        return self._outcome(question, scene.views, images, model, model_dir, measured, monitor)
+
+    def _foresight(
+        self, question: JobQuestion, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
+    ) -> Quality | None:
+        """How well the latest snapshot shows the photographs that came since, before they are learned."""
+        if question.snapshot_id is None:
+            return None
+        before = self._states.exactly(question.snapshot_id)
+        seen = {view.image for view in before.cameras.views}
+        new = [view for view in scene.views if images[view.name].digest not in seen]
+        views = spread(new, _MOST_MEASURED)
+        return measure(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
 
     def _photographs(self, question: JobQuestion, monitor: Monitor) -> Mapping[str, Image]:
         return place_photographs(self._blobs, question.images, self._folder.images, question.camera, monitor)
@@ -208,14 +225,15 @@ class Learner:
             monitor.check()
             views.append(photographs.load(view.name, view.camera, view.camera_from_model))
             monitor.report("load", done, len(standing.views))
+        learned, tested = _split(views, request.test_every)
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(request.iterations or settings.fine_iterations)
         checkpoint = fine / "checkpoint.safetensors"
         if checkpoint.exists():
-            trainer = Trainer.resume(checkpoint, views, self._rasterizer)
+            trainer = Trainer.resume(checkpoint, learned, self._rasterizer)
         else:
             seeds = initialise_from_points(standing.points, standing.point_colors, training.sh_degree)
-            trainer = Trainer(views, seeds, training, self._rasterizer)
+            trainer = Trainer(learned, seeds, training, self._rasterizer)
         try:
             saving = SavingMonitor(monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
             trainer.train(training.iterations, saving)
@@ -224,6 +242,8 @@ class Learner:
             raise
         trainer.save(checkpoint)
         model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
+        quality = measure(model.gaussians, model.sh_degree, tested, self._rasterizer, monitor)
+        measured = {} if quality is None else asdict(quality)
         # Of images that came after its cameras were found nobody can say that they overlap with nothing.
         posed = {view.name for view in views}
         images = {
@@ -231,7 +251,7 @@ class Learner:
             for name, image in placed.items()
             if name in posed or image.registration is Registration.NO_OVERLAP
         }
-        return self._outcome(question, views, images, model, fine / "sparse", monitor)
+        return self._outcome(question, views, images, model, fine / "sparse", measured, monitor)
 
     def _fine_folder(self, job_id: str) -> Path:
         """What the job keeps; what jobs before it kept is deleted."""
@@ -276,9 +296,10 @@ class Learner:
         images: Mapping[str, Image],
         model: _Model,
         colmap: Path,
+        measured: Mapping[str, float | None],
         monitor: Monitor,
     ) -> JobOutcome:
-        """Write the snapshot's files, which the worker commits."""
+        """Write the snapshot's files, which the worker commits; ``measured`` are metrics of its quality."""
         monitor.report("snapshot", 0, 1)
         standing = read_colmap(colmap)
         posed = {view.name for view in views}
@@ -290,6 +311,7 @@ class Learner:
             iterations=model.iterations,
             gaussians=len(model.gaussians),
             sh_degree=model.sh_degree,
+            **measured,
         )
         folder = self._folder.outcome(question.job_id)
         points = _seen_points(standing)
@@ -303,6 +325,17 @@ class Learner:
             waiting=waiting,
             metrics=metrics,
         )
+
+
+def _split(
+    views: Sequence[TrainingView], test_every: int | None
+) -> tuple[Sequence[TrainingView], Sequence[TrainingView]]:
+    """The views to learn from, and those to measure by; all are learned from when too few could be spared."""
+    learned, tested = split_test([view.name for view in views], test_every or 0)
+    if len(learned) < 2:
+        return views, ()
+    named = {view.name: view for view in views}
+    return [named[name] for name in learned], [named[name] for name in tested]
 
 
 def _seen_points(reconstruction: Reconstruction) -> NDArray[np.float64]:
