@@ -21,6 +21,9 @@ SHARP = 0.25
 """Below this ``sharpness`` an image is called blurred: real photographs of ten scenes have 0.5 to 3.0; after
 a Gaussian blur of 2 px (of 1024) they have 0.07 to 0.18."""
 _SHARPNESS_SIDE_PX = 1024
+_REDUCING_GAP = 1.5
+"""What is larger still is first halved (thirded, …) in a quick way, down to so many times that size: it takes
+half the time, and changes the sharpness by some per cent."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ def measure_sharpness(image: Image.Image) -> float:
     scale gives more. Flat images give 1: nothing shows that they are blurred.
     """
     grey = image.convert("L")
-    grey.thumbnail((_SHARPNESS_SIDE_PX, _SHARPNESS_SIDE_PX), Image.Resampling.LANCZOS)
+    grey.thumbnail((_SHARPNESS_SIDE_PX, _SHARPNESS_SIDE_PX), Image.Resampling.LANCZOS, _REDUCING_GAP)
     half = grey.resize((max(2, grey.width // 2), max(2, grey.height // 2)), Image.Resampling.BOX)
     fine, coarse = _gradient_energy(grey), _gradient_energy(half)
     return 1.0 if coarse < 1.0 else max(0.0, min(9.0, 4.0 * fine / coarse - 1.0))

@@ -57,7 +57,7 @@ class IdempotencyRow(Table):
     key: Mapped[str] = mapped_column(String(255), primary_key=True)
     fingerprint: Mapped[str] = mapped_column(String(64))
     resource_id: Mapped[str] = mapped_column(String(40))
-    created_at: Mapped[datetime]
+    created_at: Mapped[datetime] = mapped_column(index=True)
 
 
 class SceneRow(Table):
@@ -112,6 +112,7 @@ class ImageRow(Table):
     __table_args__ = (
         Index("ix_images_number", "scene_id", "number", unique=True),
         Index("ix_images_pixels", "scene_id", "pixels_sha256"),
+        Index("ix_images_counts", "scene_id", "verdict", "registration"),
     )
 
 

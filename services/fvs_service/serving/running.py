@@ -1,0 +1,86 @@
+"""``fvs serve`` as a child process, for as long as a ``with`` block lasts."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_service.errors import UnavailableError
+
+GATEWAY = "fvs_service.serving.gateway_process"
+WORKER = "fvs_service.serving.worker_process"
+RUNNER = "fvs_service.worker.runner.process"
+"""What the processes of a service run; see ``RunningService.processes``."""
+
+_STOP_WITHIN_S = 30.0
+
+
+@dataclass(frozen=True)
+class RunningService:
+    """A service that answers at ``url``; ``pid`` is its supervisor's."""
+
+    url: str
+    pid: int
+
+    def processes(self, module: str) -> tuple[int, ...]:
+        """The ids of the processes below the supervisor that run ``module`` (Linux: from ``/proc``)."""
+        parents = dict(_parents())
+        return tuple(pid for pid in parents if self._is_above(pid, parents) and module in _command(pid))
+
+    def _is_above(self, pid: int, parents: Mapping[int, int]) -> bool:
+        while pid != self.pid and pid in parents:
+            pid = parents[pid]
+        return pid == self.pid
+
+
+@contextmanager
+def running_service(
+    root: Path, log: Path, environment: Mapping[str, str] | None = None
+) -> Iterator[RunningService]:
+    """A service on a free port of loopback that keeps everything in ``root``; it is stopped at the end.
+
+    Its log goes to ``log``; ``environment`` has further settings (``FVS_…``). Raises ``UnavailableError``
+    when it does not start.
+    """
+    command = [sys.executable, "-c", "from fvs_service.cli import main; main()", "serve"]
+    with (
+        log.open("w") as to,
+        subprocess.Popen(
+            [*command, "--root", str(root), "--port", "0"],
+            stdout=subprocess.PIPE,
+            stderr=to,
+            text=True,
+            env={**os.environ, **(environment or {})},
+        ) as process,
+    ):
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().strip()  # it is said once the service answers
+            if not url:
+                raise UnavailableError("The service did not start.", hint=f"{log} says why.")
+            yield RunningService(url, process.pid)
+        finally:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(_STOP_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _parents() -> Iterator[tuple[int, int]]:
+    """Every process's id and its parent's."""
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                yield int(folder.name), int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
+def _command(pid: int) -> list[str]:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+    return []
