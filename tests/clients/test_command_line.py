@@ -157,11 +157,13 @@ def test_a_service_that_does_not_run_is_told_kindly(run: Run, monkeypatch: pytes
     ]
 
 
-def test_wrong_usage_is_told(run: Run) -> None:
+def test_wrong_usage_is_told(run: Run, tmp_path: Path) -> None:
     assert "scenes create" in run("scenes", "show", "nowhere", expect=6).stderr
     run("--url", "nowhere", "status", expect=2)
     run("scenes", "create", "x", "--local", "--origin", "1", "2", "3", expect=2)
     run("upload", "scene", "/does/not/exist", expect=2)
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"of a telephone")
+    assert "no photograph" in run("upload", "scene", tmp_path, expect=2).stderr
 
 
 def test_two_scenes_of_one_name_must_be_told_apart(run: Run, tmp_path: Path) -> None:

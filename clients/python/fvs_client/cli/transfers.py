@@ -10,6 +10,7 @@ from fvs_client.cli.exit_codes import SOME_FILES
 from fvs_client.cli.progress import display, download_progress, upload_progress, verdict_of
 from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
 from fvs_client.client import Client
+from fvs_client.operations.photographs import SUFFIXES, find_photographs
 from fvs_client.operations.uploading import UploadedFile, UploadProgress, UploadReport
 from fvs_client.resources import Snapshot
 
@@ -22,6 +23,11 @@ def upload(
     as_json: JsonOption = False,
 ) -> None:
     """Send photographs. What the scene has already is not sent again, so the same command goes on."""
+    if not find_photographs(paths):
+        where = ", ".join(map(str, paths))
+        raise typer.BadParameter(
+            f"There is no photograph in {where}: no file in {', '.join(sorted(SUFFIXES))}."
+        )
     with service(context, as_json=as_json, patient=True) as client:
         images = find_scene(client, scene).images
         with display("Sending photographs", as_json=as_json, in_bytes=True) as shown:
