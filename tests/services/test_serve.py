@@ -1,10 +1,13 @@
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import httpx2
+import uvicorn
 from fvs_service.cli.app import app
+from fvs_service.gateway.server import listen
 from typer.testing import CliRunner, Result
 
 PROGRAM = str(Path(sys.executable).with_name("fvs"))
@@ -24,6 +27,13 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
         finally:
             process.send_signal(signal.SIGTERM)
         assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def test_answers_are_sent_at_once() -> None:
+    with listen(uvicorn.Config(lambda: None, port=0)) as listening:
+        listening.listen()
+        with socket.create_connection(listening.getsockname()), listening.accept()[0] as accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def _fvs(*arguments: str) -> Result:

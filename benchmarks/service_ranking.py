@@ -1,0 +1,149 @@
+"""What the service adds to a ranking, while the same runner trains a model.
+
+    python benchmarks/service_ranking.py [PHOTOGRAPHS] [--clients 1 8 32] [--rankings 100] [--candidates 24]
+                                         [--long-side 800] [--method median-frequency] [--json ranking.json]
+
+`fvs serve` with its defaults; the photographs (of a made-up courtyard, if none are given) become a scene. One
+client ranks while nothing else happens; then a fine model of the scene is trained, and so many clients at a
+time, each with a connection of its own, rank without a pause. Of every request:
+
+* scoring: what the engine's own call took, as the runner measured it;
+* in line: how long the question waited for those of others, because a runner answers one after the other;
+* overhead: all the rest, from the call of the client to its return (goal: p95 ≤ 30 ms with one client).
+"""
+
+import argparse
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fvs_client import Client, Job, Orbit, Scene
+from fvs_service.serving.running import running_service
+from measurement import report
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
+
+_WARM_UP = 5
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One ranking, in ms."""
+
+    request: float
+    scoring: float
+    in_line: float
+
+    @property
+    def overhead(self) -> float:
+        return self.request - self.scoring - self.in_line
+
+
+def ask(scene: Scene, candidates: int, method: str) -> Asked:
+    began = time.perf_counter()
+    ranking = scene.rank(generator=Orbit(count=candidates), method=method)
+    took = time.perf_counter() - began
+    return Asked(1e3 * took, 1e3 * ranking.seconds, 1e3 * ranking.waited_s)
+
+
+def ask_together(
+    url: str, scene_id: str, clients: int, each: int, options: argparse.Namespace
+) -> list[Asked]:
+    """All clients' rankings; they begin together."""
+    asked: list[Asked] = []
+    ready = threading.Barrier(clients)
+
+    def one() -> None:
+        with Client(url) as client:
+            scene = client.scenes.get(scene_id)
+            ready.wait()
+            asked.extend([ask(scene, options.candidates, options.method) for _ in range(each)])
+
+    threads = [threading.Thread(target=one) for _ in range(clients)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return asked
+
+
+def row(
+    url: str, scene: Scene, clients: int, training: Job | None, options: argparse.Namespace
+) -> dict[str, Any]:
+    before = 0.0 if training is None else training.refresh().progress
+    began = time.perf_counter()
+    asked = ask_together(url, scene.id, clients, max(1, options.rankings // clients), options)
+    took = time.perf_counter() - began
+    times = {
+        f"{name}, ms p50 / p95": " / ".join(
+            f"{value:.1f}" for value in np.percentile([getattr(one, name) for one in asked], [50, 95])
+        )
+        for name in ("request", "scoring", "in_line", "overhead")
+    }
+    return {
+        "clients": clients,
+        "training": "no" if training is None else "yes",
+        **{name.replace("_", " "): value for name, value in times.items()},
+        "rankings": len(asked),
+        "rankings/s": len(asked) / took,
+        "training done, ‰/min": ""
+        if training is None
+        else 6e4 * (training.refresh().progress - before) / took,
+    }
+
+
+def photographs_of_a_courtyard(folder: Path) -> Path:
+    camera = SimulatedCamera.like_a_drone(640, 480)
+    write_photographs(folder, courtyard(), camera, orbit(12, turns=0.48), Monitor())
+    return folder / "images"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("photographs", nargs="?", type=Path, help="a folder")
+    parser.add_argument("--clients", type=int, nargs="+", default=[1, 8, 32])
+    parser.add_argument("--rankings", type=int, default=100, help="with each number of clients, all together")
+    parser.add_argument("--candidates", type=int, default=24)
+    parser.add_argument("--method", default="median-frequency")
+    parser.add_argument("--long-side", type=int, default=800)
+    parser.add_argument("--iterations", type=int, default=1000, help="of the model that ranks")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+
+    with tempfile.TemporaryDirectory(prefix="fvs-benchmark-") as name:
+        folder = Path(name)
+        photographs = options.photographs or photographs_of_a_courtyard(folder / "courtyard")
+        with (
+            running_service(folder / "service", folder / "service.log") as service,
+            Client(service.url) as client,
+        ):
+            scene = client.scenes.create("benchmark")
+            scene.images.upload(photographs)
+            model = (
+                scene.update(iterations=options.iterations, long_side_px=options.long_side).wait().snapshot()
+            )
+            assert model is not None
+            for _ in range(_WARM_UP):
+                ask(scene, options.candidates, options.method)
+            rows = [row(service.url, scene, 1, None, options)]
+            training = scene.fine(long_side_px=options.long_side)
+            while training.refresh().stage != "train":
+                time.sleep(0.2)
+            rows += [row(service.url, scene, clients, training, options) for clients in options.clients]
+            training.cancel()
+    name = (
+        f"ranking {options.candidates} candidates by {options.method}, "
+        f"{model.metrics.gaussians:,} Gaussians, {options.long_side} px"
+    )
+    report(name, rows, options.json)
+
+
+if __name__ == "__main__":
+    main()
