@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 import secrets
+import select
 import signal
 import sys
 import threading
@@ -82,11 +83,19 @@ class LeaseWatch:
         os._exit(_EXIT_ORPHANED)
 
     def guard(self) -> None:
-        """Look whether the worker still is what it was."""
-        while os.getppid() == self._parent and time.monotonic() < self._until:
+        """Look whether the worker still is what it was.
+
+        Words that were not read yet count: imports keep all other threads waiting, on a slow machine for
+        longer than a lease.
+        """
+        while os.getppid() == self._parent and (time.monotonic() < self._until or _unread()):
             time.sleep(_WATCH_S)
         print("The worker is gone, or holds the scene no longer.", file=sys.stderr, flush=True)  # noqa: T201 - the log
         os._exit(_EXIT_ORPHANED)
+
+
+def _unread() -> bool:
+    return bool(select.select([0], [], [], 0)[0])
 
 
 class _only_owner:  # noqa: N801 - reads as a statement: with _only_owner(folder)

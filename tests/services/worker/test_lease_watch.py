@@ -1,0 +1,44 @@
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+# The watch as a runner starts it, but that nothing is read from standard input before it is told to.
+WATCHED = """
+import os, threading
+from fvs_service.worker.runner.process import LeaseWatch
+watch = LeaseWatch(os.getppid(), 0.1)
+threading.Thread(target=watch.guard, daemon=True).start()
+threading.Event().wait(1.2)
+print("lives", flush=True)
+{then}
+threading.Event().wait(30)
+"""
+READ = "threading.Thread(target=watch.listen, daemon=True).start()"
+_ORPHANED = 3
+
+
+@pytest.fixture
+def watched(request: pytest.FixtureRequest) -> Iterator["subprocess.Popen[bytes]"]:
+    command = [sys.executable, "-c", WATCHED.format(then=request.param)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("watched", [READ], indirect=True)
+def test_a_word_that_was_not_read_in_time_counts(watched: "subprocess.Popen[bytes]") -> None:
+    """Imports hold all threads of a runner for longer than a short lease."""
+    assert watched.stdin is not None
+    assert watched.stdout is not None
+    watched.stdin.write(b".")
+    assert watched.stdout.readline() == b"lives\n"
+    assert watched.wait(20) == _ORPHANED  # once it is read, and no other follows
+
+
+@pytest.mark.parametrize("watched", [""], indirect=True)
+def test_without_a_word_it_ends(watched: "subprocess.Popen[bytes]") -> None:
+    assert watched.stdout is not None
+    assert watched.wait(20) == _ORPHANED
+    assert watched.stdout.read() == b""
