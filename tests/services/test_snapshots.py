@@ -46,6 +46,14 @@ def test_an_artefact_is_downloaded_whole(gateway: Any, snapshot: dict[str, Any],
     assert (head.status_code, head.headers["content-length"]) == (200, str(len(content)))
 
 
+def test_the_document_names_the_types_of_artefacts(gateway: Any, snapshot: dict[str, Any]) -> None:
+    paths = gateway.client.get("/openapi.json").json()["paths"]
+    answers = paths["/v1/snapshots/{snapshot_id}/artifacts/{name}"]["get"]["responses"]
+    for artifact in snapshot["artifacts"]:
+        assert artifact["media_type"] in answers["200"]["content"]
+        assert artifact["media_type"] in answers["206"]["content"]
+
+
 def test_an_interrupted_download_goes_on(gateway: Any, ply: Any) -> None:
     path, content = ply
     tag = gateway.client.get(path).headers["etag"]

@@ -7,11 +7,12 @@ from fastapi.responses import Response, StreamingResponse
 
 from fvs_service.errors import RangeError
 from fvs_service.gateway.rest.dependencies import App, Caller, Paging, SceneId, SnapshotId
-from fvs_service.snapshots.model import Artifact, Snapshot, SnapshotList
+from fvs_service.snapshots.model import MEDIA_TYPES, Artifact, Snapshot, SnapshotList
 
 router = APIRouter(prefix="/v1", tags=["snapshots"])
 
-_BYTES = {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_BYTES = {"content": {kind: {} if kind == "application/json" else _BINARY for kind in MEDIA_TYPES.values()}}
 _RANGES = {
     200: {"description": "The whole artefact.", **_BYTES},
     206: {"description": "The part that was asked for.", **_BYTES},
