@@ -4,7 +4,7 @@
 # make test       everything that CI checks
 # make test-slow  the long checks on real photographs
 # make lint       format and fix what can be fixed, then lint
-# make bench      the benchmarks: raster, score, train
+# make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/measurements.md)
 
 PYTHON ?= python3
 VENV := .venv
@@ -50,6 +50,7 @@ lint: setup
 bench: setup
 	$(BIN)/python benchmarks/raster.py
 	$(BIN)/python benchmarks/score.py
+	$(BIN)/python benchmarks/selection.py
 	@test -d "$(FVS_DATA)/fox" -a -d "$(FVS_DATA)/bonsai" || \
 		{ echo "The training benchmark needs fox and bonsai: make bench FVS_DATA=path/to/them"; exit 2; }
 	$(BIN)/fvs reconstruct "$(FVS_DATA)/fox/images" --out out/fox --iterations 1
