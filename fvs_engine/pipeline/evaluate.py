@@ -34,6 +34,7 @@ def evaluate_selectors(
     The same call on the same ``out`` does what is left to do; other methods and seeds join those that are
     there. Raises what ``open_dataset`` and ``run_experiment`` raise.
     """
+    monitor = monitor or Monitor()
     for given in (folder, colmap, transforms):
         if given is not None and given.resolve().is_relative_to(out.resolve()):
             raise InvalidInputError(
@@ -42,7 +43,7 @@ def evaluate_selectors(
     dataset = open_dataset(folder, colmap, transforms)
     for warning in dataset.warnings:
         warn(warning)
-    rasterizer = create_rasterizer(backend)
+    rasterizer = create_rasterizer(backend, monitor)
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with locked_folder(out), storage_errors(out):
@@ -55,6 +56,6 @@ def evaluate_selectors(
             rasterizer,
             calibrated=calibrated,
             threads=threads,
-            monitor=monitor or Monitor(),
+            monitor=monitor,
             warn=warn,
         )

@@ -161,7 +161,7 @@ def select_views(
     for warning in dataset.warnings:
         warn(warning)
     chosen_settings = settings(dataset)
-    rasterizer = create_rasterizer(backend)
+    rasterizer = create_rasterizer(backend, monitor)
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with locked_folder(out), storage_errors(out):

@@ -1,0 +1,46 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fvs_engine.errors import BackendUnavailableError
+from fvs_engine.evaluate.protocol import PRESETS
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.evaluate import evaluate_selectors
+from fvs_engine.pipeline.select import loop_settings, scene_settings, select_views
+
+
+def _select(dataset: Path, out: Path, monitor: Monitor) -> None:
+    scene = scene_settings(poses="known")
+    select_views(
+        dataset,
+        out,
+        lambda found: loop_settings(found, scene=scene, budget=None, initial=4, test_every=8),
+        monitor=monitor,
+    )
+
+
+def _evaluate(dataset: Path, out: Path, monitor: Monitor) -> None:
+    evaluate_selectors(dataset, out, PRESETS["fisherrf"], ["random"], [0], monitor=monitor)
+
+
+@pytest.mark.parametrize(("module", "command"), [("select", _select), ("evaluate", _evaluate)])
+def test_whoever_waits_for_the_kernels_is_told_and_can_stop(
+    room_dir: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    command: Callable[[Path, Path, Monitor], None],
+) -> None:
+    """The rasteriser may compile for minutes, the first time on a machine."""
+    asked: list[Monitor | None] = []
+
+    def create(_name: str, monitor: Monitor | None = None) -> None:
+        asked.append(monitor)
+        raise BackendUnavailableError("That is enough.")
+
+    monkeypatch.setattr(f"fvs_engine.pipeline.{module}.create_rasterizer", create)
+    monitor = Monitor()
+    with pytest.raises(BackendUnavailableError):
+        command(room_dir, tmp_path / "out", monitor)
+    assert asked == [monitor]
