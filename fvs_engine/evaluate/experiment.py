@@ -61,7 +61,8 @@ class ExperimentFolder:
     def claim(self, dataset: Dataset, protocol: Protocol) -> None:
         """Create the folder, or check that it holds runs of this dataset under this protocol.
 
-        The time limit may differ. Raises ``OutputExistsError`` when it holds something else.
+        The time limit may differ: runs that a shorter one ended go on. Raises ``OutputExistsError`` when it
+        holds something else.
         """
         path = self.root / "experiment.json"
         memory = ExperimentMemory(dataset=dataset.name, fingerprint=fingerprint(dataset), protocol=protocol)
@@ -124,7 +125,11 @@ def run_experiment(
     guide = BASELINES[0] if BASELINES[0] in methods else methods[0]
     plans = [
         RunPlan(
-            paths.run(method, seed), method, seed, tuple(methods) if calibrated and method == guide else ()
+            paths.run(method, seed),
+            method,
+            seed,
+            tuple(methods) if calibrated and method == guide else (),
+            protocol.time_limit_s,
         )
         for seed in seeds
         for method in methods
@@ -162,6 +167,8 @@ def _check(dataset: Dataset, protocol: Protocol, methods: Sequence[str], seeds: 
     for kind, given in (("method", methods), ("seed", seeds)):
         if len(set(given)) < len(given):
             raise InvalidInputError(f"A {kind} is given twice: {', '.join(map(str, given))}.")
+    if min(seeds) < 0:
+        raise InvalidInputError(f"A seed cannot be negative, as {min(seeds)} is.")
     pool, held_out = split_test(dataset.names, protocol.test_every)
     if not held_out:
         raise InvalidInputError(

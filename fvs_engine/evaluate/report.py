@@ -55,7 +55,7 @@ class Summary(Record):
 def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iterable[str] = ()) -> Summary:
     """The table of finished ``runs``."""
     ended_early = (
-        f"{run.method}, seed {run.seed}, ended at {len(run.order)} views: {run.stop}."
+        f"{run.method}, seed {run.seed}, ended at {len(run.order)} views: {run.stop}"
         for run in runs
         if len(run.order) < protocol.budget
     )

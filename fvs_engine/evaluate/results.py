@@ -76,6 +76,7 @@ class Run(Record):
     what each choice took, scoring included, training not. ``fallbacks``: how many choices had to be made
     without the selector's scores. ``stop``: why the run ended. ``worst_rms``: the largest root mean square
     distance between the dataset's camera centres and the model's after alignment, in the dataset's unit.
+    ``time_limit_s``: the limit that ended it before its last view; None when something else did.
     """
 
     method: str
@@ -89,6 +90,11 @@ class Run(Record):
     worst_rms: float | None
     stop: str
     seconds: float
+    time_limit_s: float | None = None
+
+    def may_go_on(self, time_limit_s: float | None) -> bool:
+        """Whether it only ended because it had less time than ``time_limit_s`` (None: than any) allows."""
+        return self.time_limit_s is not None and (time_limit_s is None or time_limit_s > self.time_limit_s)
 
     def at(self, visited: int) -> Evaluation | None:
         """The evaluation after so many views, if there is one."""

@@ -25,6 +25,7 @@ from fvs_engine.splat.raster import Rasterizer
 class RunPlan:
     """What is to be run; ``calibrated`` methods are asked for their scores at every evaluation.
 
+    A run that a shorter limit than ``time_limit_s`` ended is not finished.
     The folder of a run holds ``selection/`` (the loop's own), ``evaluation-0010.json`` and
     ``calibration-0010.json`` per view count, and ``run.json`` once it is finished.
     """
@@ -33,6 +34,7 @@ class RunPlan:
     method: str
     seed: int
     calibrated: tuple[str, ...] = ()
+    time_limit_s: float | None = None
 
     @property
     def result_path(self) -> Path:
@@ -42,7 +44,9 @@ class RunPlan:
     def result(self) -> Run | None:
         """The finished run, with all that is asked of it; None when there is something left to do."""
         run = read_record(self.result_path, Run)
-        return run if run is not None and self.is_complete() else None
+        if run is None or run.may_go_on(self.time_limit_s) or not self.is_complete():
+            return None
+        return run
 
     def is_complete(self) -> bool:
         """Whether every evaluation so far has the calibration that is asked for."""
@@ -139,7 +143,7 @@ def execute(
             break
     if len(loop.visited) not in laboratory.protocol.view_counts:
         _look(laboratory, plan, loop, monitor)
-    run = _result(plan, loop, outcome)
+    run = _result(laboratory.protocol, plan, loop, outcome)
     write_record(plan.result_path, run)
     return run
 
@@ -158,8 +162,9 @@ def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: M
     return evaluation
 
 
-def _result(plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
-    counts = range(len(loop.initial), len(loop.visited) + 1)
+def _result(protocol: Protocol, plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
+    visited = len(loop.visited)
+    counts = [n for n in range(len(loop.initial), visited + 1) if n in protocol.view_counts or n == visited]
     evaluations = (read_record(plan.folder / f"evaluation-{n:04d}.json", Evaluation) for n in counts)
     calibrations = (read_record(plan.folder / f"calibration-{n:04d}.json", Calibration) for n in counts)
     rms = [record.alignment.rms for record in loop.records if record.alignment.source != "known"]
@@ -175,6 +180,7 @@ def _result(plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
         worst_rms=max(rms, default=None),
         stop=stop.message,
         seconds=sum(record.seconds.total for record in loop.records),
+        time_limit_s=protocol.time_limit_s if stop.kind == "time-limit" else None,
     )
 
 

@@ -153,6 +153,16 @@ def test_a_stopped_experiment_goes_on_and_repeats_no_finished_run(
     assert executed == []
 
 
+def test_runs_that_had_too_little_time_go_on_with_more(
+    ring: Dataset, quick: Protocol, cpu: Rasterizer, whole: Summary, tmp_path: Path
+) -> None:
+    hasty = quick.model_copy(update={"time_limit_s": 1e-3})
+    short = run(tmp_path, ring, hasty, cpu)
+    assert {len(made.order) for made in short.runs} == {3}
+    assert run(tmp_path, ring, hasty, cpu) == short  # the same limit is no reason to try again
+    assert decided(run(tmp_path, ring, quick, cpu)) == decided(whole)
+
+
 def test_other_methods_join_those_that_are_there(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path
 ) -> None:
@@ -213,6 +223,7 @@ def test_progress_counts_the_views_of_all_runs(
         (("farthest",), (), {}, "at least one"),
         (("farthest", "farthest"), (0,), {}, "twice"),
         (("farthest",), (0, 0), {}, "twice"),
+        (("farthest",), (0, -1), {}, "cannot be negative"),
         (("farthest",), (0,), {"view_counts": (3, 11)}, "only 10 to visit"),
         (("farthest",), (0,), {"test_every": 15}, "too few to hold out"),
     ],

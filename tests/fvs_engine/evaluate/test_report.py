@@ -98,12 +98,13 @@ def test_only_the_selectors_with_the_most_runs_can_be_the_best(make_run: MakeRun
 def test_runs_that_ended_early_count_where_they_got_to_and_are_named(make_run: MakeRun) -> None:
     runs = [
         make_run("nearest", 0, {10: 15.0, 20: 20.0}),
-        make_run("nearest", 1, {10: 17.0, 12: 18.0}).model_copy(update={"stop": "Nothing was in reach"}),
+        make_run("nearest", 1, {10: 17.0, 12: 18.0}).model_copy(update={"stop": "Nothing was in reach."}),
     ]
     summary = summarise("room", PRESETS["nearest5"], runs)
     counts = {row.visited: row.psnr_db.count for row in summary.rows}
     assert counts == {10: 2, 12: 1, 20: 1}
-    assert any("seed 1" in note and "12 views" in note and "reach" in note for note in summary.notes)
+    (note,) = summary.notes
+    assert note == "nearest, seed 1, ended at 12 views: Nothing was in reach."
 
 
 def test_views_that_were_not_registered_are_named(make_run: MakeRun) -> None:
