@@ -12,6 +12,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import (
     PinholeCamera,
     RigidTransform,
+    angle_between,
     interpolate,
     matrix_from_quaternion,
     robust_umeyama,
@@ -27,6 +28,8 @@ _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3
 _MAX_MISFIT = 0.25
 """RMS distance of shared views after alignment, in shares of their spread: what a bare GPS track may have."""
+_MAX_ATTITUDE_DEG = 20.0
+"""Median angle between the attitudes of shared views: less than any wrong axis turns them."""
 
 
 class CameraInput(Record):
@@ -186,12 +189,20 @@ def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[st
             f"{path} cannot be placed in the model: the {len(shared)} views that both have {reason}.",
             hint="Was it made from these photographs? Candidates can also be poses in the model frame.",
         )
+    moved = {name: alignment.transform.move_camera(camera) for name, camera in frames.items()}
+    turns = angle_between(
+        np.stack([moved[name].rotation for name in shared]),
+        np.stack([_model_from_camera(by_name[own]).rotation for own in shared.values()]),
+    )
+    turn_deg = float(np.degrees(np.median(turns)))
+    if turn_deg > _MAX_ATTITUDE_DEG:
+        raise InvalidInputError(
+            f"{path} cannot be placed in the model: the {len(shared)} views that both have stand where they "
+            f"should and look {turn_deg:.0f}° away (median) from where the model says.",
+            hint="A transforms.json has OpenGL axes (x right, y up, z backward), camera to world.",
+        )
     camera = usual_camera(views)
-    return [
-        Candidate(name, camera, alignment.transform.move_camera(file_from_camera).inverse())
-        for name, file_from_camera in frames.items()
-        if name not in shared
-    ]
+    return [Candidate(name, camera, moved[name].inverse()) for name in frames if name not in shared]
 
 
 def _short_names(views: Sequence[ModelView]) -> list[str]:

@@ -19,6 +19,8 @@ from fvs_engine.splat.raster import create_rasterizer
 
 SHEET_CANDIDATES = 12
 """How many candidates the contact sheet shows when nobody says."""
+MOST_ON_SHEET = 48
+"""More are not drawn: a sheet is there to be looked at, and every render of it is in memory at once."""
 
 
 class RankedPose(Record):
@@ -58,9 +60,9 @@ def rank_candidates(
     """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
-    The contact sheet shows the first ``top``. Returns the ranking and the folder written: ``out``, or
-    ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be used or a folder without
-    a model, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
+    The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``. Returns the ranking and the folder
+    written: ``out``, or ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be
+    used or a folder without a model, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)
@@ -82,7 +84,7 @@ def rank_candidates(
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "ranking.json", ranking.model_dump_json(indent=2).encode() + b"\n")
-    first = ranked[: top or SHEET_CANDIDATES]
+    first = ranked[: min(top or SHEET_CANDIDATES, MOST_ON_SHEET)]
     shown = []
     for done, place in enumerate(first, start=1):
         monitor.check()

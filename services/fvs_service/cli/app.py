@@ -180,7 +180,7 @@ def rank(
     """Rank candidate poses: the lowest median frequency, the least well known view, comes first.
 
     Without --candidates: the held-out views, and poses halfway between neighbouring training views.
-    Writes ranking.json (all candidates) and contact_sheet.png (the first K, or 12).
+    Writes ranking.json (all candidates) and contact_sheet.png (the first K, or 12; at most 48).
     """
     from fvs_service.cli import report
     from fvs_service.cli.jobs import run_job

@@ -169,6 +169,15 @@ def test_a_transforms_json_that_contradicts_the_model_is_refused(
         _read(tmp_path, _transforms(shuffled), views)
 
 
+def test_a_transforms_json_with_other_axes_is_refused(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
+    document = _transforms(views)
+    for frame in document["frames"]:  # as whoever forgets that OpenGL's cameras look backwards writes it
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])).tolist()
+    with pytest.raises(InvalidInputError, match="look 180° away") as caught:
+        _read(tmp_path, document, views[:-1])
+    assert "OpenGL axes" in caught.value.hint
+
+
 def test_views_on_a_line_do_not_place_a_transforms_json(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
     on_a_line = tuple(
         replace(view, camera_from_model=look_at([index, 0, 0], [index, 5, 0], [0, 0, 1]).inverse())

@@ -266,6 +266,18 @@ def test_ranking_without_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_p
         assert sheet.width > 300
 
 
+def test_a_contact_sheet_holds_no_more_than_can_be_looked_at(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_engine.pipeline.rank.MOST_ON_SHEET", 1)
+    areas = []
+    for top in (1, 3):
+        assert fvs("rank", first_run[0], "--top", top, "--out", tmp_path / str(top)).status == 0
+        with Image.open(tmp_path / str(top) / "contact_sheet.png") as sheet:
+            areas.append(sheet.size)
+    assert areas[0] == areas[1]
+
+
 def test_ranking_of_a_file_where_one_view_sees_nothing(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
 ) -> None:
