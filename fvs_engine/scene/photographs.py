@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 MAX_SHIFT_PX = 0.1
 """A camera whose pixels lie within this of where another's do, at the training size, shows the same image."""
 
+_MAPS_KEPT = 4
+"""A map takes as much memory as five photographs, and every adjustment of all cameras makes new ones."""
+
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30
 
@@ -23,7 +26,8 @@ _ZOOM_STEPS = 30
 class Photographs:
     """Loads the photographs of a folder as pinhole cameras would have taken them, ``long_side_px`` long.
 
-    The maps from pinhole pixels to photographs are kept per camera: views that share a camera share one.
+    The maps from pinhole pixels to photographs of the cameras used last are kept: views that share a camera
+    share one.
     """
 
     def __init__(self, image_dir: Path, long_side_px: int) -> None:
@@ -56,10 +60,17 @@ class Photographs:
                 hint="Give the images that the cameras were computed from.",
             )
         if not isinstance(camera, PinholeCamera):
-            if camera not in self._maps:
-                self._maps[camera] = _source_pixels(camera, pinhole, _grid(pinhole))
-            image = _resampled(image, self._maps[camera])
+            image = _resampled(image, self._map(camera, pinhole))
         return TrainingView(name, pinhole, camera_from_model, image)
+
+    def _map(self, camera: Camera, pinhole: PinholeCamera) -> Array:
+        where = self._maps.pop(camera, None)
+        if where is None:
+            where = _source_pixels(camera, pinhole, _grid(pinhole))
+        self._maps[camera] = where  # the last one is the one used last
+        if len(self._maps) > _MAPS_KEPT:
+            del self._maps[next(iter(self._maps))]
+        return where
 
     def same_image(self, first: Camera, second: Camera) -> bool:
         """Whether a photograph looks the same by either camera: no pixel differs by ``MAX_SHIFT_PX``."""

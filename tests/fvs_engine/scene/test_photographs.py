@@ -1,3 +1,4 @@
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,20 @@ def test_cameras_that_show_the_same_image(ramp: Path) -> None:
     assert not photographs.same_image(BARREL, radial(100.0, -0.13))
     assert not photographs.same_image(BARREL, PinholeCamera(WIDTH, HEIGHT, 100, 100, 62, 44))
     assert not photographs.same_image(BARREL, BARREL.resized(60, 45))
+
+
+def test_a_camera_that_is_adjusted_again_and_again_does_not_fill_the_memory(ramp: Path) -> None:
+    photographs = Photographs(ramp, WIDTH)
+    map_bytes = WIDTH * HEIGHT * 2 * 8
+    tracemalloc.start()
+    try:
+        for step in range(30):
+            camera = DistortedCamera("SIMPLE_RADIAL", WIDTH, HEIGHT, (100.0 + 0.1 * step, 62.0, 44.0, -0.12))
+            photographs.load("ramp.png", camera, IDENTITY)
+        kept_bytes, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept_bytes < 10 * map_bytes
 
 
 def test_photographs_that_do_not_fit_their_cameras(ramp: Path) -> None:
