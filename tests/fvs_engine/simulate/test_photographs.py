@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fvs_engine.errors import Cancelled, InvalidInputError
+from fvs_engine.errors import Cancelled, InvalidInputError, OutputExistsError, StorageError
 from fvs_engine.geometry import DistortedCamera, PinholeCamera, RigidTransform, look_at
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import read_dataset
@@ -96,6 +96,23 @@ def test_it_stops_when_asked(tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         write_photographs(tmp_path, World((wall(0.0, 9),)), IDEAL, orbit(5), monitor)
     assert len(list((tmp_path / "images").iterdir())) == 1
+    paths = write_photographs(tmp_path, World((wall(0.0, 9),)), IDEAL, orbit(5), Monitor())
+    assert len(paths) == 5
+
+
+@pytest.mark.parametrize("precious", ["transforms.json", "images/holiday.jpg"])
+def test_what_somebody_else_keeps_in_the_folder_stays(tmp_path: Path, precious: str) -> None:
+    (tmp_path / precious).parent.mkdir(exist_ok=True)
+    (tmp_path / precious).write_bytes(b"\xffprecious")
+    with pytest.raises(OutputExistsError, match="nothing was changed"):
+        write_photographs(tmp_path, World((wall(0.0, 9),)), IDEAL, orbit(2), Monitor())
+    assert [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()] == [b"\xffprecious"]
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(StorageError, match="taken cannot be used"):
+        write_photographs(tmp_path / "taken", World((wall(0.0, 9),)), IDEAL, orbit(2), Monitor())
 
 
 def test_a_fisheye_lens_has_no_place_in_transforms_json(tmp_path: Path) -> None:
