@@ -19,6 +19,12 @@ except ImportError as error:
         "The cuda rasteriser needs the package gsplat.",
         hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
     ) from error
+except Exception as error:  # importing compiles, and a compiler fails in any way it likes
+    last = str(error).strip().rpartition("\n")[2] or type(error).__name__
+    raise BackendUnavailableError(
+        f"The CUDA kernels of gsplat cannot be compiled here: {last}",
+        hint="Its documentation says which CUDA, compiler and torch fit; or use the backend 'cpu'.",
+    ) from error
 
 
 class CudaRasterizer:

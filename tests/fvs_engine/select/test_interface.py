@@ -2,10 +2,11 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from fvs_engine.errors import InvalidInputError
+from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.score import CandidateScore, CandidateStatus
 from fvs_engine.select.interface import select
 from fvs_engine.select.selectors import SELECTORS, create_selector
+from fvs_engine.splat.raster import create_rasterizer
 
 
 @dataclass
@@ -100,6 +101,22 @@ def test_all_selectors_repeat_themselves_whatever_the_order_of_the_candidates(co
     assert [score.id for score in scores] == [view.id for view in candidates]
     assert all(score.status is CandidateStatus.RANKED for score in scores)
     assert all(tensor.grad is None and not tensor.requires_grad for tensor in ball.tensors().values())
+
+
+@pytest.mark.parametrize("backend", ["reference", pytest.param("cuda", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("name", SELECTORS)
+def test_all_selectors_need_no_more_of_a_rasteriser_than_its_interface(context, ring, ball, backend, name):
+    try:
+        rasterizer = create_rasterizer(backend)
+    except BackendUnavailableError as error:
+        pytest.skip(str(error))
+    visited, candidates = ring(0, 20, 40), ring(60, 180)
+    here = context(visited, candidates, gaussians=ball.to(rasterizer.device), rasterizer=rasterizer)
+    selection = select(here, create_selector(name), {})
+    assert selection.fallback is None
+    assert {place.status for place in selection.ranked} == {CandidateStatus.RANKED}
+    if name in {"fisher", "d-optimal", "coverage", "farthest"}:
+        assert selection.chosen == ("180",)  # the side that nobody has seen
 
 
 @pytest.mark.parametrize("name", SELECTORS)
