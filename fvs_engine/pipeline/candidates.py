@@ -201,6 +201,11 @@ def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[st
             f"should and look {turn_deg:.0f}° away (median) from where the model says.",
             hint="A transforms.json has OpenGL axes (x right, y up, z backward), camera to world.",
         )
+    if len(shared) == len(frames):
+        raise InvalidInputError(
+            f"All {len(frames)} frames of {path} are photographs of the model: none is left as a candidate.",
+            hint="List poses that were not photographed as well.",
+        )
     camera = usual_camera(views)
     return [Candidate(name, camera, moved[name].inverse()) for name in frames if name not in shared]
 

@@ -178,6 +178,13 @@ def test_a_transforms_json_with_other_axes_is_refused(tmp_path: Path, views: tup
     assert "OpenGL axes" in caught.value.hint
 
 
+def test_a_transforms_json_of_nothing_but_the_model_s_views_has_no_candidate(
+    tmp_path: Path, views: tuple[ModelView, ...]
+) -> None:
+    with pytest.raises(InvalidInputError, match=r"All 8 frames of .*candidates\.json are photographs"):
+        _read(tmp_path, _transforms(views), views)
+
+
 def test_views_on_a_line_do_not_place_a_transforms_json(tmp_path: Path, views: tuple[ModelView, ...]) -> None:
     on_a_line = tuple(
         replace(view, camera_from_model=look_at([index, 0, 0], [index, 5, 0], [0, 0, 1]).inverse())
