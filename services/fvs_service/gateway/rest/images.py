@@ -45,6 +45,7 @@ _FORM: dict[str, Any] = {
                     "type": "object",
                     "properties": {"file": {"type": "array", "minItems": 1, "items": _BINARY["schema"]}},
                     "required": ["file"],
+                    "additionalProperties": False,
                 }
             }
         },
