@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,24 +106,45 @@ def catalog_images(
 
     first_with: dict[str, str] = {}
     photographs: list[Photograph] = []
+    for result in _examined(folder, candidates, monitor, threads):
+        if isinstance(result, RejectedImage):
+            rejected.append(result)
+        elif result.sha256 in first_with:
+            reason = f"it is the same file as {first_with[result.sha256]}."
+            rejected.append(RejectedImage(result.name, reason, "Delete one of the two."))
+        else:
+            first_with[result.sha256] = result.name
+            photographs.append(result)
+    rejected.sort(key=lambda image: image.name)
+    return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
+
+
+def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | None = None) -> None:
+    """Decode the images ``names`` of ``folder``, for work in which none of them can be left out later.
+
+    Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled`` when asked
+    to stop.
+    """
+    for result in _examined(folder, names, monitor or Monitor(), None):
+        if isinstance(result, RejectedImage):
+            raise InvalidInputError(
+                f"{folder / result.name} cannot be used: {result.reason}", hint=result.hint
+            )
+
+
+def _examined(
+    folder: Path, names: Sequence[str], monitor: Monitor, threads: int | None
+) -> Iterator[Photograph | RejectedImage]:
+    """What becomes of each of ``names``, in their order."""
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
-        examined = executor.map(lambda name: _examine(folder, name), candidates)
-        for done, result in enumerate(examined, start=1):
-            if isinstance(result, RejectedImage):
-                rejected.append(result)
-            elif result.sha256 in first_with:
-                reason = f"it is the same file as {first_with[result.sha256]}."
-                rejected.append(RejectedImage(result.name, reason, "Delete one of the two."))
-            else:
-                first_with[result.sha256] = result.name
-                photographs.append(result)
-            monitor.report("images", done, len(candidates))
+        results = executor.map(lambda name: _examine(folder, name), names)
+        for done, result in enumerate(results, start=1):
+            yield result
+            monitor.report("images", done, len(names))
             monitor.check()
     finally:
         executor.shutdown(cancel_futures=True)
-    rejected.sort(key=lambda image: image.name)
-    return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
 
 
 def _file_names(folder: Path, leave_out: Path | None) -> list[str]:

@@ -7,6 +7,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.evaluate.experiment import run_experiment
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import Summary
+from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.folder_lock import locked_folder
 from fvs_engine.pipeline.storage import storage_errors
@@ -43,6 +44,8 @@ def evaluate_selectors(
     dataset = open_dataset(folder, colmap, transforms)
     for warning in dataset.warnings:
         warn(warning)
+    if not (out / "experiment.json").exists():  # one that is cut off would end its runs half-way
+        require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)

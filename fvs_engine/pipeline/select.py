@@ -15,6 +15,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.folder_lock import locked_folder
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX, Record
@@ -161,6 +162,8 @@ def select_views(
     for warning in dataset.warnings:
         warn(warning)
     chosen_settings = settings(dataset)
+    if not (out / "selection.json").exists():  # one that is cut off would end the selection half-way
+        require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,11 @@
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from fvs_engine.errors import BackendUnavailableError
+from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.evaluate.protocol import PRESETS
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.evaluate import evaluate_selectors
@@ -22,6 +24,21 @@ def _select(dataset: Path, out: Path, monitor: Monitor) -> None:
 
 def _evaluate(dataset: Path, out: Path, monitor: Monitor) -> None:
     evaluate_selectors(dataset, out, PRESETS["fisherrf"], ["random"], [0], monitor=monitor)
+
+
+@pytest.mark.parametrize("command", [_select, _evaluate])
+def test_a_photograph_that_is_cut_off_is_named_before_anything_is_written(
+    room_dir: Path, tmp_path: Path, command: Callable[[Path, Path, Monitor], None]
+) -> None:
+    dataset = tmp_path / "room"
+    shutil.copytree(room_dir, dataset)
+    cut = dataset / "images" / "17.png"
+    with Image.open(cut) as whole:
+        whole.save(cut, format="JPEG")  # what it is called does not count
+    cut.write_bytes(cut.read_bytes()[:-500])
+    with pytest.raises(InvalidInputError, match=r"17\.png cannot be used: it is damaged or cut off"):
+        command(dataset, tmp_path / "out", Monitor())
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("module", "command"), [("select", _select), ("evaluate", _evaluate)])
