@@ -1,5 +1,7 @@
 """Which rasteriser runs here."""
 
+import logging
+
 import torch
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
@@ -7,10 +9,13 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster.interface import Rasterizer
 
 BACKENDS = ("auto", "reference", "cpu", "cuda")
+_log = logging.getLogger(__name__)
 
 
 def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Rasterizer:
     """Create a backend by name; ``auto`` takes ``cuda`` where CUDA and gsplat are there, else ``cpu``.
+
+    A device that ``auto`` cannot use is worth a warning in the log: the CPU takes many times as long.
 
     Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
     Backends are imported here, not at the top: each brings a compiler or a device with it. The first time
@@ -19,7 +24,9 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
     if name == "auto":
         try:
             return create_rasterizer("cuda", monitor)
-        except BackendUnavailableError:
+        except BackendUnavailableError as error:
+            if torch.cuda.is_available():
+                _log.warning("The CUDA device is not used. %s", error)
             return create_rasterizer("cpu", monitor)
     if name == "reference":
         from fvs_engine.splat.raster.reference import ReferenceRasterizer

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import sys
@@ -33,7 +34,7 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
     The job gets a thread of its own, so that the main thread is free to hear signals while native code
     runs. The first SIGINT or SIGTERM asks the job to stop, the second ends the process at once. An
     ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
-    JSON on stdout).
+    JSON on stdout). What the engine logs as a warning is said like everything else.
     """
     outcome: list[_Result] = []
     failure: list[BaseException] = []
@@ -47,7 +48,7 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
                 failure.append(error)
 
         thread = threading.Thread(target=run, name="job", daemon=True)
-        with _stop_on_signals(monitor) as attend:
+        with _said_by_log(display), _stop_on_signals(monitor) as attend:
             thread.start()
             while thread.is_alive():
                 thread.join(0.1)
@@ -72,6 +73,28 @@ def fail(error: EngineError, *, machine: bool) -> NoReturn:
     for line in filter(None, lines):
         sys.stderr.write((json.dumps({"message": line}) if machine else line) + "\n")
     raise typer.Exit(exit_code_of(error)) from error
+
+
+class _Saying(logging.Handler):
+    """Passes what is logged on to ``say``."""
+
+    def __init__(self, say: Say) -> None:
+        super().__init__(logging.WARNING)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See ``logging.Handler``."""
+        self._say(record.getMessage())
+
+
+@contextlib.contextmanager
+def _said_by_log(display: Display) -> Iterator[None]:
+    engine, handler = logging.getLogger("fvs_engine"), _Saying(display.say)
+    engine.addHandler(handler)
+    try:
+        yield
+    finally:
+        engine.removeHandler(handler)
 
 
 @contextlib.contextmanager

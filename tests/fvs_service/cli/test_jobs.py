@@ -1,4 +1,5 @@
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -52,6 +53,14 @@ def test_an_engine_error_is_one_message_and_a_status(
         }
     else:
         assert captured.out == ""
+
+
+def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFixture[str]) -> None:
+    def job(_monitor: Monitor, _say: Say) -> None:
+        logging.getLogger("fvs_engine.compilation").warning("Compiling failed (%s).", "no disk")
+
+    run_job(job, machine=True)
+    assert json.loads(capsys.readouterr().err) == {"message": "Compiling failed (no disk)."}
 
 
 def test_a_bug_is_not_dressed_up() -> None:

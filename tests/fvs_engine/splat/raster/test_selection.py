@@ -21,10 +21,14 @@ def broken_gsplat(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("broken_gsplat")
-def test_kernels_that_do_not_compile_are_no_bug_of_ours():
+def test_kernels_that_do_not_compile_are_no_bug_of_ours(caplog):
     with pytest.raises(BackendUnavailableError, match="cannot be compiled here: unsupported GNU version"):
         create_rasterizer("cuda")
+    assert not caplog.messages
     assert create_rasterizer("auto").name == "cpu"
+    (said,) = caplog.messages
+    assert "The CUDA device is not used." in said
+    assert "unsupported GNU version" in said
 
 
 def test_an_unknown_backend_gets_the_names_of_all():
