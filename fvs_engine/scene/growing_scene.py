@@ -21,6 +21,7 @@ from fvs_engine.scene.scene_files import SceneFiles, SceneMemory, ViewMemory
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
@@ -179,11 +180,13 @@ class GrowingScene:
         more = len(self.views) - self._initial_views
         return self.settings.initial_iterations + self.settings.iterations_per_view * more
 
-    def add(self, names: Sequence[str], monitor: Monitor) -> SceneUpdate:
+    def add(self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> SceneUpdate:
         """Visit the photographs ``names``: find their cameras, and seed Gaussians where new points are.
 
-        Names that were visited before change nothing. When this fails, the scene stays as it was. Raises
-        ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
+        ``positions``: where photographs were taken whose poses nobody knows, those of earlier calls included;
+        by default what GPS wrote into their EXIF. Structure from motion believes no place that contradicts
+        them. Names that were visited before change nothing. When this fails, the scene stays as it was.
+        Raises ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
         """
         unknown = [name for name in names if name not in self.dataset.by_name]
         if unknown and not self.dataset.arriving:
@@ -197,7 +200,7 @@ class GrowingScene:
             self.save()  # the pose source may never be more than one step ahead of the checkpoint
         began = time.monotonic()
         visited = self._visited + new
-        standing = self._source.stand(visited, monitor)
+        standing = self._source.stand(visited, monitor, positions)
         found = time.monotonic()
         change = self._change(standing, visited, monitor)
         registered = tuple(view.name for view, _ in change.added if view.name not in self._posed)

@@ -13,6 +13,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.sfm.mapping import read_witnesses
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, has_colmap_model, open_colmap
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
@@ -40,7 +41,12 @@ class KnownPoses:
         self._settings = settings
         self._color_agreements: dict[str, float | None] = {}
 
-    def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
+    def stand(
+        self,
+        visited: Sequence[str],
+        monitor: Monitor,
+        positions: Positions | None = None,  # noqa: ARG002 - whole poses say more
+    ) -> Standing:
         """See ``PoseSource``. Every view has its pose at once.
 
         Raises ``ReconstructionError`` when the photographs contradict the given poses: by the colours of the

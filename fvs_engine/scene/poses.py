@@ -6,6 +6,7 @@ from typing import Protocol
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
 
 
@@ -26,10 +27,11 @@ class Standing:
 class PoseSource(Protocol):
     """Poses of the visited views. What it keeps on disk is its own affair; it survives a kill."""
 
-    def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
+    def stand(self, visited: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> Standing:
         """Learn of the photographs ``visited`` that are new, and say where all of them stand.
 
         Asking the same again, after a kill, gives the same answer. It learns of no other photographs.
+        ``positions``: where photographs without poses in the dataset were taken, if somebody told.
         """
         ...
 

@@ -24,9 +24,9 @@ class SfmPoses:
         self._dataset = dataset
         self._growing = GrowingReconstruction.open(folder, dataset.image_dir, settings, monitor)
 
-    def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
+    def stand(self, visited: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> Standing:
         """See ``PoseSource``. Photographs that overlap nothing have no pose until the reconstruction grew."""
-        report = self._growing.add(visited, monitor, self._positions(visited))
+        report = self._growing.add(visited, monitor, self._positions(visited) or positions)
         reconstruction, among = self._growing.reconstruction, set(visited)
         return Standing(
             views=tuple(view for view in reconstruction.views if view.name in among),

@@ -26,7 +26,7 @@ _MAX_SHARE = 0.1
 _NOISE = 4.0
 """Robust standard deviations of the positions within which nobody is accused."""
 
-_GPS_ACCURACY_M = 5.0
+GPS_ACCURACY_M = 5.0
 """What a receiver without corrections reaches under an open sky."""
 
 
@@ -100,4 +100,4 @@ def positions_in_exif(database: Path) -> Positions:
     """What GPS wrote into the photographs of a database, in m; none when it wrote nothing."""
     names = {number: name for name, number in image_ids(database).items()}
     fixes = gps_positions(database)
-    return Positions({names[number]: fix for number, fix in fixes.items()}, _GPS_ACCURACY_M)
+    return Positions({names[number]: fix for number, fix in fixes.items()}, GPS_ACCURACY_M)

@@ -214,6 +214,41 @@ def test_what_the_sender_knows_wins_over_the_file(gateway: Any, photograph: Phot
     assert {name: prior[name] for name in told} == told
 
 
+def test_what_the_sender_does_not_tell_is_taken_from_the_file(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene()
+    attitude = {"yaw_deg": 90.0, "pitch_deg": -45.0}
+    here = {"latitude_deg": 48.31, "longitude_deg": 7.26, "altitude_m": 500.0}
+    fix = _gps((48, 18, 0), (7, 15, 0))
+    by_gps = gateway.put(scene, photograph(1, exif=fix), **attitude).json()["prior"]
+    assert by_gps["source"] == "metadata"
+    assert by_gps["latitude_deg"] == pytest.approx(48.3)
+    assert {name: by_gps[name] for name in attitude} == attitude
+    gimbal = _with_xmp(photograph(2, exif=fix), GimbalYawDegree="-30.5", GimbalPitchDegree="-60")
+    by_sender = gateway.put(scene, gimbal, **here, pitch_deg=-50).json()["prior"]
+    assert by_sender["source"] == "request"
+    assert {name: by_sender[name] for name in here} == here
+    assert (by_sender["yaw_deg"], by_sender["pitch_deg"]) == (-30.5, -50.0)
+
+
+def test_a_compass_is_of_no_use_in_a_local_frame(gateway: Any, photograph: Photograph) -> None:
+    scene = gateway.scene(world={"kind": "local"})
+    gimbal = _with_xmp(photograph(1), GimbalYawDegree="-30.5", GimbalPitchDegree="-60")
+    prior = gateway.put(scene, gimbal, x_m=1, y_m=2, z_m=3).json()["prior"]
+    assert (prior["x_m"], prior["yaw_deg"], prior["pitch_deg"]) == (1.0, None, -60.0)
+    assert gateway.put(scene, photograph(2), yaw_deg=10).json()["prior"]["yaw_deg"] == 10
+
+
+def _with_xmp(jpeg: bytes, **angles: str) -> bytes:
+    """The same JPEG with a gimbal's angles as DJI writes them."""
+    told = " ".join(f'drone-dji:{name}="{value}"' for name, value in angles.items())
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {told}/></rdf:RDF></x:xmpmeta>'
+    )
+    segment = b"http://ns.adobe.com/xap/1.0/\0" + packet.encode()
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + jpeg[2:]
+
+
 def test_positions_must_fit_the_world(gateway: Any, photograph: Photograph) -> None:
     automatic, local = gateway.scene(), gateway.scene(world={"kind": "local"})
     assert gateway.put(automatic, photograph(), x_m=1, y_m=2, z_m=3).status_code == 422

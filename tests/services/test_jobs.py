@@ -3,6 +3,7 @@ from typing import Any
 import pytest
 from fvs_service.errors import StaleLeaseError
 from fvs_service.jobs.model import JobError, JobState
+from fvs_service.jobs.repository import images_stage
 
 
 def _job(gateway: Any, job_id: str) -> dict[str, Any]:
@@ -26,6 +27,18 @@ def test_a_job_is_queued_and_given_to_the_engine(gateway: Any) -> None:
     assert gateway.engine.submitted[f"{job['id']}.1"].scene_id == scene
     again = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
     assert again.json()["id"] == job["id"]
+
+
+def test_a_job_that_asks_for_more_than_the_one_that_waits_is_refused(gateway: Any) -> None:
+    scene = gateway.scene()
+    waiting = gateway.queue(scene)
+    path = f"/v1/scenes/{scene}/jobs"
+    refused = gateway.client.post(path, json={"kind": "update", "iterations": 50})
+    assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+    assert waiting in refused.json()["detail"]
+    assert '{"kind":"update"}' in refused.json()["hint"]
+    gateway.client.post(f"/v1/jobs/{waiting}:cancel")
+    assert gateway.client.post(path, json={"kind": "update", "iterations": 50}).status_code == 202
 
 
 def test_a_job_whose_queue_was_away_is_submitted_later(gateway: Any) -> None:
@@ -76,6 +89,8 @@ def test_a_running_job_learns_that_it_should_stop(gateway: Any) -> None:
     assert not ledger.cancel_requested(job_id)
     assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "running"
     assert ledger.cancel_requested(job_id)
+    # Its ticket may wait in the queue again, after its worker died: without it nobody would end the job.
+    assert job_id not in [ticket.job_id for ticket in gateway.engine.canceled]
     ledger.cancel(lease, job_id)
     assert _job(gateway, job_id)["state"] == "canceled"
     assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "canceled"
@@ -144,6 +159,22 @@ def test_images_start_updates_as_the_policy_says(
         gateway.put(scene, photograph(seed))
         seen.append(len(gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]))
     assert seen == queued_after
+
+
+def test_images_that_the_running_update_takes_up_start_no_other(gateway: Any, photograph: Any) -> None:
+    scene = gateway.scene(policy={"trigger": "every-k-images", "k": 2, "first": 2})
+    gateway.model(scene)
+    before = len(gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"])
+    seen = []
+    for seed in range(4):
+        gateway.put(scene, photograph(seed))
+        jobs = gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"][before:]
+        seen.append(len(jobs))
+        if seed == 1:
+            ledger, lease = gateway.application.storage.ledger, gateway.lease(scene)
+            ledger.start(lease, jobs[0]["id"], 1)
+            ledger.commit_stage(lease, jobs[0]["id"], images_stage(1), {"last_number": 2})
+    assert seen == [0, 1, 1, 2]
 
 
 def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:

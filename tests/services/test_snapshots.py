@@ -135,6 +135,37 @@ def test_a_snapshot_is_committed_once_per_stage(gateway: Any, tmp_path: Path) ->
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == second.id
 
 
+def test_a_fine_model_that_knows_fewer_images_does_not_guide(gateway: Any, tmp_path: Path) -> None:
+    """Updates came while it was trained: rankings go on with the model that knows their images."""
+    from fvs_service.jobs.repository import find_job
+    from fvs_service.snapshots.service import NewSnapshot
+
+    scene, storage = gateway.scene(), gateway.application.storage
+    update = gateway.model(scene)
+    job_id, lease = gateway.queue(scene, "fine"), gateway.lease(scene)
+    storage.ledger.start(lease, job_id, 1)
+    with storage.database.reading() as session:
+        job = find_job(session, job_id)
+    metrics = storage.snapshots.get(_local(), update).metrics
+
+    def commit(stage: str, registered: int) -> str:
+        (tmp_path / "cameras.json").write_text("{}")
+        made = NewSnapshot(
+            metrics.model_copy(update={"registered": registered}),
+            Alignment(),
+            {"cameras.json": tmp_path / "cameras.json"},
+            (),
+            (),
+        )
+        return storage.snapshots.commit(lease, job, stage, made).id
+
+    behind = commit("behind", metrics.registered - 1)
+    assert gateway.client.get(f"/v1/jobs/{job_id}").json()["snapshot_id"] == behind
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == update
+    level = commit("level", metrics.registered)
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == level
+
+
 def test_a_snapshot_of_a_lost_lease_is_not_committed(gateway: Any, tmp_path: Path) -> None:
     from fvs_service.jobs.repository import find_job
     from fvs_service.snapshots.service import NewSnapshot

@@ -39,11 +39,11 @@ class AsyncRanking(_Resource, RankingData):
     """An immutable ranking; ``candidates`` come the first to be photographed first."""
 
     async def render(self, candidate: RankedCandidate | str) -> bytes:
-        """What a candidate sees of the model, as a PNG."""
+        """What a candidate sees of the ranking's snapshot, as a PNG."""
         return await self._draw(candidate, "render")
 
     async def spectrum(self, candidate: RankedCandidate | str) -> bytes:
-        """The spectrum that a candidate's score was computed from, as a PNG."""
+        """The spectrum of what a candidate sees, as a PNG."""
         return await self._draw(candidate, "spectrum")
 
     async def _draw(self, candidate: RankedCandidate | str, picture: str) -> bytes:
@@ -176,7 +176,10 @@ class AsyncSceneJobs:
         test_every: int | None = None,
         idempotency_key: str | None = None,
     ) -> AsyncJob:
-        """Queue a job; while one of its kind waits for its turn, that one is returned."""
+        """Queue a job; while the same one waits for its turn, that one is returned.
+
+        Raises ``ConflictError`` when the one that waits has other settings.
+        """
         request = requests.create_job(
             self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
         )
@@ -308,6 +311,10 @@ class AsyncScenes:
     async def get(self, scene_id: str) -> AsyncScene:
         """One scene."""
         return await self._session.fetch(AsyncScene, requests.get_scene(scene_id))
+
+    def images(self, scene_id: str) -> AsyncSceneImages:
+        """The images of a scene, without asking for the scene: for a device whose API key may only send."""
+        return AsyncSceneImages(self._session, scene_id)
 
     def list(self) -> AsyncIterator[AsyncScene]:
         """All scenes, the oldest first."""

@@ -39,11 +39,11 @@ class Ranking(_Resource, RankingData):
     """An immutable ranking; ``candidates`` come the first to be photographed first."""
 
     def render(self, candidate: RankedCandidate | str) -> bytes:
-        """What a candidate sees of the model, as a PNG."""
+        """What a candidate sees of the ranking's snapshot, as a PNG."""
         return self._draw(candidate, "render")
 
     def spectrum(self, candidate: RankedCandidate | str) -> bytes:
-        """The spectrum that a candidate's score was computed from, as a PNG."""
+        """The spectrum of what a candidate sees, as a PNG."""
         return self._draw(candidate, "spectrum")
 
     def _draw(self, candidate: RankedCandidate | str, picture: str) -> bytes:
@@ -176,7 +176,10 @@ class SceneJobs:
         test_every: int | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Queue a job; while one of its kind waits for its turn, that one is returned."""
+        """Queue a job; while the same one waits for its turn, that one is returned.
+
+        Raises ``ConflictError`` when the one that waits has other settings.
+        """
         request = requests.create_job(
             self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
         )
@@ -306,6 +309,10 @@ class Scenes:
     def get(self, scene_id: str) -> Scene:
         """One scene."""
         return self._session.fetch(Scene, requests.get_scene(scene_id))
+
+    def images(self, scene_id: str) -> SceneImages:
+        """The images of a scene, without asking for the scene: for a device whose API key may only send."""
+        return SceneImages(self._session, scene_id)
 
     def list(self) -> Iterator[Scene]:
         """All scenes, the oldest first."""

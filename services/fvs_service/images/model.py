@@ -45,7 +45,7 @@ class ImageWarning(StrEnum):
 
 
 class PriorSource(StrEnum):
-    """Who told where an image was taken."""
+    """Who told where an image was taken (or how it was turned, where nobody told a place)."""
 
     REQUEST = "request"
     METADATA = "metadata"
@@ -82,7 +82,10 @@ class Prior(Model):
 
 
 class ImageMetadata(Model):
-    """What the sender knows of an image; it wins over what the file says. All of it is optional."""
+    """What the sender knows of an image; it wins over what the file says. All of it is optional.
+
+    Where nothing is told, the file's own position and angles are taken.
+    """
 
     name: ImageName | None = None
     captured_at: Timestamp | None = None

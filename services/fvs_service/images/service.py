@@ -39,6 +39,8 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 
+_PLACE = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
+
 
 class Images:
     """Checks, stores and shows images."""
@@ -236,7 +238,7 @@ def _image(
         verdict, reason = Verdict.DUPLICATE, f"{twin.name} has the same pixels."
         hint = "It adds nothing, and is not used."
     accepted = verdict is Verdict.ACCEPTED
-    prior = metadata.prior() or _prior_of(inspection, scene)
+    prior = _prior(metadata, inspection, scene)
     warnings = inspection.warnings
     if prior is not None and not _fits(prior, scene) and ImageWarning.NO_FIX not in warnings:
         warnings += (ImageWarning.NO_FIX,)
@@ -263,16 +265,31 @@ def _image(
     )
 
 
+def _prior(metadata: ImageMetadata, inspection: Inspection, scene: Scene) -> Prior | None:
+    """What the sender told and, where the sender is silent, what the file says: its position, each angle."""
+    told, found = metadata.prior(), _prior_of(inspection, scene)
+    if told is None or found is None:
+        return told or found
+    placed = told.geodetic or told.local
+    rest = found.model_dump(exclude=set(_PLACE) if placed else None, exclude_none=True)
+    both = {**rest, **told.model_dump(exclude_none=True)}
+    if found.geodetic and not placed:
+        both["source"] = found.source
+    return Prior(**both)
+
+
 def _prior_of(inspection: Inspection, scene: Scene) -> Prior | None:
-    """What the file itself says; its GPS is of no use in a local frame."""
+    """What the file itself says; its GPS and its compass are of no use in a frame that knows no north."""
     told = inspection.priors
-    values = {"yaw_deg": told.yaw_deg, "pitch_deg": told.pitch_deg, "roll_deg": told.roll_deg}
-    if not isinstance(scene.world, LocalWorld) and told.latitude_deg is not None:
-        values |= {
-            "latitude_deg": told.latitude_deg,
-            "longitude_deg": told.longitude_deg,
-            "altitude_m": told.altitude_m,
-        }
+    values = {"pitch_deg": told.pitch_deg, "roll_deg": told.roll_deg}
+    if not isinstance(scene.world, LocalWorld):
+        values["yaw_deg"] = told.yaw_deg
+        if told.latitude_deg is not None:
+            values |= {
+                "latitude_deg": told.latitude_deg,
+                "longitude_deg": told.longitude_deg,
+                "altitude_m": told.altitude_m,
+            }
     given = {name: value for name, value in values.items() if value is not None}
     if not given:
         return None

@@ -32,7 +32,7 @@ class JobEngine(Protocol):
         ...
 
     def request_cancel(self, ticket: JobTicket) -> None:
-        """Take an attempt out of the queue if it has not begun.
+        """Take an attempt that has not begun, and whose job is ended already, out of the queue.
 
         A running job learns of it from ``Ledger.cancel_requested``; the slot stays taken until it has
         stopped.

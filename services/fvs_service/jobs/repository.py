@@ -10,7 +10,7 @@ from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
 from fvs_service.jobs.port import JobTicket
 from fvs_service.principal import Principal
-from fvs_service.storage.tables import JobRow
+from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 
@@ -79,6 +79,29 @@ def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:
         )
     )
     return None if row is None else to_job(row)
+
+
+def images_to_come(session: Session, scene_id: str) -> int:
+    """How many accepted images were offered to no update yet, not to the one that runs either."""
+    running = session.scalar(
+        select(JobRow).where(
+            JobRow.scene_id == scene_id,
+            JobRow.kind == JobKind.UPDATE.value,
+            JobRow.state == JobState.RUNNING.value,
+        )
+    )
+    taken = None if running is None else session.get(JobStageRow, (running.id, images_stage(running.attempt)))
+    query = select(func.count()).where(
+        ImageRow.scene_id == scene_id,
+        ImageRow.registration == "pending",
+        ImageRow.number > (0 if taken is None else taken.document["last_number"]),
+    )
+    return session.scalar(query) or 0
+
+
+def images_stage(attempt: int) -> str:
+    """The stage that keeps the ``last_number`` of the images that an attempt takes up."""
+    return f"images-{attempt}"
 
 
 def open_jobs(session: Session, tenant_id: str) -> int:

@@ -32,7 +32,10 @@ class Jobs:
         self._limits = limits
 
     def create(self, principal: Principal, scene_id: str, request: JobRequest, key: str | None = None) -> Job:
-        """Queue a job. While one of its kind waits for its turn in the scene, that one is returned."""
+        """Queue a job. While the same one waits for its turn in the scene, that one is returned.
+
+        Raises ``ConflictError`` when the one that waits has other settings.
+        """
         principal.require(Scope.OPERATE, scene_id)
         remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
         with self._database.writing() as session:
@@ -77,16 +80,16 @@ class Jobs:
                 state=JobState.CANCELED.value,
                 finished_at=now(),
             )
-            if stopped is not None:
-                publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
-                job = stopped
-            else:
+            if stopped is None:
+                # A running job's ticket stays: after a worker's death it waits in the queue again, and
+                # whoever takes it writes down that the job has stopped.
                 asked = repository.change(
                     session, job_id, in_state=(JobState.RUNNING,), cancel_requested=True
                 )
-                job = asked or job
-        self._engine.request_cancel(repository.ticket_of(job))
-        return job
+                return asked or job
+            publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
+        self._engine.request_cancel(repository.ticket_of(stopped))
+        return stopped
 
     def retry(self, principal: Principal, job_id: str) -> Job:
         """Queue a failed or canceled job again; the stages that it finished are not repeated."""
@@ -127,7 +130,7 @@ class Jobs:
         if policy.trigger is Trigger.ON_REQUEST or counts.accepted < policy.first:
             return
         due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k
-        if counts.pending >= due:
+        if counts.pending >= due and repository.images_to_come(session, scene.id) >= due:
             self._queue(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
 
     def submit_waiting(self) -> None:
@@ -147,6 +150,12 @@ class Jobs:
     ) -> Job:
         waiting = repository.queued_job(session, scene.id, request.kind)
         if waiting is not None:
+            if limited and waiting.request != request:
+                asked = waiting.request.model_dump_json(exclude_none=True)
+                raise ConflictError(
+                    f"{waiting.id} waits for its turn in the scene, with other settings than these.",
+                    hint=f"Cancel it first, or ask for what it does: {asked}.",
+                )
             return waiting
         if limited and repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
             raise LimitExceededError(

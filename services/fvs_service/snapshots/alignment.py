@@ -8,7 +8,7 @@ from fvs_engine.geometry import RigidTransform, quaternion_from_matrix
 from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
 from fvs_engine.geometry.georeference import georeference
 from fvs_service.images.model import Image, Prior
-from fvs_service.scenes.model import Alignment, AlignmentStatus, Scene
+from fvs_service.scenes.model import Alignment, AlignmentStatus, Origin, Scene
 from fvs_service.scenes.poses import place_of
 
 
@@ -24,7 +24,7 @@ def align(
         for digest, camera in model_from_camera.items()
         if (image := images.get(digest)) is not None
         and image.prior is not None
-        and (position := _position(scene, image.prior)) is not None
+        and (position := place_told(image.prior, scene.origin)) is not None
     ]
     if not known:
         return Alignment()
@@ -47,19 +47,20 @@ def align(
     )
 
 
-def _position(scene: Scene, prior: Prior) -> np.ndarray | None:
+def place_told(prior: Prior, origin: Origin | None) -> np.ndarray | None:
+    """The place [3] in the scene's world that a prior tells, None when it tells none that fits there."""
     if prior.x_m is not None and prior.y_m is not None and prior.z_m is not None:
         return np.array([prior.x_m, prior.y_m, prior.z_m])
     if (
         prior.latitude_deg is None
         or prior.longitude_deg is None
         or prior.altitude_m is None
-        or scene.origin is None
-        or prior.altitude_datum is not scene.origin.altitude_datum
+        or origin is None
+        or prior.altitude_datum is not origin.altitude_datum
     ):
         return None
     place = GeodeticPosition(prior.latitude_deg, prior.longitude_deg, prior.altitude_m)
-    return enu_from_geodetic(place, place_of(scene.origin))
+    return enu_from_geodetic(place, place_of(origin))
 
 
 def _attitude(prior: Prior | None) -> np.ndarray | None:

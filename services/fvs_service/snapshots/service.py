@@ -5,18 +5,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from sqlalchemy.orm import Session
+
 from fvs_service.errors import NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.images.repository import register
 from fvs_service.jobs.ledger import attach_snapshot, record_stage
-from fvs_service.jobs.model import Job
+from fvs_service.jobs.model import Job, JobKind
 from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.model import Alignment
-from fvs_service.scenes.repository import scene_of, set_snapshot
+from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
 from fvs_service.snapshots import repository
 from fvs_service.snapshots.model import (
     MEDIA_TYPES,
@@ -92,6 +94,9 @@ class Snapshots:
     def commit(self, lease: Lease, job: Job, stage: str, made: NewSnapshot) -> Snapshot:
         """Keep what a worker has made and point the scene at it, in one step and once per job and stage.
 
+        The scene stays with the snapshot that it has if that knows more images: updates came while a fine
+        model was trained, and what they learned must go on guiding the vehicle.
+
         The artefacts are in the store before the row is written; the row, the scene's pointer, the images'
         registrations and the stage's record are one transaction that the lease's token fences. Raises
         ``StaleLeaseError``; then nothing has changed.
@@ -120,7 +125,8 @@ class Snapshots:
             require_lease(session, lease)
             repository.add_snapshot(session, snapshot)
             register(session, lease.scene_id, made.registered, made.without_overlap)
-            set_snapshot(session, lease.scene_id, snapshot_id)
+            if not _is_behind(session, snapshot):
+                set_snapshot(session, lease.scene_id, snapshot_id)
             attach_snapshot(session, job.id, snapshot_id)
             record_stage(session, job.id, stage, {"snapshot_id": snapshot_id})
             told = {
@@ -138,6 +144,16 @@ class Snapshots:
             if row is None:
                 return None
             return repository.find_snapshot(session, row.document["snapshot_id"])
+
+
+def _is_behind(session: Session, snapshot: Snapshot) -> bool:
+    """Whether a fine model knows fewer images than the model that the scene has by now."""
+    if snapshot.kind is not JobKind.FINE:
+        return False
+    present = find_scene_head(session, snapshot.scene_id).snapshot_id
+    if present is None:
+        return False
+    return repository.find_snapshot(session, present).metrics.registered > snapshot.metrics.registered
 
 
 def artifact_key(scene_id: str, snapshot_id: str, name: str) -> str:

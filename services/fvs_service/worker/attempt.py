@@ -21,7 +21,7 @@ from fvs_service.images.repository import accepted_images
 from fvs_service.images.service import with_senders_names
 from fvs_service.jobs.model import Job, JobError, JobKind
 from fvs_service.jobs.port import JobTicket
-from fvs_service.jobs.repository import find_job
+from fvs_service.jobs.repository import find_job, images_stage
 from fvs_service.scenes.repository import find_scene
 from fvs_service.snapshots.alignment import align
 from fvs_service.snapshots.service import NewSnapshot
@@ -99,9 +99,11 @@ class Attempts:
             if self._host.stopping:
                 threading.Event().wait()  # the process ends; the attempt is taken up by the next one
             try:
-                if tries.in_vain(self._progress(ticket)) >= MAX_TRIES:
+                if self._storage.ledger.cancel_requested(ticket.job_id):
+                    self._cancel(ticket)
+                elif tries.in_vain(self._progress(ticket)) >= MAX_TRIES:
                     self._give_up(ticket, reason)
-                elif self._turns.take(ticket.scene_id, ticket.kind, lambda: self._over(ticket)):
+                elif self._turns.take(ticket.scene_id, ticket.kind, lambda: self._unwanted(ticket)):
                     try:
                         self._try(ticket, tries)
                     finally:
@@ -138,6 +140,10 @@ class Attempts:
             return False
         return job.state.ended or job.attempt != ticket.attempt
 
+    def _unwanted(self, ticket: JobTicket) -> bool:
+        """Whether there is nothing to wait for: it is over, or is to be canceled."""
+        return self._over(ticket) or self._storage.ledger.cancel_requested(ticket.job_id)
+
     def _progress(self, ticket: JobTicket) -> float:
         """How far the job has come; 0 while nobody knows."""
         try:
@@ -152,7 +158,7 @@ class Attempts:
             request = find_job(session, ticket.job_id).request
             images = accepted_images(session, ticket.scene_id)
         need = job_need_bytes(request, images, self._storage.settings.worker)
-        with self._host.hold(ticket.scene_id, need, lambda: self._over(ticket)) as hosted:
+        with self._host.hold(ticket.scene_id, need, lambda: self._unwanted(ticket)) as hosted:
             if hosted is None:
                 tries.excuse()
                 return
@@ -204,6 +210,7 @@ class Attempts:
             request=job.request,
             images=images,
             camera=scene.camera,
+            origin=scene.origin,
             snapshot_id=scene.snapshot_id,
         )
         outcome = self._converse(hosted, job, question)
@@ -214,7 +221,7 @@ class Attempts:
         with self._storage.database.reading() as session:
             images = accepted_images(session, job.scene_id)
         last = max((image.number for image in images), default=0)
-        stage = f"images-{job.attempt}"
+        stage = images_stage(job.attempt)
         kept = self._storage.ledger.stage(job.id, stage)
         if kept is None:
             kept = {"last_number": last}
@@ -286,6 +293,15 @@ class Attempts:
             without_overlap=outcome.waiting if updating else (),
         )
         self._storage.snapshots.commit(hosted.lease, job, _SNAPSHOT_STAGE, made)
+
+    def _cancel(self, ticket: JobTicket) -> None:
+        """End an attempt that broke off, and is not wanted any more: no runner need be started for that."""
+        with self._host.leased(ticket.scene_id, lambda: self._over(ticket)) as lease:
+            if (
+                lease is not None
+                and self._storage.ledger.start(lease, ticket.job_id, ticket.attempt) is not None
+            ):
+                self._storage.ledger.cancel(lease, ticket.job_id)
 
     def _give_up(self, ticket: JobTicket, reason: str) -> None:
         """Fail an attempt that breaks off again and again; ``reason`` is the last one."""

@@ -53,12 +53,16 @@ class MemoryBudget:
         self._reserved: dict[str, int] = {}
 
     def reserve(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> bool:
-        """Wait until the scene may use so much, in place of what it had; False when ``give_up`` says so."""
+        """Wait until the scene may use so much, or what it has if that is more.
+
+        Returns False when ``give_up`` says so first.
+        """
         while True:
             with self._changed:
+                need = max(need_bytes, self._reserved.get(scene_id, 0))
                 others = sum(size for name, size in self._reserved.items() if name != scene_id)
-                if others == 0 or others + need_bytes <= self._limit_bytes:
-                    self._reserved[scene_id] = need_bytes
+                if others == 0 or others + need <= self._limit_bytes:
+                    self._reserved[scene_id] = need
                     return True
             if self._make_room():
                 continue

@@ -69,9 +69,7 @@ class Host:
             yield hosted
         finally:
             if hosted is not None:
-                with self._lock:
-                    hosted.busy -= 1
-                self._budget.shrink(scene_id, self._warm_need(scene_id))
+                self._let_go(hosted)
 
     @contextmanager
     def leased(self, scene_id: str, give_up: Callable[[], bool]) -> Iterator[Lease | None]:
@@ -141,6 +139,17 @@ class Host:
                 self._budget.release(scene_id)
                 return None
             return self._start(lease)
+
+    def _let_go(self, hosted: Hosted) -> None:
+        """One that worked with the scene is done; the last one leaves it what a warm model needs."""
+        need = None
+        try:
+            need = self._warm_need(hosted.lease.scene_id)
+        finally:
+            with self._lock:
+                hosted.busy -= 1
+                if hosted.busy == 0 and need is not None:
+                    self._budget.shrink(hosted.lease.scene_id, need)
 
     def _start(self, lease: Lease) -> Hosted:
         keep = _Extender(self._storage, lease)

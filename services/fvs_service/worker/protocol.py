@@ -27,7 +27,7 @@ from fvs_service.errors import (
 from fvs_service.images.model import Image
 from fvs_service.jobs.model import JobRequest
 from fvs_service.rankings.port import DrawView, Picture, RankViews, RunnerView
-from fvs_service.scenes.model import CameraPrior
+from fvs_service.scenes.model import CameraPrior, Origin
 from fvs_service.snapshots.model import SnapshotMetrics
 
 MAX_LINE_BYTES = 64_000_000
@@ -107,8 +107,8 @@ class DrawQuestion(Message):
 class JobQuestion(Message):
     """Do a job up to its files; the answer is a ``JobOutcome``.
 
-    ``images`` are those that the scene may learn from; ``snapshot_id`` is the scene's latest snapshot, None
-    before the first.
+    ``images`` are those that the scene may learn from; ``origin`` is that of the world in which they tell
+    where they were taken; ``snapshot_id`` is the scene's latest snapshot, None before the first.
     """
 
     kind: Literal["job"] = "job"
@@ -116,6 +116,7 @@ class JobQuestion(Message):
     request: JobRequest
     images: tuple[Image, ...]
     camera: CameraPrior | None
+    origin: Origin | None
     snapshot_id: str | None
 
 

@@ -120,6 +120,18 @@ def test_a_runner_that_does_not_start_is_given_up(gateway: Any) -> None:
     assert found["error"]["message"].endswith("The runner did not start.")
 
 
+def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: Any) -> None:
+    job = gateway.queue(scene := gateway.scene())
+    storage = gateway.application.storage
+    dead = gateway.lease(scene)
+    storage.ledger.start(dead, job, 1)
+    gateway.client.post(f"/v1/jobs/{job}:cancel")
+    host = PlayedHost(gateway, None)
+    Attempts(storage, cast(Host, host)).run(gateway.engine.submitted[f"{job}.1"])
+    assert host.started == 0
+    assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
+
+
 def test_tries_of_workers_that_died_count(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
     ticket = gateway.engine.submitted[f"{job}.1"]

@@ -48,6 +48,15 @@ def test_a_scene_is_not_in_its_own_way() -> None:
     assert budget.reserve("a", 90, lambda: True)
 
 
+def test_a_question_does_not_take_from_a_scene_what_its_job_needs() -> None:
+    budget = MemoryBudget(100, make_room=_never)
+    assert budget.reserve("learning", 80, _never)
+    assert budget.reserve("learning", 10, _never)
+    assert not budget.reserve("another", 50, lambda: True)
+    budget.shrink("learning", 10)
+    assert budget.reserve("another", 50, lambda: True)
+
+
 def test_a_fine_model_needs_more_than_an_update() -> None:
     settings = WorkerSettings()
     update = job_need_bytes(JobRequest(kind=JobKind.UPDATE), (), settings)

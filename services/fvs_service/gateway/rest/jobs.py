@@ -35,7 +35,7 @@ def create_job(
     response: Response,
     key: IdempotencyKey = None,
 ) -> Job:
-    """Queue a job; while one of its kind waits for its turn in the scene, that one is answered."""
+    """Queue a job; while the same one waits for its turn in the scene, that one is answered."""
     job = app.jobs.create(caller, scene_id, request, key)
     located(response, f"/v1/jobs/{job.id}")
     return job

@@ -38,6 +38,7 @@ from fvs_service.worker.runner.pace import JobMonitor
 from fvs_service.worker.runner.photographs import place_photographs
 from fvs_service.worker.runner.quality import Quality, measure, spread
 from fvs_service.worker.runner.states import States
+from fvs_service.worker.runner.told_positions import told_positions
 
 _SAVE_EVERY_S = 30.0
 _MOST_MEASURED = 16
@@ -146,7 +147,7 @@ class Learner:
             )
         scene = self._open_scene(question.request, monitor, warn)
         self._learned = scene.iteration
-        update = scene.add(tuple(images), monitor)
+        update = scene.add(tuple(images), monitor, told_positions(images, question.origin))
         foresight = self._foresight(question, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)

@@ -1,0 +1,106 @@
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fvs_service.images.model import Image, Prior, PriorSource, Registration, Verdict
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.model import now
+from fvs_service.scenes.model import AltitudeDatum, Origin
+from fvs_service.settings import WorkerSettings
+from fvs_service.storage.blobs import Blobs
+from fvs_service.worker.protocol import JobQuestion
+from fvs_service.worker.runner import learning
+from fvs_service.worker.runner.told_positions import told_positions
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+
+_ORIGIN = Origin(latitude_deg=48.0, longitude_deg=7.0, altitude_m=400.0)
+
+
+def _image(number: int, prior: Prior | None) -> Image:
+    return Image(
+        digest=f"sha256:{number:064x}",
+        scene_id="scn",
+        number=number,
+        name=f"{number}.jpg",
+        verdict=Verdict.ACCEPTED,
+        reason="",
+        hint="",
+        warnings=(),
+        duplicate_of=None,
+        registration=Registration.PENDING,
+        size_bytes=1,
+        format="JPEG",
+        width_px=64,
+        height_px=48,
+        focal_length_px=None,
+        sharpness=1.0,
+        prior=prior,
+        captured_at=None,
+        received_at=now(),
+    )
+
+
+def _local(number: int) -> Image:
+    return _image(number, Prior(source=PriorSource.REQUEST, x_m=number, y_m=2.0, z_m=3.0))
+
+
+def _geodetic(number: int, source: PriorSource) -> Image:
+    place = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 400.0 + number}
+    return _image(number, Prior(source=source, altitude_datum=AltitudeDatum.SEA_LEVEL, **place))
+
+
+def _named(*images: Image) -> Mapping[str, Image]:
+    return {f"{image.number:06d}.jpg": image for image in images}
+
+
+def test_places_are_those_of_the_world() -> None:
+    told = told_positions(_named(_local(1), _image(2, None)), None)
+    assert told is not None
+    assert (list(told.places), told.accuracy) == (["000001.jpg"], 0.0)
+    np.testing.assert_array_equal(told.places["000001.jpg"], [1.0, 2.0, 3.0])
+    mixed = _named(_geodetic(1, PriorSource.METADATA), _geodetic(2, PriorSource.REQUEST))
+    by_gps = told_positions(mixed, _ORIGIN)
+    assert by_gps is not None
+    assert by_gps.accuracy > 0
+    np.testing.assert_allclose(by_gps.places["000002.jpg"], [0.0, 0.0, 2.0], atol=1e-6)
+    assert len(by_gps.places) == 2
+
+
+def test_what_only_files_tell_is_left_to_structure_from_motion() -> None:
+    assert told_positions(_named(_geodetic(1, PriorSource.METADATA)), _ORIGIN) is None
+    assert told_positions(_named(_image(1, None)), None) is None
+    attitude = _image(1, Prior(source=PriorSource.REQUEST, yaw_deg=1.0))
+    assert told_positions(_named(attitude), _ORIGIN) is None
+
+
+def test_an_update_is_told_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = [_local(number) for number in range(3)]
+    heard: list[Any] = []
+
+    def add(_names: Any, _monitor: Any, positions: Any) -> None:
+        heard.append(positions)
+        raise Cancelled("Enough.")
+
+    opened = SimpleNamespace(open=lambda *_: SimpleNamespace(iteration=0, add=add))
+    place: Callable[..., Mapping[str, Image]] = lambda *_: _named(*images)  # noqa: E731
+    monkeypatch.setattr(learning, "GrowingScene", opened)
+    monkeypatch.setattr(learning, "place_photographs", place)
+    states: Any = SimpleNamespace(forget_live=lambda: None)
+    learner = learning.Learner(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)
+    question = JobQuestion(
+        job_id="job",
+        request=JobRequest(kind=JobKind.UPDATE),
+        images=tuple(images),
+        camera=None,
+        origin=None,
+        snapshot_id=None,
+    )
+    monitor: Any = Monitor()
+    with pytest.raises(Cancelled):
+        learner.run(question, monitor, lambda _sentence: None)
+    assert [list(positions.places) for positions in heard] == [["000000.jpg", "000001.jpg", "000002.jpg"]]
