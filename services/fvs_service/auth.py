@@ -36,6 +36,11 @@ class ApiKey:
     expires_at: datetime | None
     revoked_at: datetime | None
 
+    @property
+    def valid(self) -> bool:
+        """Whether it opens anything now."""
+        return self.revoked_at is None and (self.expires_at is None or self.expires_at > now())
+
 
 class Keys:
     """Makes, lists, revokes and checks API keys."""

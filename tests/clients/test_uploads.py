@@ -16,6 +16,8 @@ from fvs_client import (
     UploadReport,
     Verdict,
 )
+from fvs_client.cli.app import app
+from typer.testing import CliRunner
 
 
 def test_a_folder_is_sent_once_and_its_bytes_never_again(
@@ -187,10 +189,12 @@ def test_a_key_that_may_only_send_gets_no_verdicts_of_known_images(
         scene = client.scenes.create("quarry")
     key = gateway.key("t", scopes=frozenset({Scope.UPLOAD}))["Authorization"].removeprefix("Bearer ")
     with Client(str(gateway.client.base_url), key) as device:
-        images = scene.images.__class__(device._session, scene.id)
+        images = device.scenes.images(scene.id)
         assert all(file.image is not None for file in images.upload(photographs).files)
         again = images.upload(photographs)
     assert [file.image for file in again.already_there] == [None] * 3
+    command = ["--url", str(gateway.client.base_url), "--api-key", key, "upload", scene.id, str(photographs)]
+    assert CliRunner().invoke(app, command).stdout == "0 sent (0.0 MB), 3 there already\n"
 
 
 def _received_bytes(gateway: Any) -> float:

@@ -15,7 +15,8 @@ from fvs_client import (
     Retries,
     WaitTimeoutError,
 )
-from fvs_client.operations.events import MessageDecoder
+from fvs_client.effects import OpenReply
+from fvs_client.operations.events import MessageDecoder, follow
 from fvs_client.resources import Job, Scene
 from fvs_service.jobs.model import JobError
 
@@ -195,6 +196,18 @@ def test_events_from_now_on_leave_out_the_past(scene: Scene) -> None:
     event = next(iter(scene.events(after=None)))
     timer.join()
     assert event.kind == "job.queued"
+
+
+def test_a_stream_that_broke_before_its_first_event_leaves_none_out() -> None:
+    following = follow("scn", None, Retries(first_s=0.0))
+    first = next(following).request
+    assert (first.params, "Last-Event-ID" in first.headers) == ({"tail": "true"}, False)
+    following.send(OpenReply(200, {}, "stream"))
+    following.send(b"retry: 1000\nid: 41\n\n")
+    following.throw(ConnectionFailedError("It broke."))
+    again = following.send(None).request
+    assert (again.params, again.headers["Last-Event-ID"]) == ({}, "41")
+    following.close()
 
 
 def test_events_that_cannot_be_had_raise(url: str) -> None:

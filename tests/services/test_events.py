@@ -1,3 +1,4 @@
+import itertools
 import json
 import threading
 import time
@@ -24,7 +25,7 @@ def _messages(lines: Iterator[str]) -> Iterator[dict[str, str]]:
 
 @pytest.fixture
 def server(serve: Any) -> Any:
-    return serve(event_heartbeat_s=0.2, limits={"event_streams_per_tenant": 2})
+    return serve(event_heartbeat_s=0.2)
 
 
 def test_past_and_coming_events_arrive_in_order(server: Any) -> None:
@@ -74,6 +75,15 @@ def test_a_tail_leaves_out_the_past_unless_it_is_resumed(server: Any) -> None:
         assert next(_messages(stream.iter_lines())) == first
 
 
+def test_a_stream_says_first_from_where_it_can_be_resumed(server: Any) -> None:
+    scene = server.scene()
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
+        head = list(itertools.takewhile(bool, stream.iter_lines()))
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
+        newest = next(_messages(stream.iter_lines()))["id"]
+    assert head == ["retry: 1000", f"id: {newest}"]
+
+
 def test_a_quiet_stream_says_that_it_lives(server: Any) -> None:
     scene = server.scene()
     with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
@@ -82,7 +92,8 @@ def test_a_quiet_stream_says_that_it_lives(server: Any) -> None:
         assert next(messages) == {"comment": "nothing new"}
 
 
-def test_streams_are_limited_and_places_come_back(server: Any) -> None:
+def test_streams_are_limited_and_places_come_back(serve: Any) -> None:
+    server = serve(limits={"event_streams_per_tenant": 2})
     scene = server.scene()
     path = f"/v1/scenes/{scene}/events"
     with server.client.stream("GET", path) as one, server.client.stream("GET", path) as two:

@@ -2,12 +2,17 @@ import signal
 import socket
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import httpx2
+import pytest
 import uvicorn
+from fvs_service.application import open_storage
 from fvs_service.cli.app import app
-from fvs_service.gateway.server import listen
+from fvs_service.errors import ForbiddenError
+from fvs_service.gateway.server import listen, require_protection
+from fvs_service.settings import Settings
 from typer.testing import CliRunner, Result
 
 PROGRAM = str(Path(sys.executable).with_name("fvs"))
@@ -46,6 +51,17 @@ def test_others_get_in_only_with_a_key(tmp_path: Path) -> None:
     assert "fvs keys create" in refused.stderr
 
 
+def test_keys_that_have_expired_let_nobody_in(tmp_path: Path) -> None:
+    settings = Settings(root=tmp_path / "service", require_keys=True)
+    with open_storage(settings) as storage:
+        storage.keys.create("old", valid_for=timedelta(seconds=-1))
+    with pytest.raises(ForbiddenError, match="FVS_REQUIRE_KEYS"):
+        require_protection(settings)
+    with open_storage(settings) as storage:
+        storage.keys.create("new", valid_for=timedelta(days=1))
+    require_protection(settings)
+
+
 def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:
     root = ["--root", str(tmp_path / "service")]
     key = _fvs("keys", "create", "drone 7", "--scope", "upload", *root).stdout.strip()
@@ -53,7 +69,7 @@ def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:
     listed = _fvs("keys", "list", *root).stdout
     assert key_id in listed
     assert "drone 7" in listed
-    assert key.rpartition("_")[2] not in listed
+    assert key.split("_", 2)[2] not in listed
     assert _fvs("keys", "revoke", key_id, *root).exit_code == 0
     assert "revoked" in _fvs("keys", "list", *root).stdout
     assert _fvs("keys", "revoke", "unknown", *root).exit_code == 2

@@ -75,8 +75,14 @@ def require_protection(settings: Settings) -> None:
     if not settings.keys_required:
         return
     with open_storage(settings) as storage:
-        if not any(key.revoked_at is None for key in storage.keys.all()):
-            raise ForbiddenError(
-                f"Programs on other machines can reach {settings.host}, and there is no API key.",
-                hint="Make one first: fvs keys create NAME. Or listen on 127.0.0.1.",
-            )
+        if any(key.valid for key in storage.keys.all()):
+            return
+    if settings.loopback:
+        raise ForbiddenError(
+            "FVS_REQUIRE_KEYS is set, and there is no API key.",
+            hint="Make one first: fvs keys create NAME.",
+        )
+    raise ForbiddenError(
+        f"Programs on other machines can reach {settings.host}, and there is no API key.",
+        hint="Make one first: fvs keys create NAME. Or listen on 127.0.0.1.",
+    )

@@ -29,7 +29,8 @@ def upload(
             f"There is no photograph in {where}: no file in {', '.join(sorted(SUFFIXES))}."
         )
     with service(context, as_json=as_json, patient=True) as client:
-        images = find_scene(client, scene).images
+        # A device's key may only send: with the scene's id there is nothing to look up.
+        images = client.scenes.images(scene) if scene.startswith("scn_") else find_scene(client, scene).images
         with display("Sending photographs", as_json=as_json, in_bytes=True) as shown:
 
             def on_progress(progress: UploadProgress) -> None:

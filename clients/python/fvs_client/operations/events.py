@@ -27,6 +27,8 @@ class MessageDecoder:
     """Turns bytes, however they are cut, into messages; leaves out comments (heartbeats)."""
 
     def __init__(self) -> None:
+        self.last_id: int | None = None
+        """From where to resume: also the stream's beginning has one."""
         self._rest = b""
         self._event, self._data = "", list[str]()
 
@@ -54,6 +56,8 @@ class MessageDecoder:
             self._event = value
         elif name == "data":
             self._data.append(value)
+        elif name == "id" and value.isascii() and value.isdigit():
+            self.last_id = int(value)
         return None
 
 
@@ -82,6 +86,8 @@ def follow(scene_id: str, after: int | None, retries: Retries) -> Operation[None
                 for event in events_in(decoder, chunk):
                     after = event.number
                     yield Emit(event)
+                if after is None:
+                    after = decoder.last_id
             yield Close(reply.stream)
             pause = retries.first_s  # the service ended it: it stops, or starts anew
         except FvsError as error:

@@ -15,7 +15,7 @@ from fvs_service.telemetry import Metrics
 
 router = APIRouter(prefix="/v1/scenes", tags=["events"])
 
-_RECONNECT = "retry: 1000\n\n"
+_RECONNECT_MS = 1000
 _HEARTBEAT = ": nothing new\n\n"
 _STREAM = {200: {"description": "Events as they come.", "content": {"text/event-stream": {}}}}
 
@@ -46,7 +46,8 @@ async def _stream(
     feed: EventFeed, metrics: Metrics, place: ExitStack, scene_id: str, after: int
 ) -> AsyncIterator[str]:
     with place, metrics.streams.track_inprogress():
-        yield _RECONNECT
+        # The id lets whoever left out the past resume from here, also when nothing has come yet.
+        yield f"retry: {_RECONNECT_MS}\nid: {after}\n\n"
         async for event in feed.follow(scene_id, after):
             yield _HEARTBEAT if event is None else _message(event)
 

@@ -46,6 +46,6 @@ def draw_candidate(
     candidate_id: Annotated[str, Path(max_length=128, examples=["orbit-0000"])],
     picture: Picture,
 ) -> Response:
-    """Show what a candidate sees of the model, or the spectrum that its score was computed from."""
+    """Show what a candidate sees of the ranking's snapshot, or the spectrum of that."""
     png = app.rankings.draw(caller, ranking_id, candidate_id, picture)
     return Response(png, media_type="image/png")
