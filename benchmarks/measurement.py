@@ -34,9 +34,14 @@ class Timing:
         return " / ".join(f"{factor * t:.3g}" for t in (self.min_s, self.median_s, self.max_s)) + f" {unit}"
 
 
-def measure(function: Callable[[], Any], repeat: int = 7, warmup: int = 1) -> Timing:
+def measure(
+    function: Callable[[], Any],
+    repeat: int = 7,
+    warmup: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Timing:
     """Time ``function``; what the GPU still has to do when it returns is waited for."""
-    return measure_side_by_side({"": function}, repeat, warmup)[""]
+    return measure_side_by_side({"": function}, repeat, warmup, clock)[""]
 
 
 def measure_side_by_side(

@@ -1,6 +1,7 @@
 """How fast candidates are scored: candidates/s, against rendering one by one and an FFT in numpy.
 
-    python benchmarks/score.py [--counts 10 100] [--gaussians 100000] [--backend cpu] [--json score.json]
+    python benchmarks/score.py [--counts 10 100] [--gaussians 100000] [--backend cpu] [--processor-time]
+                               [--json score.json]
 
 For every image size: the time of a render and of its score (FFT + median), side by side, and the latter's
 share of a scored view (goal: ≤ 30 %). Then candidates/s from 10 to 1,000 candidates (goal: the same for all
@@ -9,6 +10,8 @@ counts), and the naive way in the same run.
 
 import argparse
 import itertools
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +40,9 @@ def score_naively(gaussians: Gaussians, views: list[Candidate], rasterizer: Rast
     return scores
 
 
-def shares(counts: list[int], rasterizer: Rasterizer, repeat: int) -> list[dict[str, Any]]:
+def shares(
+    counts: list[int], rasterizer: Rasterizer, repeat: int, clock: Callable[[], float]
+) -> list[dict[str, Any]]:
     """What a scored view is made of, per number of Gaussians and image size."""
     rows = []
     for gaussians_count, (width, height) in itertools.product(counts, SIZES):
@@ -58,6 +63,7 @@ def shares(counts: list[int], rasterizer: Rasterizer, repeat: int) -> list[dict[
                 ),
             },
             repeat,
+            clock=clock,
         )
         share = times["score"].median_s / (times["score"].median_s + times["render"].median_s)
         rows.append(
@@ -75,20 +81,29 @@ def shares(counts: list[int], rasterizer: Rasterizer, repeat: int) -> list[dict[
 
 
 def rates(
-    gaussians: Gaussians, rasterizer: Rasterizer, counts: list[int], repeat: int
+    gaussians: Gaussians,
+    rasterizer: Rasterizer,
+    counts: list[int],
+    repeat: int,
+    clock: Callable[[], float],
 ) -> list[dict[str, Any]]:
     """Candidates/s for every image size and count; the naive way on at most 10 candidates."""
     scorer = MedianFrequency()
     rows = []
     for width, height in SIZES:
         few = candidates(10, width, height)
-        naive = measure(lambda views=few: score_naively(gaussians, views, rasterizer), repeat)  # type: ignore[misc]
+        naive = measure(
+            lambda views=few: score_naively(gaussians, views, rasterizer),  # type: ignore[misc]
+            repeat,
+            clock=clock,
+        )
         for count in counts:
             views = candidates(count, width, height)
             ours = measure(
                 lambda views=views: scorer.score(gaussians, views, rasterizer),  # type: ignore[misc]
                 repeat=repeat if count <= 100 else 1,  # a thousand are a mean of their own
                 warmup=int(count <= 10),
+                clock=clock,
             )
             rows.append(
                 {
@@ -111,19 +126,22 @@ def main() -> None:
     parser.add_argument("--gaussians", type=int, default=100_000)
     parser.add_argument("--counts", type=int, nargs="+", default=[10, 100, 1000], help="of candidates")
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--processor-time", action="store_true", help="of all threads, for a busy machine")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rasterizer = create_rasterizer(options.backend)
-    name = f"score, {rasterizer.name} rasteriser, {options.gaussians:,} Gaussians"
+    clock = time.process_time if options.processor_time else time.perf_counter
+    named = "processor time" if options.processor_time else "wall time"
+    name = f"score, {rasterizer.name} rasteriser, {options.gaussians:,} Gaussians, {named}"
 
     def show(part: str, rows: list[dict[str, Any]]) -> None:
         path = options.json and options.json.with_stem(f"{options.json.stem}-{part}")
         report(f"{name}: {part}", rows, path)
 
     few = min(options.gaussians, FEW_GAUSSIANS)
-    show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1))
+    show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1, clock))
     gaussians = scene(options.gaussians).to(rasterizer.device)
-    show("rate", rates(gaussians, rasterizer, options.counts, options.repeat))
+    show("rate", rates(gaussians, rasterizer, options.counts, options.repeat, clock))
 
 
 if __name__ == "__main__":
