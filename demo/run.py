@@ -15,11 +15,13 @@ from pathlib import Path
 
 from fvs_client import Client, Dataset, FvsError, Job, Orbit, Ranking, Scene, Snapshot
 from fvs_client.cli.progress import display, job_progress, upload_progress
+from fvs_service.errors import ServiceError
+from fvs_service.serving.running import running_service
 from pictures import draw_contact_sheet, draw_trajectory
 from rich.console import Console
 from rich.table import Table
-from service import FVS, running_service
 
+FVS = Path(sys.executable).with_name("fvs")
 console = Console()
 GENERATORS: dict[str, Orbit | Dataset] = {"orbit": Orbit(), "dataset": Dataset()}
 """A circle around the model, or halfway between neighbouring photographs."""
@@ -44,10 +46,10 @@ def main() -> None:
         chosen = options.generator or ("orbit" if options.photographs is None else "dataset")
         try:
             with (
-                running_service(Path(folder) / "service", options.out / "service.log") as url,
-                Client(url) as client,
+                running_service(Path(folder) / "service", options.out / "service.log") as service,
+                Client(service.url) as client,
             ):
-                console.print(f"The service runs at {url}")
+                console.print(f"The service runs at {service.url}")
                 scene = client.scenes.create("demonstration")
                 _send(scene, photographs)
                 job = _update(scene, options.iterations, options.long_side)
@@ -56,7 +58,7 @@ def main() -> None:
                 snapshot = job.snapshot()
                 assert snapshot is not None
                 _leave(options.out, snapshot, ranking)
-        except FvsError as error:
+        except (FvsError, ServiceError) as error:
             raise SystemExit(
                 f"{error}\n{error.hint}\nThe service's log is {options.out}/service.log"
             ) from error
