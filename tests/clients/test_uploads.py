@@ -177,6 +177,23 @@ def test_one_image_can_be_sent_from_memory(client: Client, photograph: Callable[
     assert list(scene.images.list()) == [image]
 
 
+def test_formats_that_are_not_read_are_named_and_not_sent(client: Client, photographs: Path) -> None:
+    (photographs / "IMG_1.HEIC").write_bytes(b"as phones write it")
+    scene = client.scenes.create("quarry")
+    seen: list[UploadProgress] = []
+    report = scene.images.upload(photographs, progress=seen.append)
+    sent = sum(file.path.stat().st_size for file in report.sent)
+    assert sent == report.bytes_sent
+    assert [file.path.name for file in report.failed] == ["IMG_1.HEIC"]
+    assert "HEIC" in str(report.failed[0].error)
+    assert (len(report.sent), report.ok) == (3, False)
+    assert (seen[-1].files_done, seen[-1].bytes_done) == (4, seen[-1].bytes_total)
+    assert len(list(scene.images.list())) == 3
+    (named,) = scene.images.upload(photographs / "IMG_1.HEIC").rejected  # a file that is named is sent
+    assert named.image is not None
+    assert named.image.verdict is Verdict.UNREADABLE
+
+
 def test_a_key_that_may_only_send_gets_no_verdicts_of_known_images(
     serve: Callable[..., Any], photographs: Path
 ) -> None:

@@ -73,7 +73,8 @@ def upload_progress(shown: Display, progress: UploadProgress) -> None:
 def verdict_of(file: UploadedFile) -> str:
     """What became of a file, in words."""
     if file.error is not None:
-        return f"failed: {getattr(file.error, 'message', file.error)}"
+        said = f"failed: {getattr(file.error, 'message', file.error)}"
+        return f"{said} {getattr(file.error, 'hint', '')}".rstrip()
     if file.image is None or file.image.accepted:
         doubts = ", ".join(file.image.warnings) if file.image else ""
         return f"{file.outcome.value.replace('-', ' ')}{f' ({doubts})' if doubts else ''}"

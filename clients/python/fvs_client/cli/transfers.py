@@ -23,7 +23,7 @@ def upload(
     as_json: JsonOption = False,
 ) -> None:
     """Send photographs. What the scene has already is not sent again, so the same command goes on."""
-    if not find_photographs(paths):
+    if not any(photograph.readable for photograph in find_photographs(paths)):
         where = ", ".join(map(str, paths))
         raise typer.BadParameter(
             f"There is no photograph in {where}: no file in {', '.join(sorted(SUFFIXES))}."

@@ -11,15 +11,35 @@ Paths = str | PathLike[str] | Iterable[str | PathLike[str]]
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".mpo", ".bmp"})
 """What is taken of a folder; a file that is named itself is always sent."""
 
+UNREADABLE_SUFFIXES = frozenset(
+    {
+        ".heic",
+        ".heif",
+        ".avif",
+        ".jxl",
+        ".jp2",
+        ".dng",
+        ".cr2",
+        ".cr3",
+        ".nef",
+        ".arw",
+        ".orf",
+        ".rw2",
+        ".raf",
+    }
+)
+"""Photographs of formats that the service does not read: in a folder they are named, not passed over."""
+
 _LONGEST_NAME = 255
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """A file, and what the service will call it."""
+    """A file, and what the service will call it; only what is ``readable`` is worth sending."""
 
     path: Path
     name: str
+    readable: bool = True
 
 
 def find_photographs(paths: Paths) -> list[Photograph]:
@@ -33,20 +53,19 @@ def find_photographs(paths: Paths) -> list[Photograph]:
     for path in map(Path, listed):
         if not path.exists():
             raise FileNotFoundError(f"{path} does not exist.")
-        files = _files_in(path) if path.is_dir() else [(path, path.name)]
-        for file, name in files:
-            found.setdefault(file, Photograph(file, _sendable(name)))
+        for photograph in _files_in(path) if path.is_dir() else [Photograph(path, _sendable(path.name))]:
+            found.setdefault(photograph.path, photograph)
     return list(found.values())
 
 
-def _files_in(folder: Path) -> list[tuple[Path, str]]:
+def _files_in(folder: Path) -> list[Photograph]:
     inside = sorted(
         file.relative_to(folder)
         for file in folder.rglob("*")
-        if file.suffix.lower() in SUFFIXES and file.is_file()
+        if file.suffix.lower() in SUFFIXES | UNREADABLE_SUFFIXES and file.is_file()
     )
     return [
-        (folder / file, "_".join(file.parts))
+        Photograph(folder / file, _sendable("_".join(file.parts)), file.suffix.lower() in SUFFIXES)
         for file in inside
         if not any(part.startswith(".") for part in file.parts)
     ]

@@ -181,6 +181,11 @@ def upload(
 def _send_batch(
     photographs: Sequence[Photograph], sending: Sending, tally: _Tally, done: dict[Path, UploadedFile]
 ) -> Operation[None]:
+    for photograph in photographs:
+        if not photograph.readable:
+            done[photograph.path] = _unreadable(photograph)
+            tally.finished(done[photograph.path], _size(photograph.path))
+    photographs = [photograph for photograph in photographs if photograph.readable]
     read = yield from together((_read(photograph) for photograph in photographs), sending.parallel)
     to_send: dict[str, _Known] = {}
     again: list[_Known] = []
@@ -206,6 +211,14 @@ def _send_batch(
             else replace(twin, path=path)
         )
         tally.finished(done[path], file.size_bytes)
+
+
+def _unreadable(photograph: Photograph) -> UploadedFile:
+    error = FvsError(
+        f"The service does not read {photograph.path.suffix[1:].upper()} files.",
+        hint="Export it as JPEG or PNG.",
+    )
+    return UploadedFile(photograph.path, Outcome.FAILED, error=error)
 
 
 def _read(photograph: Photograph) -> Operation[_Known | OSError]:
