@@ -23,6 +23,7 @@ from room import candidates, scene
 from fvs_engine.score import Candidate, MedianFrequency, median_log_magnitude
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.trainer import torch_threads_for
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
 FEW_GAUSSIANS = 13_000
@@ -139,9 +140,10 @@ def main() -> None:
         report(f"{name}: {part}", rows, path)
 
     few = min(options.gaussians, FEW_GAUSSIANS)
-    show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1, clock))
-    gaussians = scene(options.gaussians).to(rasterizer.device)
-    show("rate", rates(gaussians, rasterizer, options.counts, options.repeat, clock))
+    with torch_threads_for(rasterizer.device):
+        show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1, clock))
+        gaussians = scene(options.gaussians).to(rasterizer.device)
+        show("rate", rates(gaussians, rasterizer, options.counts, options.repeat, clock))
 
 
 if __name__ == "__main__":

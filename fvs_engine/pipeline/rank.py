@@ -16,6 +16,7 @@ from fvs_engine.pipeline.render import render_color
 from fvs_engine.pipeline.storage import storage_errors, write_atomically
 from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.trainer import torch_threads_for
 
 SHEET_CANDIDATES = 12
 """How many candidates the contact sheet shows when nobody says."""
@@ -70,7 +71,8 @@ def rank_candidates(
     rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     scorer = MedianFrequency()
-    ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
+    with torch_threads_for(rasterizer.device):
+        ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
     by_id = {candidate.id: candidate for candidate in candidates}
     ranking = Ranking(
         method=scorer.name,

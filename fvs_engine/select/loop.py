@@ -31,7 +31,6 @@ from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
 from fvs_engine.select.travel import path_length
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.trainer import torch_threads_for
 
 __all__ = [
     "AlignmentRecord",
@@ -253,8 +252,7 @@ class SelectionLoop:
         here = self._centres[self.visited[-1]]
         distances = self.reach.distances(here, self._unvisited_centres())
         alignment = self.align()
-        with torch_threads_for(self.scene.rasterizer.device):  # a selection then takes half of the time
-            selection = select(self.context(distances, alignment), self._selector, distances, monitor=monitor)
+        selection = select(self.context(distances, alignment), self._selector, distances, monitor=monitor)
         chosen = selection.chosen[0]
         return Choice(
             step=len(self._records) + 1,

@@ -1,6 +1,7 @@
 from dataclasses import dataclass, field
 
 import pytest
+import torch
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.score import CandidateScore, CandidateStatus
@@ -65,6 +66,23 @@ def test_several_views_are_chosen_from_one_ranking_or_one_after_another(context,
     one_by_one = Told(ranked(b=3.0, c=2.0, d=1.0), depends_on_visited=True)
     assert select(here, one_by_one, {}, count=5).chosen == ("d", "c", "b")
     assert one_by_one.asked == [(["a"], 0), (["a", "d"], 1), (["a", "d", "c"], 2)]
+
+
+def test_torch_s_threads_do_not_get_in_the_way_of_the_kernels(context, views):
+    before, during = torch.get_num_threads(), []
+
+    class Counting(Told):
+        def score(self, context, monitor=None):
+            during.append(torch.get_num_threads())
+            return super().score(context, monitor)
+
+    torch.set_num_threads(2)
+    try:
+        select(context([views["a"]], [views["b"]]), Counting(ranked(b=1.0)), {})
+        assert during == [1]
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_nothing_to_choose_from_is_an_error(context, views):
