@@ -75,6 +75,9 @@ def test_candidates_come_from_a_file(run: Run, gateway: Any, scene_id: str, tmp_
     assert [(item["status"], item["distance_m"]) for item in far["candidates"]] == [("out-of-range", 5.0)]
     file.write_text('[{"id": "south", "pose": {"position": [0, 0, 0]}}]')
     assert "orientation_wxyz" in run("rank", scene_id, "--candidates", file, expect=2).stderr
+    file.write_text('{"id": "south"}')
+    assert '[{"id": "left",' in run("rank", scene_id, "--candidates", file, expect=2).stderr
+    assert "--current" in run("rank", scene_id, "--radius", 2, expect=2).stderr
     run("rank", scene_id, "--candidates", file, "--generator", "grid", expect=2)
 
 
@@ -102,7 +105,7 @@ def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, sc
     assert "was canceled" in run("jobs", "wait", job["id"], expect=8).stderr
     run("jobs", "retry", job["id"], "--no-wait")
     run("jobs", "cancel", job["id"])
-    assert "Run a job" in run("fine", scene_id, expect=3).stderr
+    assert "fvs-client update" in run("fine", scene_id, expect=3).stderr
     gateway.model(scene_id)
     listed = json.loads(run("jobs", "list", scene_id, "--json").stdout)
     assert [item["state"] for item in listed] == ["canceled", "succeeded"]

@@ -29,6 +29,9 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
             scene = httpx2.post(f"{url}/v1/scenes", json={"name": "a"}).json()["id"]
             waiting = httpx2.post(f"{url}/v1/scenes/{scene}/jobs", json={"kind": "update"})
             assert waiting.json()["state"] == "queued"
+            second = _fvs("serve", "--root", str(tmp_path / "service"), "--port", "0")
+            assert second.exit_code == 2
+            assert "Another fvs serve runs" in second.stderr
         finally:
             process.send_signal(signal.SIGTERM)
         assert process.wait(20) in (0, -signal.SIGTERM)
@@ -73,3 +76,10 @@ def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:
     assert _fvs("keys", "revoke", key_id, *root).exit_code == 0
     assert "revoked" in _fvs("keys", "list", *root).stdout
     assert _fvs("keys", "revoke", "unknown", *root).exit_code == 2
+
+
+def test_a_variable_that_cannot_be_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FVS_WORKER__COUNT", "many")
+    refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
+    assert refused.exit_code == 2
+    assert "FVS_WORKER__COUNT: Input should be a valid integer" in refused.stderr

@@ -75,8 +75,12 @@ def list_keys(root: _Root = None) -> None:
     """List the keys, without their secrets."""
     from fvs_service.application import open_storage
 
-    with open_storage(_settings(root=root)) as storage:
-        for key in storage.keys.all():
+    settings = _settings(root=root)
+    with open_storage(settings) as storage:
+        found = storage.keys.all()
+        if not found:
+            typer.echo(f"There are no keys in {settings.root}.", err=True)
+        for key in found:
             state = (
                 "revoked" if key.revoked_at else f"expires {key.expires_at:%F}" if key.expires_at else "valid"
             )
@@ -100,6 +104,14 @@ def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: _Root
 
 
 def _settings(**given: object) -> "Settings":
+    from pydantic import ValidationError
+
     from fvs_service.settings import Settings
 
-    return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    except ValidationError as error:
+        for wrong in error.errors():
+            variable = "FVS_" + "__".join(map(str, wrong["loc"])).upper()
+            typer.echo(f"Error: {variable}: {wrong['msg']}.", err=True)
+        raise typer.Exit(USAGE) from error

@@ -46,7 +46,7 @@ class Jobs:
             if request.kind is JobKind.FINE and scene.snapshot_id is None:
                 raise ConflictError(
                     "A fine model is trained from the cameras of an update, and there is none yet.",
-                    hint='Run a job {"kind": "update"} first.',
+                    hint='Run an update first (fvs-client update, a job {"kind": "update"}).',
                 )
             job = self._queue(session, principal.tenant_id, scene, request)
             remembered.remember(session, job.id)

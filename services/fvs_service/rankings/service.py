@@ -78,7 +78,7 @@ class Rankings:
         if snapshot_id is None:
             raise NoSnapshotError(
                 "The scene has no model yet, so nothing can be ranked.",
-                hint='Run a job {"kind": "update"} and wait for its snapshot.',
+                hint='Run an update (fvs-client update, a job {"kind": "update"}) and wait for its snapshot.',
             )
         snapshot = self._snapshot(snapshot_id)
         if snapshot.scene_id != scene_id:

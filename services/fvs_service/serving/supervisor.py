@@ -1,20 +1,22 @@
 """``fvs serve``: starts a gateway and workers, starts again what dies, and stops all of them together."""
 
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import structlog
 
 from fvs_service.application import open_storage
-from fvs_service.errors import UnavailableError
+from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection
 from fvs_service.serving.child import ChildOrder
 from fvs_service.settings import Settings
@@ -58,23 +60,24 @@ class Supervisor:
     def run(self, announce: Callable[[str], object]) -> None:
         """Start all, tell ``announce`` where the gateway listens, and watch until SIGINT or SIGTERM.
 
-        Raises ``ForbiddenError`` when others could reach it and no API key protects it, ``UnavailableError``
-        when the gateway does not start.
+        Raises ``ForbiddenError`` when others could reach it and no API key protects it, ``ConflictError``
+        when another service runs on the root, ``UnavailableError`` when the gateway does not start.
         """
         require_protection(self._settings)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: self._stop.set())
-        with open_storage(self._settings):
-            prepare(self._settings.queue)
-        try:
-            announce(self._start_gateway())
-            for worker in self._workers:
-                self._start(worker)
-            while not self._stop.wait(_POLL_S):
-                for child in (self._gateway, *self._workers):
-                    self._revive(child)
-        finally:
-            self._stop_all()
+        with _only_service_in(self._settings.root):
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, lambda *_: self._stop.set())
+            with open_storage(self._settings):
+                prepare(self._settings.queue)
+            try:
+                announce(self._start_gateway())
+                for worker in self._workers:
+                    self._start(worker)
+                while not self._stop.wait(_POLL_S):
+                    for child in (self._gateway, *self._workers):
+                        self._revive(child)
+            finally:
+                self._stop_all()
 
     def _start_gateway(self) -> str:
         self._start(self._gateway)
@@ -132,6 +135,20 @@ class Supervisor:
                 process.kill()
                 process.wait()
             _close(process)
+
+
+@contextlib.contextmanager
+def _only_service_in(root: Path) -> Iterator[None]:
+    """Keep a second service out of ``root``: its workers would have the same names, and share leases."""
+    root.mkdir(parents=True, exist_ok=True)
+    with (root / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ConflictError(
+                f"Another fvs serve runs on {root}.", hint="Use that one, or choose another --root."
+            ) from error
+        yield
 
 
 def _first_line(child: _Child, stop: threading.Event) -> str:

@@ -24,6 +24,9 @@ from fvs_client.resources import Ranking
 
 T = TypeVar("T")
 
+_POSE_FORM = '{"position": [x, y, z], "orientation_wxyz": [w, x, y, z]}'
+_CANDIDATES_FORM = f'[{{"id": "left", "pose": {_POSE_FORM}}}, …]'
+
 
 class GeneratorName(StrEnum):
     """The generators of candidates."""
@@ -69,13 +72,20 @@ def rank(
     """Rank poses, the one to photograph next first."""
     if candidates is not None and generator is not None:
         raise typer.BadParameter("Give --candidates or --generator, not both.")
-    listed = None if candidates is None else _read(candidates, pydantic.TypeAdapter(list[Candidate]))
+    if radius is not None and current is None:
+        raise typer.BadParameter("--radius needs --current: where the camera is.")
+    listed = (
+        None
+        if candidates is None
+        else _read(candidates, pydantic.TypeAdapter(list[Candidate]), _CANDIDATES_FORM)
+    )
+    here = None if current is None else _read(current, pydantic.TypeAdapter(Pose), _POSE_FORM)
     chosen = None if listed is not None else _generator(generator or GeneratorName.ORBIT, count)
     with service(context, as_json=as_json) as client:
         ranking = find_scene(client, scene).rank(
             listed,
             generator=chosen,
-            current_pose=None if current is None else _read(current, pydantic.TypeAdapter(Pose)),
+            current_pose=here,
             radius_m=radius,
             top_k=top,
             method=method,
@@ -127,15 +137,15 @@ def _generator(name: GeneratorName, count: int | None) -> Generator:
             return Dataset()
 
 
-def _read(path: Path, kind: pydantic.TypeAdapter[T]) -> T:
+def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
     try:
         return kind.validate_python(json.loads(path.read_text(encoding="utf-8")))
     except ValueError as error:
         reason = str(error)
         if isinstance(error, pydantic.ValidationError):
             first = error.errors()[0]
-            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise typer.BadParameter(f"{path}: {reason}") from error
+            reason = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
+        raise typer.BadParameter(f"{path}: {reason}. Write {form}.") from error
 
 
 def _save_pictures(ranking: Ranking, folder: Path) -> None:
