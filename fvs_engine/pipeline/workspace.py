@@ -108,7 +108,7 @@ class Workspace:
             foreign = {entry.name for entry in self.root.iterdir() if not _BEFORE_MANIFEST.match(entry.name)}
             if foreign and not self.manifest_path.exists():
                 raise OutputExistsError(
-                    f"{self.root} is not empty and was not made by fvs (it holds {min(foreign)}).",
+                    f"{self.root} is not empty and holds no reconstruction, but {min(foreign)}.",
                     hint="Choose another output folder; nothing was changed.",
                 )
         with locked_folder(self.root):

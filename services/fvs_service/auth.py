@@ -96,7 +96,8 @@ class Keys:
         if key is None:
             if self._required:
                 raise UnauthenticatedError(
-                    "No API key was given.", hint="Send it as: Authorization: Bearer fvs_…"
+                    "No API key was given.",
+                    hint="Set FVS_API_KEY for fvs-client; otherwise send Authorization: Bearer fvs_…",
                 )
             return LOCAL_USER
         _, _, rest = key.partition("_")

@@ -83,3 +83,7 @@ def test_a_variable_that_cannot_be_used_is_named(tmp_path: Path, monkeypatch: py
     refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
     assert refused.exit_code == 2
     assert "FVS_WORKER__COUNT: Input should be a valid integer" in refused.stderr
+    monkeypatch.delenv("FVS_WORKER__COUNT")
+    monkeypatch.setenv("FVS_TLS_KEY", str(tmp_path / "none.pem"))
+    refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
+    assert "FVS_TLS_KEY: Path does not point to a file" in refused.stderr

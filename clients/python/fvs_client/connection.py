@@ -48,9 +48,16 @@ class Connection:
             "base_url": self.url,
             "headers": headers,
             "timeout": httpx2.Timeout(self.timeout_s, connect=min(_CONNECT_TIMEOUT_S, self.timeout_s)),
-            "verify": True if self.ssl_context is None else self.ssl_context,
+            "verify": self._trust,
             "trust_env": not self._loopback,  # no proxy reaches this machine's loopback
         }
+
+    @property
+    def _trust(self) -> ssl.SSLContext | bool:
+        if self.ssl_context is not None:
+            return self.ssl_context
+        # SSL_CERT_FILE counts without trust_env, too.
+        return ssl.create_default_context() if self._loopback and self.url.startswith("https") else True
 
     @property
     def _loopback(self) -> bool:
@@ -73,6 +80,11 @@ class Connection:
 
     def failure(self, error: httpx2.HTTPError) -> FvsError:
         """What went wrong, in the words of this client."""
+        if isinstance(error, httpx2.ConnectError) and "[SSL" in str(error):
+            return ConnectionFailedError(
+                f"There is no secure connection to {self.url}: {error}.",
+                hint="SSL_CERT_FILE names a certificate to trust; a service without TLS is at http://.",
+            )
         if isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout):
             return ConnectionFailedError(
                 f"There is no answer at {self.url}.",
