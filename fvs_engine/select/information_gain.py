@@ -35,7 +35,6 @@ class InformationGain:
     gain: Callable[[Tensor, Tensor], Tensor]
     min_coverage: float
     prior: float = PRIOR
-    depends_on_visited = True
 
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
         """See ``Selector``."""

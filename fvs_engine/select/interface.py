@@ -1,6 +1,5 @@
 """What every selector takes and gives, and how one view is chosen from what it says."""
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -47,16 +46,6 @@ class SelectionContext:
                 raise InvalidInputError(f"View {view.id} has no place in the order of capture.")
             known.add(view.id)
 
-    def visit(self, view_id: str) -> "SelectionContext":
-        """The same a step later, as if the candidate ``view_id`` had been visited and nothing learned."""
-        (view,) = (candidate for candidate in self.candidates if candidate.id == view_id)
-        return dataclasses.replace(
-            self,
-            visited=(*self.visited, view),
-            candidates=tuple(candidate for candidate in self.candidates if candidate is not view),
-            step=self.step + 1,
-        )
-
 
 class Selector(Protocol):
     """A way to say which candidate should be photographed next. The same context gives the same scores."""
@@ -64,11 +53,6 @@ class Selector(Protocol):
     @property
     def name(self) -> str:
         """What the method is called on the command line and in results."""
-        ...
-
-    @property
-    def depends_on_visited(self) -> bool:
-        """Whether visiting one candidate changes the scores of the others before anything is learned."""
         ...
 
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
@@ -84,12 +68,11 @@ class Selector(Protocol):
 class Selection:
     """What was chosen, and why.
 
-    ``chosen`` ids, in the order of visit. ``ranked``: all candidates as they were scored for the first
-    choice. ``fallback`` says how it was chosen when nothing could be ranked: ``"low-coverage"`` or
-    ``"farthest"``; None otherwise.
+    ``chosen``: the id of the next view. ``ranked``: all candidates, the best first. ``fallback`` says how it
+    was chosen when nothing could be ranked: ``"low-coverage"`` or ``"farthest"``; None otherwise.
     """
 
-    chosen: tuple[str, ...]
+    chosen: str
     ranked: tuple[RankedCandidate, ...]
     fallback: str | None
 
@@ -98,40 +81,25 @@ def select(
     context: SelectionContext,
     selector: Selector,
     distances: Mapping[str, float],
-    count: int = 1,
     monitor: Monitor | None = None,
 ) -> Selection:
-    """Choose the next view, or the next ``count`` views, each as if those before it had been visited.
+    """Choose the next view.
 
     The lowest score wins; ties are broken by ``distances`` (id → how far the camera has to travel, in the
     unit of whoever asks), then by id. Where no candidate can be ranked, the lowest score among those of low
     coverage wins (the model fills little of any view, so seeing some of it is better than none); where none
     has a score at all, the candidate farthest from all visited views, in position and direction.
 
-    Fewer than ``count`` are chosen where there are fewer candidates. Where the choice depends on what was
-    visited, all that remain are scored again for every further view: ``count`` times the cost. Raises
-    ``InvalidInputError`` without candidates and for a ``count`` under 1, and what ``Selector.score`` raises.
+    Raises ``InvalidInputError`` without candidates, and what ``Selector.score`` raises.
     """
     if not context.candidates:
         raise InvalidInputError(
             "There is no candidate to choose from.", hint="Widen the radius, or ask for more neighbours."
         )
-    if count < 1:
-        raise InvalidInputError(f"At least one view must be asked for, not {count}.")
     with torch_threads_for(context.rasterizer.device):  # takes half of the processor time, or less
         ranked = rank(selector.score(context, monitor), distances)
-    first, fallback = _first(context, ranked)
-    if not selector.depends_on_visited and fallback is None:
-        best = tuple(place.id for place in ranked if place.rank is not None)[:count]
-    else:
-        best = (first,)
-    remaining = context
-    for view_id in best:
-        remaining = remaining.visit(view_id)
-    if len(best) == count or not remaining.candidates:
-        return Selection(best, ranked, fallback)
-    further = select(remaining, selector, distances, count - len(best), monitor)
-    return Selection((*best, *further.chosen), ranked, fallback)
+    chosen, fallback = _first(context, ranked)
+    return Selection(chosen, ranked, fallback)
 
 
 def _first(context: SelectionContext, ranked: tuple[RankedCandidate, ...]) -> tuple[str, str | None]:

@@ -253,7 +253,7 @@ class SelectionLoop:
         distances = self.reach.distances(here, self._unvisited_centres())
         alignment = self.align()
         selection = select(self.context(distances, alignment), self._selector, distances, monitor=monitor)
-        chosen = selection.chosen[0]
+        chosen = selection.chosen
         return Choice(
             step=len(self._records) + 1,
             method=self.settings.method,

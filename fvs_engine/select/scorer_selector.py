@@ -12,7 +12,6 @@ class ScorerSelector:
     """A scorer as a selector of the same name."""
 
     scorer: Scorer
-    depends_on_visited = False
 
     @property
     def name(self) -> str:

@@ -37,7 +37,6 @@ class Coverage:
     empty_coverage: float = 0.0
     min_coverage: float = MIN_COVERAGE
     name = "coverage"
-    depends_on_visited = True
 
     def __post_init__(self) -> None:
         check_min_coverage(self.min_coverage)

@@ -15,7 +15,6 @@ class Farthest:
     """
 
     name = "farthest"
-    depends_on_visited = True
 
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:  # noqa: ARG002
         """See ``Selector``. Without visited views all candidates are alike."""

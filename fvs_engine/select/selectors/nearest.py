@@ -17,7 +17,6 @@ class Nearest:
     """
 
     name = "nearest"
-    depends_on_visited = True
 
     def score(
         self,

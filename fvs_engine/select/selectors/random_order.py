@@ -15,7 +15,6 @@ class RandomOrder:
     """
 
     name = "random"
-    depends_on_visited = False
 
     def score(
         self,

@@ -20,7 +20,6 @@ class Uniform:
     """
 
     name = "uniform"
-    depends_on_visited = True
 
     def score(
         self,

@@ -1,6 +1,7 @@
 """A small scene, cameras around it, and contexts to choose in."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import torch
 
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.score import Candidate
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 
@@ -81,3 +82,20 @@ def context(ball, cpu):
         )
 
     return make
+
+
+@pytest.fixture
+def chosen_in_turn():
+    """The ids of ``count`` views, each chosen when those before it were visited."""
+
+    def walk(context, selector, count) -> list[str]:
+        chosen = []
+        for _ in range(count):
+            chosen.append(select(context, selector, {}).chosen)
+            left = tuple(view for view in context.candidates if view.id != chosen[-1])
+            (there,) = set(context.candidates) - set(left)
+            visited = (*context.visited, there)
+            context = replace(context, visited=visited, candidates=left, step=context.step + 1)
+        return chosen
+
+    return walk

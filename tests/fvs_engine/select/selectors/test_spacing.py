@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.score import Candidate
-from fvs_engine.select.interface import select
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.selectors.uniform import planned_places
 from fvs_engine.select.view_distance import view_distances
@@ -53,12 +52,12 @@ def test_farthest_sees_directions_where_positions_are_the_same_and_ignores_scale
     np.testing.assert_allclose(view_distances(small, small), view_distances(large, large), atol=1e-12)
 
 
-def test_nearest_starts_at_the_last_visited_view(context, view_at):
+def test_nearest_starts_at_the_last_visited_view(context, view_at, chosen_in_turn):
     visited = [view_at("first", (0, 5, 0)), view_at("last", (10, 5, 0))]
     candidates = [view_at("near first", (1, 5, 0)), view_at("near last", (7, 5, 0))]
     here = context(visited, candidates)
     assert values(create_selector("nearest").score(here)) == pytest.approx([9, 3])
-    assert select(here, create_selector("nearest"), {}, count=2).chosen == ("near last", "near first")
+    assert chosen_in_turn(here, create_selector("nearest"), 2) == ["near last", "near first"]
     with pytest.raises(InvalidInputError):
         create_selector("nearest").score(context([], candidates))
 
@@ -99,11 +98,11 @@ def test_nothing_visited_gives_even_places():
     assert planned_places([], 100, 4) == pytest.approx([12, 37, 62, 87])
 
 
-def test_uniform_fills_the_order_of_capture_evenly(context, view_at):
+def test_uniform_fills_the_order_of_capture_evenly(context, view_at, chosen_in_turn):
     views = [view_at(f"{i:03d}", (i, 5, 0)) for i in range(100)]
     order = {view.id: i for i, view in enumerate(views)}
     here = context(views[:10], views[10:], order=order, budget=19)
-    chosen = select(here, create_selector("uniform"), {}, count=9).chosen
+    chosen = chosen_in_turn(here, create_selector("uniform"), 9)
     places = [9, *sorted(order[name] for name in chosen)]
     assert set(np.diff(places)) <= {9, 10}
     assert 100 - places[-1] in {4, 5, 6}
