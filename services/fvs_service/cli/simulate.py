@@ -32,7 +32,10 @@ def simulate(
 
     shape = re.fullmatch(r"([1-9]\d{1,3})x([1-9]\d{1,3})", size)
     if shape is None:
-        raise typer.BadParameter(f"{size!r} is no size; write for example 640x480.", param_hint="--size")
+        raise typer.BadParameter(
+            f"{size!r} is no size in px, of two to four digits each; write for example 640x480.",
+            param_hint="--size",
+        )
 
     def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
         from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
