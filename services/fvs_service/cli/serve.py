@@ -24,9 +24,14 @@ def serve(
     root: _Root = None,
     host: Annotated[
         str | None,
-        typer.Option(help="Address to listen on; others than this machine's own need an API key."),
+        typer.Option(
+            help="Address to listen on; others than this machine's own need an API key.",
+            show_default="127.0.0.1",
+        ),
     ] = None,
-    port: Annotated[int | None, typer.Option(min=0, max=65_535, help="0 takes a free one.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65_535, help="0 takes a free one.", show_default="8000")
+    ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="How many workers.", show_default="1")] = None,
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:

@@ -72,7 +72,7 @@ def find_scene(client: Client, name: str) -> Scene:
         hint = "`fvs-client scenes list` shows all; `fvs-client scenes create` makes one."
         raise NotFoundError(Problem(status=404, code=NotFoundError.code, detail=told, hint=hint))
     raise typer.BadParameter(
-        f"{len(found)} scenes are called {name!r}: {', '.join(scene.id for scene in found)}."
+        f"{len(found)} scenes are called {name!r}: {', '.join(scene.id for scene in found)}; give an id."
     )
 
 
