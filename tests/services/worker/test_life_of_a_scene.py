@@ -37,6 +37,10 @@ def _kill(service: Any, module: str) -> None:
     os.kill(found[0], signal.SIGKILL)
 
 
+def _niceness(pid: int) -> int:
+    return os.getpriority(os.PRIO_PROCESS, pid)
+
+
 def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
     snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
     assert snapshot["metrics"]["registered"] == 7
@@ -95,6 +99,8 @@ def test_rankings_are_answered_while_the_model_learns(
     fine = service.start(modelled, "fine", iterations=3000)
     service.wait(fine, lambda found: found["stage"] == "train")
     assert service.rank(modelled)["snapshot_id"] == before
+    (gateway,) = service.processes(GATEWAY)
+    assert all(_niceness(runner) > _niceness(gateway) for runner in service.processes(RUNNER))
     # An update does not wait for a fine model, which goes on afterwards.
     service.send(modelled, courtyard_photographs[7:9])
     updated = service.finish(service.start(modelled))

@@ -26,6 +26,8 @@ _EXIT_ORPHANED = 3
 _EXIT_LOCKED = 4
 _LOCK_PATIENCE_S = 10.0
 _WATCH_S = 0.5
+_NICENESS = 5
+"""What computes gives way to what answers; else requests wait for a processor while a model learns."""
 _PR_SET_PDEATHSIG = 1
 
 
@@ -41,6 +43,7 @@ def main() -> None:
     """Be the runner that the first line of standard input asks for."""
     order = RunnerOrder.model_validate_json(sys.stdin.buffer.readline())
     die_with_parent(order.parent)
+    os.nice(_NICENESS)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the supervisor
     answers = _own_standard_output()
     watch = LeaseWatch(order.parent, order.settings.lease_s)
