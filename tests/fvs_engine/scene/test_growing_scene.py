@@ -16,6 +16,7 @@ from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.splat.raster import Rasterizer
 
@@ -34,7 +35,7 @@ class MovingPoses:
         self.jitter = 0.0
         self.points = dataset.points.cloud.xyz if dataset.points else np.zeros((0, 3))
 
-    def stand(self, visited: Sequence[str], monitor: Monitor) -> Standing:
+    def stand(self, visited: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> Standing:  # noqa: ARG002
         monitor.check()
         views = [self._posed(name) for name in visited if name not in self.late]
         draw = np.random.default_rng(len(visited))
