@@ -79,7 +79,7 @@ def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, mode
     axes.annotate(
         ranked[0].id, places[0], xytext=(8, 8), textcoords="offset points", fontsize=9, fontweight="bold"
     )
-    _frame(axes, np.vstack([way, places]))
+    _frame(axes, np.vstack([way, places]), flat)
     axes.set_title("From above", loc="left")
     axes.set_xlabel("in the unit of the model")
     axes.spines[["top", "right"]].set_visible(False)
@@ -107,10 +107,11 @@ def _columns(vertices: PlyElement, names: Sequence[str], kept: NDArray[np.intp])
     return np.column_stack([np.asarray(vertices[name], dtype=float)[kept] for name in names])
 
 
-def _frame(axes: Axes, places: Array) -> None:
-    """Show all ``places`` and what lies between them, not the far background."""
-    low, high = places.min(axis=0), places.max(axis=0)
-    margin = 0.25 * float((high - low).max())
-    axes.set_xlim(low[0] - margin, high[0] + margin)
-    axes.set_ylim(low[1] - margin, high[1] + margin)
+def _frame(axes: Axes, places: Array, points: Array) -> None:
+    """Show all ``places`` and the middle of the model in a square, not the far background."""
+    shown = np.vstack([places, np.percentile(points, [20, 80], axis=0)]) if len(points) else places
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    middle, half = (low + high) / 2, 0.6 * float((high - low).max())
+    axes.set_xlim(middle[0] - half, middle[0] + half)
+    axes.set_ylim(middle[1] - half, middle[1] + half)
     axes.set_aspect("equal")
