@@ -106,7 +106,7 @@ class Keys:
             row = session.get(ApiKeyRow, key_id)
             # Unknown keys cost the same comparison as known ones.
             matches = hmac.compare_digest(_hash(secret), row.sha256 if row else _NO_HASH)
-            if row is None or not matches or row.revoked_at or (row.expires_at and row.expires_at <= now()):
+            if row is None or not matches or not _key(row).valid:
                 raise UnauthenticatedError(
                     "The API key is not known, expired or revoked.",
                     hint="fvs keys list and fvs keys create, with the service's --root, show and make keys.",

@@ -36,6 +36,7 @@ def serve(
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
+    from fvs_engine.errors import EngineError
     from fvs_service.errors import ServiceError
     from fvs_service.serving.supervisor import Supervisor
     from fvs_service.telemetry import configure_logging
@@ -47,7 +48,7 @@ def serve(
         settings = settings.model_copy(update={"worker": shared})
     try:
         Supervisor(settings, log_json=log_json).run(announce=typer.echo)
-    except ServiceError as error:
+    except (EngineError, ServiceError) as error:
         typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
         raise typer.Exit(USAGE) from error
 

@@ -1,7 +1,6 @@
 """``fvs serve``: starts a gateway and workers, starts again what dies, and stops all of them together."""
 
 import contextlib
-import fcntl
 import os
 import signal
 import subprocess
@@ -15,6 +14,9 @@ from urllib.parse import urlsplit
 
 import structlog
 
+from fvs_engine.errors import OutputExistsError
+from fvs_engine.pipeline.folder_lock import locked_folder
+from fvs_engine.pipeline.storage import storage_errors
 from fvs_service.application import open_storage
 from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection
@@ -61,7 +63,8 @@ class Supervisor:
         """Start all, tell ``announce`` where the gateway listens, and watch until SIGINT or SIGTERM.
 
         Raises ``ForbiddenError`` when others could reach it and no API key protects it, ``ConflictError``
-        when another service runs on the root, ``UnavailableError`` when the gateway does not start.
+        when another service runs on the root, ``StorageError`` when the root cannot be written,
+        ``UnavailableError`` when the gateway does not start.
         """
         require_protection(self._settings)
         with _only_service_in(self._settings.root):
@@ -140,11 +143,12 @@ class Supervisor:
 @contextlib.contextmanager
 def _only_service_in(root: Path) -> Iterator[None]:
     """Keep a second service out of ``root``: its workers would have the same names, and share leases."""
-    root.mkdir(parents=True, exist_ok=True)
-    with (root / ".lock").open("w") as lock:
+    with storage_errors(root):
+        root.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as held:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+            held.enter_context(locked_folder(root))
+        except OutputExistsError as error:
             raise ConflictError(
                 f"Another fvs serve runs on {root}.", hint="Use that one, or choose another --root."
             ) from error

@@ -100,7 +100,7 @@ def test_rankings_are_answered_while_the_model_learns(
     service.wait(fine, lambda found: found["stage"] == "train")
     assert service.rank(modelled)["snapshot_id"] == before
     (gateway,) = service.processes(GATEWAY)
-    assert all(_niceness(runner) > _niceness(gateway) for runner in service.processes(RUNNER))
+    assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
     # An update does not wait for a fine model, which goes on afterwards.
     service.send(modelled, courtyard_photographs[7:9])
     updated = service.finish(service.start(modelled))
