@@ -27,7 +27,7 @@ _EXIT_LOCKED = 4
 _LOCK_PATIENCE_S = 10.0
 _WATCH_S = 0.5
 _NICENESS = 5
-"""What computes gives way to what answers; else requests wait for a processor while a model learns."""
+"""What computes gives way to what answers."""
 _PR_SET_PDEATHSIG = 1
 
 
