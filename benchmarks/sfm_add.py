@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.growing import GrowingReconstruction
-from fvs_engine.sfm.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruct import reconstruct
+from fvs_engine.sfm.batch.reconstruct import reconstruct
+from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
+from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.settings import SfmSettings
 
 BOOTSTRAP = 10

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import Cancelled, EngineError, InvalidInputError, OutputExistsError, StorageError
 from fvs_engine.evaluate.lpips import find_lpips
 from fvs_engine.evaluate.markdown import markdown
@@ -14,6 +13,7 @@ from fvs_engine.evaluate.report import BASELINES, Summary, summarise
 from fvs_engine.evaluate.results import Evaluation, Record, Run, read_record, write_record
 from fvs_engine.evaluate.run import Laboratory, RunPlan, execute, make_start
 from fvs_engine.evaluate.trajectories import plot_trajectories
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.select.loop_folder import fingerprint

@@ -11,9 +11,9 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fvs_engine.atomic_file import replacing
 from fvs_engine.evaluate.report import CorrelationRow, Row, Summary
 from fvs_engine.evaluate.statistics import Estimate
+from fvs_engine.files.atomic import replacing
 
 _COLORS = (
     "#0072B2",

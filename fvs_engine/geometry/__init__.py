@@ -1,8 +1,13 @@
 """Cameras, rotations, transforms and alignment, in float64 numpy."""
 
-from fvs_engine.geometry.alignment import AlignmentReport, alignment_report, robust_umeyama, umeyama
+from fvs_engine.geometry.alignment.similarity import (
+    AlignmentReport,
+    alignment_report,
+    robust_umeyama,
+    umeyama,
+)
+from fvs_engine.geometry.camera_paths import OPENGL_FROM_OPENCV, interpolate, look_at, smooth_path
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
-from fvs_engine.geometry.placement import OPENGL_FROM_OPENCV, interpolate, look_at, smooth_path
 from fvs_engine.geometry.rotations import (
     angle_between,
     matrix_from_quaternion,

@@ -6,9 +6,11 @@ world coordinates. Composition reads like a chain: ``a_from_b @ b_from_c`` is ``
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic_core import CoreSchema, core_schema
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.validation import finite_array, rotation_matrix
@@ -29,6 +31,20 @@ class RigidTransform:
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotation", rotation_matrix("rotation", self.rotation))
         object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> CoreSchema:
+        """In pydantic models: the transform itself or its matrix [3, 4]; in JSON the matrix."""
+        row = core_schema.list_schema(core_schema.float_schema(), min_length=4, max_length=4)
+        rows = core_schema.list_schema(row, min_length=3, max_length=3)
+        from_rows = core_schema.no_info_after_validator_function(_from_rows, rows)
+        return core_schema.json_or_python_schema(
+            json_schema=from_rows,
+            python_schema=core_schema.union_schema([core_schema.is_instance_schema(cls), from_rows]),
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                lambda transform: transform.matrix[:3].tolist()
+            ),
+        )
 
     @staticmethod
     def identity() -> "RigidTransform":
@@ -64,6 +80,13 @@ class RigidTransform:
         return RigidTransform(
             self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
         )
+
+
+def _from_rows(rows: list[list[float]]) -> RigidTransform:
+    try:
+        return RigidTransform.from_matrix(rows)
+    except InvalidInputError as error:
+        raise ValueError(str(error)) from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.storage import blame_full_disk, storage_errors
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest, ReconstructionSettings
 from fvs_engine.pipeline.names import match_names
-from fvs_engine.pipeline.storage import blame_full_disk, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_engine.sfm.imports import fit_cameras, import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruct import reconstruct
+from fvs_engine.sfm.batch.reconstruct import reconstruct
+from fvs_engine.sfm.batch.triangulate import triangulate
+from fvs_engine.sfm.batch.undistort import undistort
+from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
 from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.triangulate import triangulate
-from fvs_engine.sfm.undistort import undistort
 
 _MIN_VIEWS = 2
 

@@ -21,8 +21,8 @@ from fvs_engine.pipeline.manifest import Record
 from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.views import ModelView, usual_camera
 from fvs_engine.score.interface import Candidate
-from fvs_engine.sfm.evidence import centre_spread
-from fvs_engine.sfm.imports import import_transforms_json
+from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.sfm.verification.evidence import centre_spread
 
 _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.pipeline.storage import write_atomically
+from fvs_engine.files.storage import write_atomically
 from fvs_engine.score import CandidateStatus, RankedCandidate
 
 _TILE_AREA_PX = 320 * 214

@@ -7,10 +7,10 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.evaluate.experiment import run_experiment
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import Summary
+from fvs_engine.files.lock import locked_folder
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.folder_lock import locked_folder
-from fvs_engine.pipeline.storage import storage_errors
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.splat.raster import create_rasterizer
 

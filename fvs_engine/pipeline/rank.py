@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import AwareDatetime, Field
 
+from fvs_engine.files.storage import storage_errors, write_atomically
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
@@ -13,7 +14,6 @@ from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.manifest import Record
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.render import render_color
-from fvs_engine.pipeline.storage import storage_errors, write_atomically
 from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.trainer import torch_threads_for

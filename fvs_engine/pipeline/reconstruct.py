@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
+from fvs_engine.files.storage import require_free_bytes, storage_errors
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.normalise import normalise_images, normalised_name
 from fvs_engine.monitor import Monitor
@@ -15,7 +16,6 @@ from fvs_engine.pipeline.manifest import (
     ReconstructionSettings,
     RejectionRecord,
 )
-from fvs_engine.pipeline.storage import require_free_bytes, storage_errors
 from fvs_engine.pipeline.workspace import Workspace
 
 MIN_PHOTOGRAPHS = 2
@@ -105,7 +105,7 @@ def _compute(
     threads: int | None,
 ) -> Metrics:
     """The stages that take long. So does importing them, which bad input need not wait for."""
-    from fvs_engine.kernels import set_thread_budget
+    from fvs_engine.compilation.kernels import set_thread_budget
     from fvs_engine.pipeline.cameras import find_cameras
     from fvs_engine.pipeline.train import disk_need_bytes, train
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import PinholeCamera, RigidTransform, smooth_path
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
-from fvs_engine.pipeline.storage import storage_errors
 from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer

@@ -15,11 +15,11 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.lock import locked_folder
+from fvs_engine.files.storage import storage_errors, write_atomically
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.folder_lock import locked_folder
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX, Record
-from fvs_engine.pipeline.storage import storage_errors, write_atomically
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings

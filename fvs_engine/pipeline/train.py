@@ -11,6 +11,7 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.evaluate.metrics import psnr, ssim
+from fvs_engine.files.storage import require_free_bytes, storage_errors
 from fvs_engine.monitor import Monitor, SavingMonitor
 from fvs_engine.pipeline.manifest import (
     Manifest,
@@ -20,7 +21,6 @@ from fvs_engine.pipeline.manifest import (
     ViewMetrics,
 )
 from fvs_engine.pipeline.render import render_color
-from fvs_engine.pipeline.storage import require_free_bytes, storage_errors
 from fvs_engine.pipeline.views import (
     ModelView,
     load_views,

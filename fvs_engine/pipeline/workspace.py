@@ -21,9 +21,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
-from fvs_engine.pipeline.folder_lock import locked_folder
+from fvs_engine.files.lock import locked_folder
+from fvs_engine.files.storage import storage_errors, write_atomically
 from fvs_engine.pipeline.manifest import Manifest, Metrics
-from fvs_engine.pipeline.storage import storage_errors, write_atomically
 
 _OWN_ENTRIES = frozenset(
     {"manifest.json", "metrics.json", "images", "sfm", "undistorted", "splat", "renders", "ranking", ".lock"}

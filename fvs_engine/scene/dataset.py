@@ -13,7 +13,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import Camera, RigidTransform
 from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
-from fvs_engine.sfm.imports import find_colmap_model, fit_camera, import_transforms_json
+from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.reconstruction import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
 
 _MIN_VIEWS = 2

@@ -21,8 +21,8 @@ from fvs_engine.scene.scene_files import SceneFiles, SceneMemory, ViewMemory
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
-from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer

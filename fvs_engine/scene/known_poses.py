@@ -12,13 +12,13 @@ from fvs_engine.scene.color_evidence import MIN_AGREEMENT, color_agreement
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
-from fvs_engine.sfm.mapping import read_witnesses
-from fvs_engine.sfm.positions import Positions
+from fvs_engine.sfm.batch.mapping import read_witnesses
+from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, has_colmap_model, open_colmap
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.triangulate import triangulate
+from fvs_engine.sfm.verification.positions import Positions
 
 MIN_MATCH_SUPPORT = 0.5
 """Given poses that explain less of the verified matches than this belong to other photographs."""

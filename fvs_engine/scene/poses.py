@@ -6,8 +6,8 @@ from typing import Protocol
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.sfm.verification.positions import Positions
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import DistortedCamera, PinholeCamera, RigidTransform
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import SceneSettings

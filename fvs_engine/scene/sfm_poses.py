@@ -7,10 +7,10 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.growing import GrowingReconstruction
-from fvs_engine.sfm.positions import Positions
+from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.verification.positions import Positions
 
 
 class SfmPoses:

@@ -25,8 +25,8 @@ from numba import get_num_threads, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fvs_engine.compilation import ensure_compiled
-from fvs_engine.kernels import kernel, parallel_kernel
+from fvs_engine.compilation.ahead import ensure_compiled
+from fvs_engine.compilation.kernels import kernel, parallel_kernel
 from fvs_engine.monitor import Monitor
 
 # A positive float32 read as an integer keeps its order; without the sign, its upper half is the exponent and
@@ -56,7 +56,7 @@ def median_log_of_spectra(images: Tensor) -> Tensor:
 
 def compile_kernels(monitor: Monitor | None = None) -> None:
     """Have the kernels compiled where they are not yet; that is what ``monitor`` sees."""
-    ensure_compiled("fvs_engine.score.rehearsal", _clamp, monitor)
+    ensure_compiled("fvs_engine.score.warm_up", _clamp, monitor)
 
 
 def _middle_powers_of_image(image: NDArray[np.floating[Any]], ranks: tuple[int, int]) -> NDArray[np.float32]:

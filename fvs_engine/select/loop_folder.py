@@ -15,8 +15,8 @@ from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import OutputExistsError, StorageError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_records import Choice, Record, StepRecord, StopReason
 from fvs_engine.select.loop_settings import LoopSettings

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from fvs_engine.atomic_file import replacing
+from fvs_engine.files.atomic import replacing
 from fvs_engine.scene.dataset import Dataset
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.geometry.alignment import AlignmentReport, robust_umeyama
-from fvs_engine.sfm.evidence import centre_spread
+from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama
 from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
+from fvs_engine.sfm.verification.evidence import centre_spread
 
 Array = NDArray[np.float64]
 

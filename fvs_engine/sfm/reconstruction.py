@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
-from fvs_engine.sfm.colmap_files import damaged_file
+from fvs_engine.sfm.colmap.files import damaged_file
 
 MODEL_FILES = ("cameras", "images", "points3D")
 """A COLMAP model is these three files, all ``.bin`` or all ``.txt``."""

@@ -12,11 +12,11 @@ from typing import Any
 
 import pycolmap
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import InvalidInputError, NoImagesError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.database import require_sound_database
-from fvs_engine.sfm.native import run_native
+from fvs_engine.sfm.colmap.database import require_sound_database
+from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.settings import SfmSettings
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from PIL import Image
 
-from fvs_engine.atomic_file import replacing, write_text_atomically
 from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.files.atomic import replacing, write_text_atomically
 from fvs_engine.geometry import OPENGL_FROM_OPENCV, DistortedCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.simulate.camera import SimulatedCamera

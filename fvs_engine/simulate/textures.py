@@ -8,7 +8,7 @@ all scales, so that SIFT finds corners from near and from far.
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import kernel
+from fvs_engine.compilation.kernels import kernel
 
 _SMALLEST_TEXELS = 4.0
 _LARGEST_SHARE = 0.12

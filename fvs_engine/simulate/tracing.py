@@ -4,9 +4,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.compilation.kernels import inlined_kernel, parallel_kernel
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.cameras import Camera
-from fvs_engine.kernels import inlined_kernel, parallel_kernel
 from fvs_engine.simulate.world import World
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from fvs_engine.atomic_file import replacing
 from fvs_engine.errors import StorageError
+from fvs_engine.files.atomic import replacing
 
 FORMAT = "fvs-training-1"
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.special import logit
 from torch import Tensor
 
-from fvs_engine.kernels import parallel_kernel
+from fvs_engine.compilation.kernels import parallel_kernel
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.optimiser import GaussianAdam
 from fvs_engine.splat.raster.interface import Rendering
-from fvs_engine.splat.raster.projection import rotation_matrices
+from fvs_engine.splat.raster.reference_projection import rotation_matrices
 from fvs_engine.splat.settings import Densification
 
 SPLIT_CHILDREN = 2

@@ -18,7 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import kernel, parallel_kernel
+from fvs_engine.compilation.kernels import kernel, parallel_kernel
 
 F32 = np.float32
 Floats = NDArray[np.float32]

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fvs_engine.kernels import kernel, parallel_kernel
+from fvs_engine.compilation.kernels import kernel, parallel_kernel
 from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
 from fvs_engine.splat.settings import LearningRates
 

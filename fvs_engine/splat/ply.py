@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyParseError
 
-from fvs_engine.atomic_file import replacing
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.atomic import replacing
 from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
 
 _MEANS = ("x", "y", "z")

@@ -16,7 +16,7 @@ from fvs_client import Client, Retries
 from fvs_service.application import Backend
 from fvs_service.gateway.rest.app import create_app
 
-_SERVICE_TESTS = Path(__file__).resolve().parent.parent / "services" / "conftest.py"
+_SERVICE_TESTS = Path(__file__).resolve().parent.parent / "fvs_service" / "conftest.py"
 
 
 def _load_service_fixtures() -> Any:

@@ -65,7 +65,7 @@ class Service:
 
     def __enter__(self) -> "Service":
         command = [
-            *(sys.executable, "-c", "from fvs_service.cli import main; main()", "serve", "--log-json"),
+            *(sys.executable, "-c", "from fvs_engine.cli import main; main()", "serve", "--log-json"),
             *("--root", str(self.root), "--port", "0", "--workers", str(self.workers)),
         ]
         self.log = self.root.with_suffix(".log").open("w")

@@ -17,7 +17,7 @@ TARGETS = {
     "gateway": "fvs_service.serving.gateway_process",
     "worker": "fvs_service.serving.worker_process",
     "runner": "fvs_service.worker.runner.process",
-    "sfm": "fvs_engine.sfm.native_child",
+    "sfm": "fvs_engine.sfm.native.child",
 }
 BETWEEN_JOBS = "uploading"
 

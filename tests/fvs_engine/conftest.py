@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 

@@ -1,68 +1,341 @@
-import json
-import subprocess
-import sys
-from collections.abc import Callable
+"""A gateway for tests: the real application, with an engine and runners that compute in this process."""
+
+import contextlib
+import hashlib
+import io
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import httpx2
+import numpy as np
+import piexif
 import pytest
-from fvs_service.cli.app import app
-from typer.testing import CliRunner
+import torch
+import uvicorn
+from fastapi import FastAPI
+from fvs_service.application import Application, Backend, Storage
+from fvs_service.errors import UnavailableError
+from fvs_service.gateway.rest.app import create_app
+from fvs_service.jobs.port import JobTicket
+from fvs_service.rankings.port import DrawView, RankedView, RankedViews, RankViews
+from fvs_service.scenes.lease import Lease
+from fvs_service.scenes.model import Alignment
+from fvs_service.settings import Settings
+from fvs_service.snapshots.model import (
+    PinholeIntrinsics,
+    SnapshotCameras,
+    SnapshotMetrics,
+    SnapshotView,
+)
+from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, artifact_key
+from fvs_service.telemetry import configure_logging
+from PIL import Image
+from starlette.testclient import TestClient
+
+from fvs_engine.geometry import look_at, quaternion_from_matrix
+from fvs_engine.score import Candidate, MedianFrequency, rank
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.ply import read_ply, write_ply
+from fvs_engine.splat.raster import create_rasterizer
+
+Overrides = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Run:
-    """How one call of the program ended."""
+class TicketBox:
+    """A queue that only remembers: tests play the worker themselves."""
 
-    status: int
-    stdout: str
-    stderr: str
+    def __init__(self) -> None:
+        self.submitted: dict[str, JobTicket] = {}
+        self.canceled: list[JobTicket] = []
+        self.reachable = True
+
+    def submit(self, ticket: JobTicket) -> None:
+        if not self.reachable:
+            raise UnavailableError("The queue does not answer.")
+        self.submitted.setdefault(ticket.key, ticket)
+
+    def request_cancel(self, ticket: JobTicket) -> None:
+        self.canceled.append(ticket)
+
+    def run_worker(self, worker_id: str) -> None:
+        raise AssertionError(f"tests play worker {worker_id}")
+
+    def reap(self, worker_id: str) -> int:
+        raise AssertionError(f"tests play worker {worker_id}")
+
+
+class ComputingRunners:
+    """Ranks and draws with the engine, from the snapshot's own artefacts."""
+
+    methods = ("median-frequency",)
+
+    def __init__(self, storage: Storage) -> None:
+        self._blobs = storage.blobs
+        self._rasterizer = create_rasterizer("reference")
+        self.reachable = True
+        self.asked: list[RankViews] = []
+
+    def rank(self, request: RankViews) -> RankedViews:
+        self._require_reachable()
+        self.asked.append(request)
+        gaussians = self._gaussians(request.scene_id, request.snapshot_id)
+        candidates = [Candidate(view.id, view.camera, view.camera_from_model) for view in request.views]
+        scores = MedianFrequency().score(gaussians, candidates, self._rasterizer)
+        distances = {view.id: view.distance_m for view in request.views if view.distance_m is not None}
+        views = tuple(
+            RankedView(place.id, place.rank, place.score, place.status.value, place.coverage)
+            for place in rank(scores, distances)
+        )
+        return RankedViews(request.snapshot_id, 7, len(gaussians), views)
+
+    def draw(self, request: DrawView) -> bytes:
+        self._require_reachable()
+        gaussians = self._gaussians(request.scene_id, request.snapshot_id)
+        with torch.no_grad():
+            drawn = self._rasterizer.render(gaussians, request.view.camera, request.view.camera_from_model)
+        pixels = (drawn.color.clamp(0, 1).numpy() * 255).astype(np.uint8)
+        out = io.BytesIO()
+        Image.fromarray(pixels).save(out, "PNG")
+        return out.getvalue()
+
+    def _gaussians(self, scene_id: str, snapshot_id: str) -> Gaussians:
+        content = self._blobs.read(artifact_key(scene_id, snapshot_id, GAUSSIANS))
+        with contextlib.ExitStack() as stack:
+            folder = stack.enter_context(_temporary_folder())
+            (folder / GAUSSIANS).write_bytes(content)
+            return read_ply(folder / GAUSSIANS)
+
+    def _require_reachable(self) -> None:
+        if not self.reachable:
+            raise UnavailableError("No runner answers.", retry_after_s=3)
+
+
+@contextlib.contextmanager
+def _temporary_folder() -> Iterator[Path]:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+@dataclass
+class Gateway:
+    """A running gateway, what it stands on, and a client for it."""
+
+    app: FastAPI
+    client: httpx2.Client
+    engine: TicketBox
+    settings: Settings
 
     @property
-    def document(self) -> dict[str, Any]:
-        """The one JSON document on stdout."""
-        (line,) = self.stdout.splitlines()
-        return json.loads(line)
+    def application(self) -> Application:
+        return self.app.state.application
+
+    @property
+    def runners(self) -> ComputingRunners:
+        runners = self.application.runners
+        assert isinstance(runners, ComputingRunners)
+        return runners
+
+    def key(self, tenant_id: str, **options: Any) -> dict[str, str]:
+        """Headers of a new key."""
+        key = self.application.storage.keys.create("test", tenant_id=tenant_id, **options)
+        return {"Authorization": f"Bearer {key}"}
+
+    def scene(self, headers: Mapping[str, str] | None = None, **request: Any) -> str:
+        """A new scene's id."""
+        made = self.client.post("/v1/scenes", json={"name": "a scene", **request}, headers=headers)
+        assert made.status_code == 201, made.text
+        return made.json()["id"]
+
+    def put(
+        self, scene_id: str, content: bytes, headers: Mapping[str, str] | None = None, **metadata: Any
+    ) -> httpx2.Response:
+        """Send an image's bytes."""
+        digest = hashlib.sha256(content).hexdigest()
+        path = f"/v1/scenes/{scene_id}/images/sha256:{digest}"
+        return self.client.put(path, content=content, params=metadata, headers=headers)
+
+    def queue(self, scene_id: str, kind: str = "update", headers: Mapping[str, str] | None = None) -> str:
+        """A new job's id."""
+        made = self.client.post(f"/v1/scenes/{scene_id}/jobs", json={"kind": kind}, headers=headers)
+        assert made.status_code == 202, made.text
+        return made.json()["id"]
+
+    def lease(self, scene_id: str, worker_id: str = "tester") -> Lease:
+        """The right to work on a scene."""
+        lease = self.application.storage.leases.acquire(scene_id, worker_id)
+        assert lease is not None
+        return lease
+
+    def model(
+        self,
+        scene_id: str,
+        headers: Mapping[str, str] | None = None,
+        alignment: Alignment | None = None,
+    ) -> str:
+        """Run an update that makes a small model; returns its snapshot's id."""
+        job_id = self.queue(scene_id, headers=headers)
+        storage, lease = self.application.storage, self.lease(scene_id)
+        attempt = self.engine.submitted[f"{job_id}.1"].attempt
+        job = storage.ledger.start(lease, job_id, attempt)
+        assert job is not None
+        with _temporary_folder() as folder:
+            made = small_model(folder, alignment or Alignment())
+            snapshot = storage.snapshots.commit(lease, job, "snapshot", made)
+        storage.ledger.succeed(lease, job_id)
+        storage.leases.release(lease)
+        return snapshot.id
+
+
+def small_model(folder: Path, alignment: Alignment) -> NewSnapshot:
+    """A blob of 60 coloured Gaussians about the origin, seen by six cameras 4 away."""
+    generator = torch.Generator().manual_seed(5)
+    count = 60
+    write_ply(
+        folder / GAUSSIANS,
+        Gaussians(
+            means=torch.randn((count, 3), generator=generator) * 0.5,
+            log_scales=torch.full((count, 3), -1.0),
+            quaternions_wxyz=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1),
+            opacity_logits=torch.full((count,), 2.0),
+            sh_dc=torch.randn((count, 3), generator=generator),
+            sh_rest=torch.zeros((count, 0, 3)),
+        ),
+    )
+    views = []
+    for number in range(6):
+        angle = number * np.pi / 3
+        camera = look_at([4 * np.cos(angle), 4 * np.sin(angle), 1.0], [0, 0, 0], [0, 0, 1])
+        views.append(
+            SnapshotView(
+                image=f"sha256:{number:064x}",
+                name=f"{number}.jpg",
+                position=tuple(camera.translation.tolist()),
+                orientation_wxyz=tuple(quaternion_from_matrix(camera.rotation).tolist()),
+            )
+        )
+    cameras = SnapshotCameras(
+        camera=PinholeIntrinsics(width_px=32, height_px=24, fx_px=30, fy_px=30, cx_px=16, cy_px=12),
+        views=tuple(views),
+        centre=(0, 0, 0),
+        up=(0, 0, 1),
+        lower=(-1, -1, -1),
+        upper=(1, 1, 1),
+    )
+    (folder / CAMERAS).write_text(cameras.model_dump_json())
+    return NewSnapshot(
+        metrics=SnapshotMetrics(registered=6, waiting=0, points=9, iterations=7, gaussians=60, sh_degree=0),
+        alignment=alignment,
+        files={CAMERAS: folder / CAMERAS, GAUSSIANS: folder / GAUSSIANS},
+        registered=(),
+        without_overlap=(),
+    )
+
+
+def _settings(root: Path, overrides: Overrides) -> Settings:
+    limits = {"image_pixels": 2_000_000, **overrides.get("limits", {})}
+    others = {name: value for name, value in overrides.items() if name != "limits"}
+    return Settings(
+        **{
+            "root": root,
+            "inspectors": 1,
+            "reserve_bytes": 0,
+            "event_poll_s": 0.02,
+            "limits": limits,
+            **others,
+        }
+    )
 
 
 @pytest.fixture(scope="session")
-def fvs() -> Callable[..., Run]:
-    """Call the program in this process: the libraries are imported once for all tests."""
-
-    def call(*arguments: object) -> Run:
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-        if result.exception is not None and not isinstance(result.exception, SystemExit):
-            raise result.exception
-        return Run(result.exit_code, result.stdout, result.stderr)
-
-    return call
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
+    """The gateway of a single user's machine; all tests share it, each makes scenes of its own."""
+    with _running(_settings(tmp_path_factory.mktemp("gateway") / "service", {})) as gateway:
+        yield gateway
 
 
-@pytest.fixture(scope="session")
-def fvs_command() -> Callable[..., list[str]]:
-    """The command line of the installed program, for tests that need a process of its own."""
-    program = str(Path(sys.executable).with_name("fvs"))
-    return lambda *arguments: [program, *map(str, arguments)]
+@pytest.fixture(scope="session", autouse=True)
+def _plain_logs() -> None:
+    configure_logging(machine=True)
 
 
 @pytest.fixture(scope="session")
-def fvs_until(fvs_command: Callable[..., list[str]]) -> Callable[..., tuple[int, str]]:
-    """Run the program with --json until it writes a report that ``wanted`` accepts, then send a signal.
+def running() -> Callable[[Settings], contextlib.AbstractContextManager[Gateway]]:
+    """Run a gateway in a ``with`` block."""
+    return _running
 
-    Returns the exit status and the rest of what the program said on stderr.
-    """
 
-    def call(*arguments: object, wanted: Callable[[dict[str, Any]], bool], number: int) -> tuple[int, str]:
-        command = fvs_command(*arguments, "--json")
-        pipe = subprocess.PIPE
-        with subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True) as process:
-            assert process.stderr is not None
-            for line in process.stderr:
-                if wanted(json.loads(line)):
-                    process.send_signal(number)
-                    break
-            _, rest = process.communicate(timeout=120)
-        return process.returncode, rest
+@pytest.fixture(scope="session")
+def settings_of() -> Callable[[Path, Overrides], Settings]:
+    """Settings for tests: quick to start, in a folder, with some of them changed."""
+    return _settings
 
-    return call
+
+@pytest.fixture
+def open_gateway(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
+    """Open a gateway of one's own, with other settings than the default."""
+    with contextlib.ExitStack() as stack:
+        yield lambda **overrides: stack.enter_context(_running(_settings(tmp_path / "service", overrides)))
+
+
+@contextlib.contextmanager
+def _running(settings: Settings) -> Iterator[Gateway]:
+    engine = TicketBox()
+    app = create_app(settings, Backend(engine=lambda _: engine, runners=ComputingRunners))
+    with TestClient(app, raise_server_exceptions=False) as client:
+        yield Gateway(app, client, engine, settings)
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
+    """Start a gateway on a free port of loopback, for what needs a real connection."""
+    stops: list[Callable[[], None]] = []
+
+    def start(**overrides: Any) -> Gateway:
+        settings, engine = _settings(tmp_path / "service", overrides), TicketBox()
+        app = create_app(settings, Backend(engine=lambda _: engine, runners=ComputingRunners))
+        server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        while not server.started:
+            assert thread.is_alive()
+            time.sleep(0.01)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        client = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30)
+
+        def stop() -> None:
+            client.close()
+            server.should_exit = True
+            thread.join()
+
+        stops.append(stop)
+        return Gateway(app, client, engine, settings)
+
+    yield start
+    for stop in stops:
+        stop()
+
+
+@pytest.fixture(scope="session")
+def photograph() -> Callable[..., bytes]:
+    """Make a photograph: sharp noise of its own per ``seed``, with the EXIF that is asked for."""
+
+    def make(
+        seed: int = 0,
+        size: tuple[int, int] = (96, 64),
+        image_format: str = "JPEG",
+        exif: Mapping[str, Any] | None = None,
+    ) -> bytes:
+        width, height = size
+        pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+        out = io.BytesIO()
+        options = {"exif": piexif.dump(dict(exif))} if exif else {}
+        Image.fromarray(pixels).save(out, image_format, **options)
+        return out.getvalue()
+
+    return make

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fvs_engine.compilation import ensure_compiled
+from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
@@ -19,7 +19,7 @@ from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, REC
 
 Floats = NDArray[np.float32]
 
-REHEARSAL = "fvs_engine.splat.rehearsal"
+REHEARSAL = "fvs_engine.splat.warm_up"
 
 # Tiles differ in cost by far; threads take a few at a time instead of an equal share of the image.
 TILES_AT_ONCE = 4

@@ -15,7 +15,7 @@ from fvs_engine.splat.raster.interface import (
     Rendering,
     over_background,
 )
-from fvs_engine.splat.raster.projection import ScreenSplats, project
+from fvs_engine.splat.raster.reference_projection import ScreenSplats, project
 
 TILE_PX = 16
 

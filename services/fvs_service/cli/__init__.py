@@ -1,15 +1,1 @@
-"""The command line. Every command imports the engine when it runs, so that ``fvs --help`` is quick."""
-
-import sys
-
-from fvs_service.cli.exit_codes import INTERRUPTED
-
-
-def main() -> None:
-    """Entry point of the ``fvs`` program."""
-    from fvs_service.cli.app import app
-
-    try:
-        app()
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+"""The service's commands, added to the engine's ``fvs`` through the entry point group ``fvs.commands``."""

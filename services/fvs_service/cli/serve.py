@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_service.cli.exit_codes import USAGE
+from fvs_engine.cli.exit_codes import USAGE
 from fvs_service.principal import LOCAL_TENANT, Scope
 
 if TYPE_CHECKING:
@@ -18,6 +18,12 @@ _Root = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Where the service keeps everything.", show_default="fvs-service"),
 ]
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add ``serve`` and ``keys`` to the program ``fvs`` (entry point ``fvs.commands``)."""
+    app.command()(serve)
+    app.add_typer(keys, name="keys")
 
 
 def serve(

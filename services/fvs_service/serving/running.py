@@ -47,7 +47,7 @@ def running_service(
     Its log goes to ``log``; ``environment`` has further settings (``FVS_…``). Raises ``UnavailableError``
     when it does not start.
     """
-    command = [sys.executable, "-c", "from fvs_service.cli import main; main()", "serve"]
+    command = [sys.executable, "-c", "from fvs_engine.cli import main; main()", "serve"]
     with (
         log.open("w") as to,
         subprocess.Popen(

@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 import structlog
 
 from fvs_engine.errors import OutputExistsError
-from fvs_engine.pipeline.folder_lock import locked_folder
-from fvs_engine.pipeline.storage import storage_errors
+from fvs_engine.files.lock import locked_folder
+from fvs_engine.files.storage import storage_errors
 from fvs_service.application import open_storage
 from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection

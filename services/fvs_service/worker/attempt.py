@@ -11,8 +11,8 @@ from typing import Any
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import EngineError, ProcessDiedError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
 from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, ServiceError, StaleLeaseError
@@ -23,7 +23,7 @@ from fvs_service.jobs.model import Job, JobError, JobKind
 from fvs_service.jobs.port import JobTicket
 from fvs_service.jobs.repository import find_job, images_stage
 from fvs_service.scenes.repository import find_scene
-from fvs_service.snapshots.alignment import align
+from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.worker.capacity import job_need_bytes
 from fvs_service.worker.host import Host, Hosted

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import StorageError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_service.jobs.port import JobTicket
 
 

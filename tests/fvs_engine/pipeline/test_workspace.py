@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
-from fvs_engine.pipeline.manifest import ImagesRecord, Manifest, Metrics, ReconstructionSettings
-from fvs_engine.pipeline.storage import (
+from fvs_engine.files.storage import (
     DiskFullError,
     blame_full_disk,
     require_free_bytes,
     storage_errors,
     write_atomically,
 )
+from fvs_engine.pipeline.manifest import ImagesRecord, Manifest, Metrics, ReconstructionSettings
 from fvs_engine.pipeline.workspace import Workspace
 
 
@@ -140,7 +140,7 @@ def test_a_folder_without_a_manifest_is_no_output(tmp_path: Path) -> None:
 def test_a_full_disk_has_its_own_error_and_keeps_the_old_file(tmp_path: Path) -> None:
     script = (
         "import resource, sys; from pathlib import Path\n"
-        "from fvs_engine.pipeline.storage import DiskFullError, write_atomically\n"
+        "from fvs_engine.files.storage import DiskFullError, write_atomically\n"
         "path = Path(sys.argv[1]); write_atomically(path, b'old')\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         "try: write_atomically(path, bytes(2000))\n"

@@ -16,8 +16,8 @@ from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.raster import Rasterizer
 
 Settings = Callable[..., SceneSettings]

@@ -8,8 +8,8 @@ import pytest
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene import sfm_poses
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.sfm.positions import Positions
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.verification.positions import Positions
 
 
 def test_told_positions_reach_structure_from_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import hashlib, json
 import numpy as np
 import torch
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.kernels import KERNELS
+from fvs_engine.compilation.kernels import KERNELS
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import Candidate, MedianFrequency
 from fvs_engine.splat.initialise import initialise_from_points

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, inlined_kernel, kernel, parallel_kernel
+from fvs_engine.compilation.kernels import F, inlined_kernel, kernel, parallel_kernel
 from fvs_engine.splat.raster.kernels.records import (
     CENTER_X,
     CENTER_Y,

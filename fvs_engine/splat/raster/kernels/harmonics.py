@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, kernel
+from fvs_engine.compilation.kernels import F, kernel
 from fvs_engine.splat.spherical_harmonics import SH_C0, SH_C1, SH_C2, SH_C3
 
 Row = NDArray[np.float32]

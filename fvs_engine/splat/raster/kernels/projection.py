@@ -1,7 +1,7 @@
 """Project Gaussians to screen records, and carry gradients of records back to their parameters.
 
-The mathematics is that of ``fvs_engine.splat.raster.projection``, differentiated by hand. ``view`` is a
-float32 vector [19]: rotation (9, row-major) and translation (3) of camera_from_model, the camera's centre
+The mathematics is that of ``raster.reference_projection``, differentiated by hand. ``view`` is a float32
+vector [19]: rotation (9, row-major) and translation (3) of camera_from_model, the camera's centre
 in the model frame (3), and fx, fy, cx, cy; ``size`` is (width, height).
 """
 
@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, kernel, parallel_kernel
+from fvs_engine.compilation.kernels import F, kernel, parallel_kernel
 from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.raster.kernels.harmonics import C0, basis, basis_derivatives
 from fvs_engine.splat.raster.kernels.records import (

@@ -1,6 +1,6 @@
 """The record of a projected Gaussian that all kernels share: one row of float32 per splat.
 
-The factors A, k, B of its screen ellipse are those of ``fvs_engine.splat.raster.projection``.
+The factors A, k, B of its screen ellipse are those of ``fvs_engine.splat.raster.reference_projection``.
 """
 
 CENTER_X, CENTER_Y = 0, 1

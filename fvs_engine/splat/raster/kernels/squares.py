@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.kernels import F, kernel, parallel_kernel
+from fvs_engine.compilation.kernels import F, kernel, parallel_kernel
 from fvs_engine.splat.raster.kernels.binning import HALVES, LANES, TILE_PX
 from fvs_engine.splat.raster.kernels.blending import (
     AREA,

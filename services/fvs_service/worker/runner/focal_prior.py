@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from fvs_engine.atomic_file import replacing
+from fvs_engine.files.atomic import replacing
 from fvs_engine.images.focal import focal_length_px
 from fvs_service.scenes.model import CameraPrior
 

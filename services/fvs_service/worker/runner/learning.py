@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from fvs_engine.atomic_file import write_text_atomically
 from fvs_engine.errors import Cancelled, InvalidInputError, ReconstructionError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.monitor import Monitor, SavingMonitor
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
-from fvs_engine.sfm.growing import GrowingReconstruction
+from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import fresh_folder

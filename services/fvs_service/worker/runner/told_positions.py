@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from fvs_engine.sfm.positions import GPS_ACCURACY_M, Positions
+from fvs_engine.sfm.verification.positions import GPS_ACCURACY_M, Positions
 from fvs_service.images.model import Image, PriorSource
 from fvs_service.scenes.model import Origin
-from fvs_service.snapshots.alignment import place_told
+from fvs_service.snapshots.georeferencing import place_told
 
 
 def told_positions(images: Mapping[str, Image], origin: Origin | None) -> Positions | None:

@@ -1,0 +1,101 @@
+"""Child processes that end with their parent.
+
+A child is spawned, never forked: a fork of a process with threads inherits their locks. It gets a session of
+its own, because Ctrl-C in a terminal goes to the whole process group and the parent alone decides when its
+children end. Its first line of standard input is its order, a JSON document; the pipe stays open.
+"""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from typing import IO, Any
+
+EXIT_ORPHANED = 3
+"""Exit status of a child whose parent is gone."""
+
+_PR_SET_PDEATHSIG = 1
+_WATCH_S = 0.5
+
+STOP_PATIENCE_S = 3.0
+"""How long a child may take to end on SIGTERM before it is killed."""
+
+
+def spawn(
+    module: str,
+    order: str | None = None,
+    *,
+    stdout: int | IO[Any] | None = subprocess.PIPE,
+    stderr: int | IO[Any] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> "subprocess.Popen[str]":
+    """Start ``python -m module``, with ``environment`` added to this process's own.
+
+    With an ``order`` standard input is a pipe that stays open after it; without one it is empty.
+    Raises ``OSError`` when no process can be made.
+    """
+    child = subprocess.Popen(
+        [sys.executable, "-m", module],
+        stdin=subprocess.DEVNULL if order is None else subprocess.PIPE,
+        stdout=stdout,
+        stderr=stderr,
+        env=None if environment is None else {**os.environ, **environment},
+        text=True,
+        start_new_session=True,
+    )
+    if order is not None:
+        write(child, order + "\n")
+    return child
+
+
+def write(child: "subprocess.Popen[str]", text: str) -> None:
+    """Write to the child's standard input; a child that has died is seen elsewhere, so nothing is raised."""
+    assert child.stdin is not None
+    with contextlib.suppress(OSError, ValueError):
+        child.stdin.write(text)
+        child.stdin.flush()
+
+
+def stop(child: "subprocess.Popen[str]", patience_s: float = STOP_PATIENCE_S) -> None:
+    """End the child: SIGTERM, and SIGKILL when it has not ended in time. Returns when it has."""
+    if child.poll() is None:
+        child.terminate()
+        try:
+            child.wait(timeout=patience_s)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def close_pipes(child: "subprocess.Popen[str]") -> None:
+    """Close our ends of the pipes of a child that has ended."""
+    for pipe in (child.stdin, child.stdout, child.stderr):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()
+
+
+def end_with_parent(parent: int, *, kernel: bool = True) -> None:
+    """In a child: end when ``parent``, the process that made this one, has ended.
+
+    The kernel kills the child at once where it can (Linux). It does so when the *thread* that made the child
+    ends: with ``kernel=False``, for children of threads that come and go, only the watch is left, which looks
+    twice a second who the parent is.
+    """
+    if kernel:
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the kernel was asked
+        os._exit(EXIT_ORPHANED)
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    os._exit(EXIT_ORPHANED)

@@ -1,0 +1,252 @@
+"""The commands of ``fvs``: each reads its arguments, runs one job of the engine and prints the result.
+
+The engine is imported inside the commands: torch, Numba and pycolmap take seconds that ``--help`` and
+mistakes in the arguments must not wait for.
+"""
+
+import importlib.metadata
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvs_engine.cli.evaluate import evaluate
+from fvs_engine.cli.options import (
+    Backend,
+    BackendOption,
+    JsonOption,
+    OutOption,
+    Quality,
+    ThreadsOption,
+    limit_threads,
+)
+from fvs_engine.cli.select import select
+from fvs_engine.cli.simulate import simulate
+
+if TYPE_CHECKING:
+    from fvs_engine.cli.jobs import Say
+    from fvs_engine.monitor import Monitor
+    from fvs_engine.pipeline.rank import Ranking
+
+COMMANDS = "fvs.commands"
+"""Entry point group: functions that are called with ``app`` and add commands to it."""
+
+app = typer.Typer(
+    help="Photographs in; 3D Gaussian splats and a ranking of where to photograph next out.",
+    epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the README lists the others.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class CameraModel(StrEnum):
+    """The lenses that can be estimated."""
+
+    SIMPLE_PINHOLE = "SIMPLE_PINHOLE"
+    SIMPLE_RADIAL = "SIMPLE_RADIAL"
+    RADIAL = "RADIAL"
+    OPENCV = "OPENCV"
+
+
+class Views(StrEnum):
+    """What `fvs render` can render by name."""
+
+    HELD_OUT = "held-out"
+    TRAINING = "training"
+    ALL = "all"
+    PATH = "path"
+
+
+_Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")]
+_Candidates = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Poses in the model frame as JSON, or a transforms.json."),
+]
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"fvs {importlib.metadata.version('fvs')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _fvs(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def reconstruct(
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
+    out: OutOption,
+    quality: Annotated[
+        Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
+    ] = Quality.COARSE,
+    iterations: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Training iterations.", show_default="the preset's")
+    ] = None,
+    long_side: Annotated[
+        int | None,
+        typer.Option(
+            min=64,
+            metavar="PX",
+            help="Train on images reduced to this long side.",
+            show_default="coarse 640, fine 1600",
+        ),
+    ] = None,
+    colmap: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Take the cameras from a COLMAP model of IMAGES.")
+    ] = None,
+    transforms: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Take the cameras from a transforms.json of IMAGES.")
+    ] = None,
+    intrinsics: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The calibration of the camera: a COLMAP cameras.txt, or JSON."),
+    ] = None,
+    camera_model: Annotated[
+        CameraModel | None,
+        typer.Option(
+            case_sensitive=False,
+            metavar="MODEL",
+            help="The lens to estimate: SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV. Only OPENCV lets "
+            "pixels not be square.",
+            show_default="SIMPLE_RADIAL",
+        ),
+    ] = None,
+    test_every: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
+    ] = 8,
+    backend: BackendOption = Backend.AUTO,
+    seed: Annotated[
+        int, typer.Option(min=0, help="The same cameras and seed train the same model on the CPU.")
+    ] = 0,
+    threads: ThreadsOption = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Photographs in; cameras and a trained splat out. After a stop, the same command goes on."""
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import run_job
+
+    def job(monitor: "Monitor", say: "Say") -> None:
+        limit_threads(threads)
+        from fvs_engine.pipeline.manifest import ReconstructionSettings
+        from fvs_engine.pipeline.reconstruct import reconstruct_folder
+        from fvs_engine.sfm.colmap.intrinsics import read_intrinsics
+
+        settings = ReconstructionSettings(
+            quality=quality.value,
+            iterations=iterations,
+            long_side_px=long_side,
+            test_every=test_every,
+            seed=seed,
+            backend=backend.value,
+            colmap=str(colmap.absolute()) if colmap else None,
+            transforms=str(transforms.absolute()) if transforms else None,
+            camera_model=camera_model.value if camera_model else None,
+            intrinsics=read_intrinsics(intrinsics) if intrinsics else None,
+        )
+        reconstruct_folder(
+            images, out, settings, overwrite=overwrite, monitor=monitor, warn=say, threads=threads
+        )
+
+    run_job(job, machine=as_json)
+    report.show_folder(out, machine=as_json)
+
+
+@app.command()
+def rank(
+    folder: _Folder,
+    candidates: _Candidates = None,
+    top: Annotated[
+        int | None, typer.Option(min=1, metavar="K", help="Show only the first K.", show_default="all")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
+    ] = None,
+    backend: BackendOption = Backend.AUTO,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Rank candidate poses: the lowest median frequency, the least well known view, comes first.
+
+    Without --candidates: the held-out views, and poses halfway between neighbouring training views.
+    Writes ranking.json (all candidates) and contact_sheet.png (the first K, or 12; at most 48).
+    """
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import run_job
+
+    def job(monitor: "Monitor", say: "Say") -> "tuple[Ranking, Path]":  # noqa: ARG001
+        limit_threads(threads)
+        from fvs_engine.pipeline.rank import rank_candidates
+
+        return rank_candidates(folder, candidates, out=out, top=top, backend=backend.value, monitor=monitor)
+
+    report.show_ranking(*run_job(job, machine=as_json), top=top, machine=as_json)
+
+
+@app.command()
+def render(
+    folder: _Folder,
+    views: Annotated[Views, typer.Option(help="Which views; path: a smooth flight through them.")] = (
+        Views.HELD_OUT
+    ),
+    candidates: _Candidates = None,
+    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames of a path.")] = 120,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
+    ] = None,
+    backend: BackendOption = Backend.AUTO,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Render views of the model, candidates or a path through the views to PNG files."""
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import run_job
+
+    def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
+        limit_threads(threads)
+        from fvs_engine.pipeline.render import ViewGroup, render_views
+
+        return render_views(
+            folder,
+            group=ViewGroup(views.value),
+            candidates_file=candidates,
+            frames=frames,
+            out=out,
+            backend=backend.value,
+            monitor=monitor,
+        )
+
+    report.show_files(run_job(job, machine=as_json), machine=as_json)
+
+
+@app.command()
+def info(folder: _Folder, as_json: JsonOption = False) -> None:
+    """What an output folder holds: photographs, cameras, training, quality."""
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import fail
+    from fvs_engine.errors import EngineError
+
+    try:
+        report.show_folder(folder, machine=as_json)
+    except EngineError as error:
+        fail(error, machine=as_json)
+
+
+app.command()(select)
+app.command()(simulate)
+app.command()(evaluate)
+for entry_point in importlib.metadata.entry_points(group=COMMANDS):
+    entry_point.load()(app)

@@ -1,0 +1,47 @@
+"""``fvs simulate``: photographs of a made-up place, for whoever has none at hand."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvs_engine.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from fvs_engine.cli.jobs import Say
+    from fvs_engine.monitor import Monitor
+
+
+def simulate(
+    out: Annotated[Path, typer.Argument(metavar="DIR", help="Where the photographs go.")],
+    images: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="How many.")] = 24,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Their size in px.")] = "640x480",
+    radius: Annotated[float, typer.Option(min=2.5, max=3.7, metavar="M", help="Of the orbit, in m.")] = 3.0,
+    turns: Annotated[float, typer.Option(min=0.01, max=20.0, help="How often it goes around.")] = 1.0,
+    exposure: Annotated[float, typer.Option(metavar="EV", help="Brighter by 2^EV.")] = 0.0,
+    noise: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Sensor noise; 1 is a small drone's.")
+    ] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed makes another place.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Photograph a made-up courtyard from an orbit: DIR/images, and the true poses in DIR/transforms.json."""
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import run_job
+
+    shape = re.fullmatch(r"([1-9]\d{1,3})x([1-9]\d{1,3})", size)
+    if shape is None:
+        raise typer.BadParameter(
+            f"{size!r} is no size in px, of two to four digits each; write for example 640x480.",
+            param_hint="--size",
+        )
+
+    def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
+        from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
+
+        camera = SimulatedCamera.like_a_drone(int(shape[1]), int(shape[2]), exposure_ev=exposure, noise=noise)
+        poses = orbit(images, radius_m=radius, turns=turns)
+        return tuple(write_photographs(out, courtyard(seed), camera, poses, monitor, seed=seed))
+
+    report.show_files(run_job(job, machine=as_json), machine=as_json)

@@ -1,0 +1,1 @@
+"""Alignment of frames: similarity transforms, georeferencing, datasets."""

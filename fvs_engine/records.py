@@ -1,0 +1,16 @@
+"""The base of records that become JSON, and the sentence for one that cannot be read."""
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+
+class Record(BaseModel):
+    """Base of settings, reports and state files: frozen; unknown fields and non-finite numbers are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def first_error(error: ValidationError) -> str:
+    """The first thing wrong with a record, as ``where: what``."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"]) or "the file"
+    return f"{where}: {first['msg']}"

@@ -1,0 +1,1 @@
+"""Reconstruction of a fixed set of images."""

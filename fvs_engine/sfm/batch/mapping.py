@@ -1,0 +1,177 @@
+"""Stage three: the two mappers, their models on disk, and what the gate needs to know of each."""
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.colmap.database import (
+    VerifiedPair,
+    publish,
+    read_keypoints,
+    read_verified_pairs,
+    require_sound_database,
+    verified_pair_count,
+)
+from fvs_engine.sfm.reconstruction import has_colmap_model, open_colmap
+from fvs_engine.sfm.report import Evidence
+from fvs_engine.sfm.settings import MapperName
+from fvs_engine.sfm.stages import Stages, fresh_folder, replace_folder
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, gather_evidence
+from fvs_engine.sfm.verification.gate import MAX_UNSUPPORTED_SHARE, Candidate
+from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """What knows nothing of any model: verified pairs with relative poses, keypoints, positions."""
+
+    pairs: Sequence[VerifiedPair]
+    keypoints: Mapping[int, NDArray[np.float64]]
+    positions: Positions
+
+    def testify(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
+        """What they say about ``model``; None when no verified pair lies within it."""
+        return gather_evidence(model, self.pairs, self.keypoints, self.positions, monitor.check)
+
+    def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
+        """How many of the verified matches between the images ``names`` fit their cameras in ``model``."""
+        ids = {image_id for image_id, image in model.images.items() if image.name in names}
+        pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
+        checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
+        return sum(check.supported for check in checks)
+
+
+@dataclass(frozen=True, eq=False)
+class MappedScene:
+    """A mapper's largest model, as the gate sees it, and the images of its smaller ones."""
+
+    model: pycolmap.Reconstruction
+    candidate: Candidate
+    other_components: tuple[tuple[str, ...], ...]
+
+    @staticmethod
+    def weigh(
+        mapper: str, models: Sequence[pycolmap.Reconstruction], witnesses: Witnesses, monitor: Monitor
+    ) -> "MappedScene":
+        """Gather the evidence for the largest of ``models`` (sorted, largest first).
+
+        Its few images that every pair contradicts are taken out of it, which changes the model.
+        """
+        monitor.report("evidence", 0, 1)
+        monitor.check()
+        largest = models[0]
+        evidence = witnesses.testify(largest, monitor)
+        if evidence is not None and _is_prunable(largest, evidence):
+            leave_out(largest, evidence.unsupported_images)
+            evidence = witnesses.testify(largest, monitor)
+        monitor.report("evidence", 1, 1)
+        centres = {
+            image.name: np.asarray(image.projection_center())
+            for image in largest.images.values()
+            if image.has_pose
+        }
+        others = tuple(registered_names(model) for model in models[1:])
+        return MappedScene(largest, Candidate(mapper, centres, evidence), others)
+
+
+def read_witnesses(stages: Stages, positions: Positions | None = None) -> Witnesses:
+    """Calibrate the view graph if that is still to do, and read what the pairs say.
+
+    ``positions``, if there are any, take the place of the GPS in the photographs' EXIF.
+    """
+    calibrate_view_graph(stages)
+    pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
+    # Only the calibrated geometries have relative poses that do not hang on a guessed focal length.
+    relative = {
+        (pair.first, pair.second): pair.second_from_first
+        for pair in read_verified_pairs(_mapping_database(stages), MIN_PAIR_MATCHES)
+    }
+    pairs = [
+        VerifiedPair(pair.first, pair.second, pair.matches, relative.get((pair.first, pair.second)))
+        for pair in pairs
+    ]
+    ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
+    keypoints = read_keypoints(stages.folder.database, ids)
+    return Witnesses(pairs, keypoints, positions or positions_in_exif(stages.folder.database))
+
+
+def calibrate_view_graph(stages: Stages) -> None:
+    """Write ``calibrated.db`` unless it is there, nothing was matched, or the intrinsics are known."""
+    folder = stages.folder
+    if folder.calibrated.exists() or stages.settings.intrinsics is not None:
+        return
+    if verified_pair_count(folder.database, MIN_PAIR_MATCHES) == 0:
+        return
+    require_sound_database(folder.database)  # and its journal is in the file that is copied next
+    partial = folder.partial(folder.calibrated)
+    stages.monitor.report("calibration", 0, 1)
+    with stages.timed("calibration"):
+        arguments = {"database": str(folder.database), "target": str(partial), "seed": stages.settings.seed}
+        if not stages.native("calibrate", arguments):
+            stages.warnings.append(
+                "The view graph could not be calibrated; focal lengths start from a guess."
+            )
+        publish(partial, folder.calibrated)
+    stages.monitor.report("calibration", 1, 1)
+
+
+def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
+    """Run ``mapper`` unless its models are there; returns their folder."""
+    target = stages.folder.mapping(mapper)
+    if target.is_dir() or verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES) == 0:
+        return target
+    stage = f"{mapper} mapping"
+    partial = fresh_folder(stages.folder.partial(target))
+    database = _mapping_database(stages) if mapper == "global" else stages.folder.database
+    stages.monitor.report(stage, 0, count if mapper == "incremental" else None)
+    with stages.timed(stage):
+        stages.native(
+            f"map_{mapper}",
+            {
+                "database": str(database),
+                "image_dir": str(image_dir),
+                "out_dir": str(partial),
+                "refine": stages.settings.intrinsics is None,
+                "seed": stages.settings.seed,
+                "threads": stages.settings.threads,
+            },
+            on_event=lambda registered: stages.monitor.report(stage, min(registered, count), count),
+        )
+    replace_folder(partial, target)
+    stages.monitor.report(stage, count, count)
+    return target
+
+
+def load_models(folder: Path) -> list[pycolmap.Reconstruction]:
+    """The models in ``folder``/0, 1, …, the one with the most images first."""
+    if not folder.is_dir():
+        return []
+    models = [open_colmap(model) for model in sorted(folder.iterdir()) if has_colmap_model(model)]
+    return sorted(models, key=lambda model: model.num_reg_images(), reverse=True)
+
+
+def registered_names(model: pycolmap.Reconstruction) -> tuple[str, ...]:
+    """The names of the images that have a pose, sorted."""
+    return tuple(sorted(image.name for image in model.images.values() if image.has_pose))
+
+
+def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
+    """Take the cameras of these images, and their observations, out of the model."""
+    for name in names:
+        image = model.find_image_with_name(name)
+        if image is not None and image.has_pose:
+            model.deregister_frame(image.frame_id)
+
+
+def _is_prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> bool:
+    return 0 < len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * model.num_reg_images()
+
+
+def _mapping_database(stages: Stages) -> Path:
+    calibrated = stages.folder.calibrated
+    return calibrated if calibrated.exists() else stages.folder.database

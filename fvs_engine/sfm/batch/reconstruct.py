@@ -1,0 +1,195 @@
+"""Photographs in, cameras and sparse points out: the stages, what is resumed, and what is believed.
+
+``out_dir`` holds ``database.db`` (features, matches; grows in transactions), ``calibrated.db`` and
+``mapping/<mapper>/<k>`` (whole or absent: written beside and renamed), ``sparse`` (the model that was kept),
+``report.json`` and ``native.log`` (what the C++ said).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from fvs_engine.errors import ReconstructionError
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, load_models, map_scene, read_witnesses
+from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
+from fvs_engine.sfm.matching.features import extract_features
+from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, read_colmap
+from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
+from fvs_engine.sfm.settings import MapperName, SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.gate import Decision, decide
+from fvs_engine.sfm.verification.positions import Positions
+
+_MIN_IMAGES = 2
+_NEAR_CERTAIN = 0.95
+"""Match support from which, in a large set, the second mapper need not be asked."""
+
+
+@dataclass(frozen=True, eq=False)
+class SfmResult:
+    """The cameras and points, why they are believed, and where the COLMAP model lies."""
+
+    reconstruction: Reconstruction
+    report: SfmReport
+    model_dir: Path
+
+
+def reconstruct(
+    image_dir: Path,
+    image_names: Sequence[str],
+    out_dir: Path,
+    settings: SfmSettings,
+    monitor: Monitor,
+    positions: Positions | None = None,
+) -> SfmResult:
+    """Find the cameras of ``image_names`` (posix paths in ``image_dir``; the order is the capture order).
+
+    What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` goes on where
+    the first one stopped, and a call after success returns at once. Progress is reported as the stages
+    ``features``, ``pairs``, ``matching``, ``calibration``, ``incremental mapping``, ``global mapping``,
+    ``evidence``. ``positions``: where the photographs were taken, by default what GPS wrote into their EXIF;
+    they move no camera, but a model that contradicts them is refused.
+
+    Raises ``NoImagesError`` for fewer than two images, ``ReconstructionError`` when the images do not support
+    a model (and says what to do), ``Cancelled``.
+    """
+    folder = SfmFolder(out_dir)
+    stages = Stages(folder, settings, monitor)
+    names = stages.open(image_dir, image_names, _MIN_IMAGES)
+    if (finished := finished_result(folder)) is not None and finished.report.mapper != GIVEN:
+        return finished
+    extract_features(stages, image_dir, names)
+    match_features(stages, names)
+    witnesses = read_witnesses(stages, positions)
+    scenes = map_images(stages, image_dir, len(names), witnesses)
+    decision = decide([scene.candidate for scene in scenes], settings.gate)
+    return _conclude(stages, names, scenes, decision)
+
+
+def finished_result(folder: SfmFolder) -> SfmResult | None:
+    """What an earlier call left in ``folder``, None if it did not come to an end."""
+    if not folder.report.is_file():
+        return None
+    try:
+        report = SfmReport.model_validate_json(folder.report.read_bytes())
+    except ValidationError:  # damaged, or of another version: what it says is found again
+        return None
+    return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
+
+
+def map_images(stages: Stages, image_dir: Path, count: int, witnesses: Witnesses) -> list[MappedScene]:
+    """Both mappers for small sets; for large ones the second only when the first leaves doubt."""
+    small = count <= stages.settings.both_mappers_up_to
+    order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
+    scenes: list[MappedScene] = []
+    for mapper in order:
+        models = load_models(map_scene(stages, mapper, image_dir, count))
+        if models:
+            scenes.append(MappedScene.weigh(mapper, models, witnesses, stages.monitor))
+        if not small and scenes and _certain(scenes[-1], count, stages.settings):
+            break
+    return scenes
+
+
+def _certain(scene: MappedScene, count: int, settings: SfmSettings) -> bool:
+    evidence = scene.candidate.evidence
+    judged = decide([scene.candidate], settings.gate)
+    return (
+        judged.chosen is not None
+        and evidence is not None
+        and evidence.match_support >= _NEAR_CERTAIN
+        and len(scene.candidate.centres) >= 0.9 * count
+    )
+
+
+def _conclude(
+    stages: Stages, names: Sequence[str], scenes: Sequence[MappedScene], decision: Decision
+) -> SfmResult:
+    folder = stages.folder
+    candidates = tuple(
+        CandidateReport(
+            mapper=scene.candidate.mapper,
+            registered=len(scene.candidate.centres),
+            points=scene.model.num_points3D(),
+            mean_reprojection_error_px=scene.model.compute_mean_reprojection_error(),
+            evidence=scene.candidate.evidence,
+            verdict=judgement.verdict,
+            reasons=judgement.reasons,
+        )
+        for scene, judgement in zip(scenes, decision.judgements, strict=True)
+    )
+    if decision.chosen is None:
+        refused = json.dumps([candidate.model_dump() for candidate in candidates], indent=2)
+        write_text_atomically(folder.refused, refused)
+        raise _failure(stages, names, candidates)
+
+    chosen = scenes[decision.chosen]
+    reconstruction = from_pycolmap(chosen.model)
+    registered = {view.name for view in reconstruction.views}
+    unregistered = tuple(name for name in names if name not in registered)
+    components = tuple(
+        ComponentReport(mapper=chosen.candidate.mapper, images=images) for images in chosen.other_components
+    )
+    warnings = [*stages.warnings, *decision.warnings]
+    if unregistered:
+        warnings.append(
+            f"{len(unregistered)} of {len(names)} images have no camera: {_listed(unregistered)}."
+        )
+    evidence = candidates[decision.chosen].evidence
+    if evidence is not None and evidence.unsupported_images:
+        warnings.append(f"The cameras of {_listed(evidence.unsupported_images)} are weakly supported.")
+    report = SfmReport(
+        mapper=chosen.candidate.mapper,
+        verdict=decision.judgements[decision.chosen].verdict,
+        images=len(names),
+        registered=len(registered),
+        unregistered=unregistered,
+        points=len(reconstruction.points),
+        mean_reprojection_error_px=candidates[decision.chosen].mean_reprojection_error_px,
+        pairs_matched=stages.pairs_matched,
+        pairs_verified=verified_pair_count(folder.database, MIN_PAIR_MATCHES),
+        candidates=candidates,
+        agreements=decision.agreements,
+        other_components=components,
+        warnings=tuple(warnings),
+        seconds=stages.seconds,
+    )
+    stages.write_model(chosen.model)
+    write_text_atomically(folder.report, report.model_dump_json(indent=2))
+    return SfmResult(reconstruction, report, folder.sparse)
+
+
+def _failure(
+    stages: Stages, names: Sequence[str], candidates: Sequence[CandidateReport]
+) -> ReconstructionError:
+    verified = verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES)
+    shown = _listed(names)
+    if verified == 0:
+        return ReconstructionError(
+            f"No two of the {len(image_ids(stages.folder.database))} images show the same thing ({shown}).",
+            hint="Take photographs that overlap by two thirds, of something with texture.",
+        )
+    if not candidates:
+        return ReconstructionError(
+            f"{verified} pairs of images match, but they tie no model together ({shown}).",
+            hint="Add photographs from in between, taken from different places rather than by turning.",
+        )
+    reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
+    return ReconstructionError(
+        f"Every model that was found contradicts the photographs. {reasons}",
+        hint="Repeated patterns do this, and a lens that is not as assumed. Add photographs in between; give "
+        "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
+        f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.refused}.",
+    )
+
+
+def _listed(names: Sequence[str], limit: int = 8) -> str:
+    rest = len(names) - limit
+    return ", ".join(names[:limit]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,0 +1,165 @@
+"""Sparse points for cameras that were given, from matches between their photographs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.errors import InvalidInputError, ReconstructionError
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import read_witnesses
+from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
+from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
+from fvs_engine.sfm.colmap.imports import fit_camera
+from fvs_engine.sfm.matching.features import extract_features
+from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, from_pycolmap, open_colmap, to_pycolmap
+from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+
+_MIN_VIEWS = 2
+
+
+def triangulate(
+    cameras: Reconstruction, image_dir: Path, out_dir: Path, settings: SfmSettings, monitor: Monitor
+) -> SfmResult:
+    """Find points for the views of ``cameras``, whose poses and intrinsics stay as they are; resumable.
+
+    A view belongs to the image of its name in ``image_dir``, or of its name's last part; views without are
+    left out and named in the report. Its camera is scaled to the image's size. Features and matches are those
+    of ``reconstruct``. What the matches say of the given cameras is in the report, with a warning when they
+    contradict.
+
+    Raises ``InvalidInputError`` for fewer than two views and for images of another shape than their cameras,
+    ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
+    """
+    views, missing = _views_with_images(cameras.views, image_dir)
+    if len(views) < _MIN_VIEWS:
+        raise InvalidInputError(
+            f"{len(views)} of the {len(cameras.views)} given cameras have their image in {image_dir}"
+            + (f"; {missing[0]} has not." if missing else "."),
+            hint="Give the folder of photographs that these cameras were computed from.",
+        )
+    names = [view.name for view in views]
+    stages = Stages(SfmFolder(out_dir), settings, monitor)
+    stages.open(image_dir, names, _MIN_VIEWS)
+    finished = finished_result(stages.folder)
+    if finished is not None and finished.report.mapper == GIVEN and _same(finished.reconstruction, views):
+        return finished
+    extract_features(stages, image_dir, names)
+    match_features(stages, names)
+    model = _with_points(stages, views, image_dir)
+    reconstruction = from_pycolmap(model)
+    report = _report(stages, model, reconstruction, names, missing)
+    stages.write_model(model)
+    write_text_atomically(stages.folder.report, report.model_dump_json(indent=2))
+    return SfmResult(reconstruction, report, stages.folder.sparse)
+
+
+def _same(finished: Reconstruction, views: Sequence[PosedView]) -> bool:
+    """Whether a finished result is of these cameras, and not of what a file held at an earlier time."""
+    return len(finished.views) == len(views) and all(
+        (old.name, old.camera) == (new.name, new.camera)
+        and np.allclose(old.camera_from_model.matrix, new.camera_from_model.matrix, rtol=0, atol=1e-9)
+        for old, new in zip(finished.views, views, strict=True)
+    )
+
+
+def _views_with_images(
+    views: Sequence[PosedView], image_dir: Path
+) -> tuple[list[PosedView], tuple[str, ...]]:
+    found: dict[str, PosedView] = {}
+    missing = []
+    for view in views:
+        names = (view.name, PurePosixPath(view.name).name)
+        name = next((name for name in names if (image_dir / name).is_file()), None)
+        if name is None:
+            missing.append(view.name)
+        elif name in found:
+            raise InvalidInputError(f"Two of the given cameras claim {image_dir / name}.")
+        else:
+            found[name] = replace(view, name=name, camera=fit_camera(view.camera, image_dir / name))
+    return [found[name] for name in sorted(found)], tuple(missing)
+
+
+def _with_points(stages: Stages, views: Sequence[PosedView], image_dir: Path) -> pycolmap.Reconstruction:
+    folder = stages.folder
+    posed = fresh_folder(folder.root / "given")
+    ids = image_ids(folder.database)
+    known = [view for view in views if view.name in ids]
+    to_pycolmap(known, image_ids=ids).write_binary(posed)
+    target = folder.mapping(GIVEN)
+    partial = fresh_folder(folder.partial(target))
+    stages.monitor.report("triangulation", 0, 1)
+    with stages.timed("triangulation"):
+        points = stages.native(
+            "triangulate",
+            {
+                "database": str(folder.database),
+                "image_dir": str(image_dir),
+                "model_dir": str(posed),
+                "out_dir": str(partial),
+                "threads": stages.settings.threads,
+            },
+        )
+    replace_folder(partial, target)
+    stages.monitor.report("triangulation", 1, 1)
+    if points == 0:
+        raise ReconstructionError(
+            "No point is seen from two of the given cameras.",
+            hint="Do the poses belong to these images? A transforms.json has OpenGL axes, camera to world.",
+        )
+    return open_colmap(target)
+
+
+def _report(
+    stages: Stages,
+    model: pycolmap.Reconstruction,
+    reconstruction: Reconstruction,
+    names: Sequence[str],
+    missing: Sequence[str],
+) -> SfmReport:
+    evidence = read_witnesses(stages).testify(model, stages.monitor)
+    doubtful = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
+    reason = (
+        "No pair of images matches."
+        if evidence is None
+        else f"{evidence.match_support:.1%} of the verified matches fit the given cameras."
+    )
+    warnings = list(stages.warnings)
+    if doubtful:
+        warnings.append(f"DOUBTFUL CAMERAS: {reason}")
+    if missing:
+        warnings.append(f"{len(missing)} of the given cameras have no image here: {', '.join(missing[:8])}.")
+    registered = {view.name for view in reconstruction.views}
+    error_px = model.compute_mean_reprojection_error()
+    candidate = CandidateReport(
+        mapper=GIVEN,
+        registered=len(registered),
+        points=len(reconstruction.points),
+        mean_reprojection_error_px=error_px,
+        evidence=evidence,
+        verdict="doubtful" if doubtful else "accepted",
+        reasons=(reason,),
+    )
+    return SfmReport(
+        mapper=GIVEN,
+        verdict=candidate.verdict,
+        images=len(names),
+        registered=len(registered),
+        unregistered=tuple(name for name in names if name not in registered),
+        points=len(reconstruction.points),
+        mean_reprojection_error_px=error_px,
+        pairs_matched=stages.pairs_matched,
+        pairs_verified=verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES),
+        candidates=(candidate,),
+        agreements=(),
+        other_components=(),
+        warnings=tuple(warnings),
+        seconds=stages.seconds,
+    )

@@ -1,0 +1,1 @@
+"""COLMAP's files and database, read and written."""

@@ -1,0 +1,198 @@
+"""Cameras that were made elsewhere: a COLMAP model, or a ``transforms.json`` as NeRF datasets have it."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.geometry.camera_paths import OPENGL_FROM_OPENCV
+from fvs_engine.geometry.cameras import Camera, DistortedCamera
+from fvs_engine.sfm.reconstruction import (
+    PosedView,
+    Reconstruction,
+    from_pycolmap,
+    has_colmap_model,
+    open_colmap,
+)
+
+_MAX_SHAPE_CHANGE = 0.01
+"""Resizing rounds to whole pixels, which changes the ratio of the sides a little."""
+
+
+def find_colmap_model(folder: Path) -> Path:
+    """The folder that holds the model: ``folder``, or ``sparse/0``, ``sparse`` or ``0`` in it.
+
+    Raises ``InvalidInputError`` when there is none.
+    """
+    for candidate in (folder, folder / "sparse" / "0", folder / "sparse", folder / "0"):
+        if has_colmap_model(candidate):
+            return candidate
+    raise InvalidInputError(
+        f"{folder} holds no COLMAP model.",
+        hint="Give the folder with cameras, images and points3D (.bin or .txt), or the one above it.",
+    )
+
+
+def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruction:
+    """Read the posed images and the points of a COLMAP model (binary or text) in or below ``colmap_dir``.
+
+    With ``image_dir`` the cameras are fitted to the photographs there (``fit_cameras``). Raises
+    ``InvalidInputError`` when there is no model or nothing in it has a pose; ``StorageError`` when the model
+    is damaged.
+    """
+    model = open_colmap(find_colmap_model(colmap_dir))
+    if model.num_reg_images() == 0:
+        raise InvalidInputError(f"No image of the model in {colmap_dir} has a pose.")
+    reconstruction = from_pycolmap(model)
+    return reconstruction if image_dir is None else fit_cameras(reconstruction, image_dir)
+
+
+def fit_cameras(reconstruction: Reconstruction, image_dir: Path) -> Reconstruction:
+    """Scale the cameras to their photographs in ``image_dir``, which may have been resized since.
+
+    A view's photograph has its name, or its name's last part; a view without one keeps its camera. Raises
+    ``InvalidInputError`` when a photograph cannot be read or has another shape than its camera.
+    """
+    views = []
+    for view in reconstruction.views:
+        paths = (image_dir / view.name, image_dir / PurePosixPath(view.name).name)
+        path = next((path for path in paths if path.is_file()), None)
+        views.append(view if path is None else replace(view, camera=fit_camera(view.camera, path)))
+    return replace(reconstruction, views=tuple(views))
+
+
+def fit_camera(camera: Camera, photograph: Path) -> Camera:
+    """The camera at the photograph's size; raises ``InvalidInputError`` unless that has its shape."""
+    width, height = _image_size(photograph)
+    if (camera.width, camera.height) == (width, height):
+        return camera
+    if abs(width * camera.height / (camera.width * height) - 1.0) > _MAX_SHAPE_CHANGE:
+        raise InvalidInputError(
+            f"{photograph.name} is {width}×{height} px, its camera {camera.width}×{camera.height} px.",
+            hint="Give the photographs that the cameras were computed from, at any scale.",
+        )
+    return camera.resized(width, height)
+
+
+def import_transforms_json(file: Path) -> Reconstruction:
+    """Read the posed views of a ``transforms.json`` (camera-to-world, OpenGL axes); it has no points.
+
+    Views are named by their ``file_path``, whether the image is there or not; ``triangulate`` uses those that
+    are there and names the others. Intrinsics may stand in the file's head or in each frame; where the size
+    is not given, the image tells it. Raises ``InvalidInputError`` for anything that is not such a file, for
+    rotations that are none, and for numbers that are not finite.
+    """
+    head = _read_json(file)
+    frames = head.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise InvalidInputError(f"{file} has no frames.", hint="Is it a transforms.json of a NeRF dataset?")
+    views: dict[str, PosedView] = {}
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise InvalidInputError(f"Frame {number} of {file} has no file_path.")
+        name, image = _locate(file, frame["file_path"])
+        if name in views:
+            raise InvalidInputError(f"{file} has more than one frame for {name}.")
+        camera = _camera(file, {**head, **frame}, image)
+        views[name] = PosedView(name, camera, _camera_from_model(file, name, frame))
+    return Reconstruction(
+        views=tuple(views[name] for name in sorted(views)),
+        points=np.zeros((0, 3)),
+        point_colors=np.zeros((0, 3), dtype=np.uint8),
+        point_errors_px=np.zeros(0),
+    )
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        head = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInputError(
+            f"{file} cannot be read: {error.strerror}.", hint="Check the path."
+        ) from error
+    except ValueError as error:
+        raise InvalidInputError(f"{file} is not JSON: {error}.", hint="Export it again.") from error
+    if not isinstance(head, dict):
+        raise InvalidInputError(f"{file} is not a transforms.json.", hint="It must be a JSON object.")
+    return head
+
+
+def _locate(file: Path, file_path: str) -> tuple[str, Path | None]:
+    """The view's name and its image, None if it is not there; Blender leaves the suffix ``.png`` out."""
+    plain = PurePosixPath(file_path.replace("\\", "/"))
+    for candidate in (plain, plain.with_name(plain.name + ".png")):
+        if (file.parent / candidate).is_file():
+            return candidate.as_posix(), file.parent / candidate
+    return plain.as_posix(), None
+
+
+def _camera_from_model(file: Path, name: str, frame: Mapping[str, Any]) -> RigidTransform:
+    try:
+        matrix = np.asarray(frame.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"The transform_matrix of {name} in {file} is no matrix.") from error
+    if matrix.shape not in {(4, 4), (3, 4)}:
+        raise InvalidInputError(f"The transform_matrix of {name} in {file} is not 4×4.")
+    if not np.isfinite(matrix).all():
+        raise InvalidInputError(f"The transform_matrix of {name} in {file} has a number that is not finite.")
+    try:
+        model_from_opengl_camera = RigidTransform(matrix[:3, :3], matrix[:3, 3])
+    except InvalidInputError as error:
+        raise InvalidInputError(f"The transform_matrix of {name} in {file}: {error.message}") from error
+    return (model_from_opengl_camera @ OPENGL_FROM_OPENCV).inverse()
+
+
+def _image_size(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as photograph:
+            return photograph.size
+    except OSError as error:  # what Pillow raises for no image derives from it
+        raise InvalidInputError(
+            f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model."
+        ) from error
+
+
+def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
+    width, height = _number(file, entry, "w"), _number(file, entry, "h")
+    if (width is None or height is None) and image is not None:
+        width, height = _image_size(image)
+    if width is None or height is None:
+        raise InvalidInputError(f"{file} does not say how large its images are.", hint="Add w and h in px.")
+    fx = _number(file, entry, "fl_x") or _focal(width, _number(file, entry, "camera_angle_x"))
+    if fx is None:
+        raise InvalidInputError(f"{file} has no focal length.", hint="Add fl_x (px) or camera_angle_x (rad).")
+    fy = _number(file, entry, "fl_y") or _focal(height, _number(file, entry, "camera_angle_y")) or fx
+    cx, cy = _number(file, entry, "cx"), _number(file, entry, "cy")
+    centre = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
+    lens = {key: _number(file, entry, key) or 0.0 for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
+    size = (round(width), round(height))
+    if entry.get("camera_model") == "OPENCV_FISHEYE" or entry.get("is_fisheye"):
+        fisheye = (fx, fy, *centre, lens["k1"], lens["k2"], lens["k3"], lens["k4"])
+        return DistortedCamera("OPENCV_FISHEYE", *size, fisheye)
+    if not any(lens.values()):
+        return PinholeCamera(*size, fx, fy, *centre)
+    if lens["k3"] or lens["k4"]:
+        full = (lens["k1"], lens["k2"], lens["p1"], lens["p2"], lens["k3"], lens["k4"], 0.0, 0.0)
+        return DistortedCamera("FULL_OPENCV", *size, (fx, fy, *centre, *full))
+    opencv = (lens["k1"], lens["k2"], lens["p1"], lens["p2"])
+    return DistortedCamera("OPENCV", *size, (fx, fy, *centre, *opencv))
+
+
+def _focal(size: float, angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else 0.5 * size / math.tan(0.5 * angle_rad)
+
+
+def _number(file: Path, entry: Mapping[str, Any], key: str) -> float | None:
+    value = entry.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InvalidInputError(f"{key} in {file} is {value!r}, not a finite number.")
+    return float(value)

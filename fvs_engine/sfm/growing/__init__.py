@@ -1,0 +1,1 @@
+"""A reconstruction that new images are registered into."""

@@ -1,0 +1,99 @@
+"""Place photographs in a standing model without changing it, to judge it by photographs that it never saw."""
+
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.colmap.database import feature_counts, require_sound_database
+from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
+from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
+from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, camera_from_pycolmap
+from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
+from fvs_engine.sfm.verification.positions import Positions
+
+
+def localise(
+    stages: Stages,
+    image_dir: Path,
+    names: Sequence[str],
+    standing: Reconstruction,
+    order: Sequence[str],
+    model_dir: Path,
+    database: Path,
+    looks: Looks,
+    positions: Positions,
+) -> dict[str, PosedView]:
+    """The cameras of ``names`` in the model of ``model_dir`` (``standing``), without those it cannot place.
+
+    ``stages`` has a database of its own for them, in which their features and matches are kept from call to
+    call; features of standing images (``order`` is that of adding) are copied into it from ``database`` as
+    they are needed, which is only read.
+    """
+    stages.folder.root.mkdir(parents=True, exist_ok=True)
+    guests = stages.folder.database
+    require_sound_database(guests)
+    _forget_changed(stages.folder, image_dir, names)
+    with stages.timed("features"):
+        import_images(stages, image_dir, [*order, *names])
+    add_features(stages, image_dir, names)
+    counts = feature_counts(guests)
+    usable = [name for name in names if counts.get(name, 0) > 0]
+
+    def fetch(neighbours: Sequence[str]) -> None:
+        here = feature_counts(guests)
+        names = [name for name in neighbours if name not in here]
+        if names:
+            stages.native("copy_features", {"source": str(database), "target": str(guests), "names": names})
+
+    chosen = match_with_neighbours(stages, usable, order, standing.centres(), looks, fetch)
+    groups = camera_groups(image_dir, [*order, *usable]).values()
+    inside = set(order)
+    siblings = {
+        name: next(other for other in group if other in inside)
+        for group in groups
+        for name in group
+        if name not in inside and inside & set(group)
+    }
+    stages.monitor.report("localisation", 0, len(usable))
+    with stages.timed("localisation"):
+        placed = stages.native(
+            "locate",
+            {
+                "database": str(guests),
+                "model_dir": str(model_dir),
+                "neighbours": chosen,
+                "siblings": siblings,
+                "positions": positions.to_json(),
+                "min_image_support": stages.settings.growth.min_image_support,
+                "seed": stages.settings.seed,
+            },
+            on_event=lambda done: stages.monitor.report("localisation", done, len(usable)),
+        )
+    stages.monitor.report("localisation", len(usable), len(usable))
+    return {name: _view(name, placed[name]) for name in names if name in placed}
+
+
+def _forget_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) -> None:
+    """Start the database again when it knows another photograph by one of these names."""
+    known: dict[str, int] = {}
+    with contextlib.suppress(OSError, ValueError):
+        known = json.loads(folder.state.read_text(encoding="utf-8"))
+    sizes = {name: (image_dir / name).stat().st_size for name in names}
+    if any(known.get(name, size) != size for name, size in sizes.items()):
+        delete_database(folder.database)
+        known = {}
+    write_text_atomically(folder.state, json.dumps(known | sizes))
+
+
+def _view(name: str, placed: Mapping[str, Any]) -> PosedView:
+    width, height = placed["size"]
+    camera = pycolmap.Camera(model=placed["model"], width=width, height=height, params=placed["params"])
+    matrix = np.array(placed["camera_from_model"])
+    return PosedView(name, camera_from_pycolmap(camera), RigidTransform(matrix[:, :3], matrix[:, 3]))

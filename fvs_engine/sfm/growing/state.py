@@ -1,0 +1,171 @@
+"""What a growing reconstruction keeps on disk, and how a change of it is committed.
+
+The folder holds ``sfm`` (database and bootstrap, as ``reconstruct`` keeps them), ``model-<generation>`` (the
+standing COLMAP model, whole before its name appears), ``words.npz`` (the vocabulary of retrieval),
+``localise`` (features of images that are no part of the model) and ``growth.json``. Replacing the last is the
+commit: a process killed before it leaves the former model standing, whatever else it had written.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, replace_folder
+
+_VERSION = 1
+
+
+class GrowthState(BaseModel):
+    """Which images were asked for, which stand in the model, and what the gates remember."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version: int = _VERSION
+    settings: str
+    """Digest of the settings, apart from the number of threads."""
+
+    images: dict[str, int] = {}
+    """Every image that was ever added → its file's size in bytes, in the order of adding."""
+
+    pending: tuple[str, ...] = ()
+    """Added, and not yet tried to the end: a kill came first, or the work goes on now."""
+
+    registered: tuple[str, ...] = ()
+    """In the order in which they got their cameras."""
+
+    refused: dict[str, str] = {}
+    """Waiting images whose matches contradict the place that was found for them → what was said of it."""
+
+    generation: int = 0
+    bootstrap_images: int = 0
+    """The vocabulary was learnt from so many of the first images."""
+
+    adjusted_images: int = 0
+    adjusted_points: int = 0
+    """The model's size when all its cameras were last adjusted together."""
+
+    mapped_images: int = 0
+    """Added images when all cameras were last sought anew, with or without success."""
+
+    mapped_support: float = 0.0
+    """Share of the verified matches that the model explained then."""
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Added images without a camera, in the order of adding."""
+        standing = set(self.registered)
+        return tuple(name for name in self.images if name not in standing)
+
+
+class GrowthFolder:
+    """Names of everything that a growing reconstruction keeps, and the commit."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    @property
+    def sfm(self) -> SfmFolder:
+        """Features and matches of all added images."""
+        return SfmFolder(self.root / "sfm")
+
+    @property
+    def localise(self) -> SfmFolder:
+        """Features and matches of images that are only localised."""
+        return SfmFolder(self.root / "localise")
+
+    @property
+    def words(self) -> Path:
+        """The vocabulary with which images are compared."""
+        return self.root / "words.npz"
+
+    @property
+    def next_model(self) -> Path:
+        """Where a model is written that is not yet believed."""
+        return self.root / ".model.partial"
+
+    def model(self, generation: int) -> Path:
+        """The COLMAP model of a generation."""
+        return self.root / f"model-{generation:06d}"
+
+    def open(self, settings: SfmSettings) -> GrowthState:
+        """The state that was committed last, a new one in a new folder; removes what was not committed.
+
+        Raises ``InvalidInputError`` when the folder's contents belong to other settings, ``StorageError``
+        when its state is damaged.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        file = self.root / "growth.json"
+        digest = settings_digest(settings)
+        if not file.is_file():
+            return GrowthState(settings=digest)
+        try:
+            state = GrowthState.model_validate_json(file.read_bytes())
+        except ValidationError as error:
+            raise StorageError(
+                f"{file} is damaged or of another version.", hint="Delete its folder and start again."
+            ) from error
+        if state.settings != digest:
+            raise InvalidInputError(
+                f"{self.root} holds a reconstruction with other settings.",
+                hint="Give the settings that it was begun with, or another folder.",
+            )
+        self._remove_all_but(state.generation)
+        return state
+
+    def save(self, state: GrowthState) -> None:
+        """Commit a state whose model stands already."""
+        write_text_atomically(self.root / "growth.json", state.model_dump_json(indent=1))
+
+    def commit(self, state: GrowthState) -> None:
+        """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""
+        for file in self.next_model.iterdir():
+            _sync(file)
+        _sync(self.next_model)
+        replace_folder(self.next_model, self.model(state.generation))
+        _sync(self.root)
+        self.save(state)
+        self._remove_all_but(state.generation)
+
+    def _remove_all_but(self, generation: int) -> None:
+        standing = self.model(generation)
+        for folder in [*self.root.glob("model-*"), self.next_model]:
+            if folder != standing:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def settings_digest(settings: SfmSettings) -> str:
+    """What tells settings apart that give different reconstructions."""
+    plain = settings.model_dump(mode="json", exclude={"threads"})
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def require_unchanged(state: GrowthState, image_dir: Path, names: Sequence[str]) -> dict[str, int]:
+    """Sizes in bytes of ``names``; raises ``InvalidInputError`` when a file is missing or has changed."""
+    sizes = {}
+    for name in names:
+        file = image_dir / name
+        if not file.is_file():
+            raise InvalidInputError(f"{file} does not exist.", hint="Check the image names.")
+        sizes[name] = file.stat().st_size
+        if state.images.get(name, sizes[name]) != sizes[name]:
+            raise InvalidInputError(
+                f"{file} is not the photograph that was added before.",
+                hint="Give the new photograph a name of its own, or start in another folder.",
+            )
+    return sizes
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,1 @@
+"""Features, the pairs of images to match, and their matches."""

@@ -1,0 +1,102 @@
+"""Stage two: which pairs show the same thing, matched and geometrically verified."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.sfm.colmap.database import (
+    count_rows,
+    gps_positions,
+    image_ids,
+    matched_pairs,
+    read_descriptors,
+)
+from fvs_engine.sfm.matching.pairs import exhaustive_pairs, selected_pairs
+from fvs_engine.sfm.matching.retrieval import global_descriptors
+from fvs_engine.sfm.stages import Stages
+
+_BLOCK_IMAGES = 10
+"""Matching commits after blocks of this many images squared: what an interruption can lose."""
+
+
+def match_features(stages: Stages, names: Sequence[str]) -> None:
+    """Match all pairs of a small set, the promising ones of a large one; what is done is skipped."""
+    database = stages.folder.database
+    ids = image_ids(database)
+    known = [name for name in names if name in ids]
+    exhaustive = len(known) <= stages.settings.exhaustive_up_to
+    with stages.timed("pairs"):
+        pairs = exhaustive_pairs(len(known)) if exhaustive else _select(stages, known)
+    stages.pairs_matched = len(pairs)
+    _match(stages, [(known[i], known[j]) for i, j in pairs], ids, listed=not exhaustive)
+
+
+def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
+    """Match these pairs of image names; what is done is skipped."""
+    _match(stages, pairs, image_ids(stages.folder.database), listed=True)
+
+
+def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int], *, listed: bool) -> None:
+    database = stages.folder.database
+    done = matched_pairs(database)
+    todo = [pair for pair in pairs if _ordered(ids[pair[0]], ids[pair[1]]) not in done]
+    if todo:
+        begun = len(done)
+        with stages.timed("matching"):
+            stages.native(
+                "match",
+                {
+                    "database": str(database),
+                    "pair_list": _write_list(stages, todo) if listed else None,
+                    "block": _BLOCK_IMAGES,
+                    "seed": stages.settings.seed,
+                    "threads": stages.settings.threads,
+                },
+                on_tick=lambda: stages.monitor.report(
+                    "matching",
+                    min(
+                        len(pairs),
+                        len(pairs) - len(todo) + count_rows(database, "two_view_geometries") - begun,
+                    ),
+                    len(pairs),
+                ),
+            )
+    stages.monitor.report("matching", len(pairs), len(pairs))
+
+
+def _select(stages: Stages, names: Sequence[str]) -> list[tuple[int, int]]:
+    database = stages.folder.database
+    ids = image_ids(database)
+    numbers = [ids[name] for name in names]
+
+    def on_image(done: int) -> None:
+        stages.monitor.report("pairs", done, len(names))
+        stages.monitor.check()
+
+    looks = global_descriptors(
+        lambda i: read_descriptors(database, numbers[i]), len(names), stages.settings.seed, on_image
+    )
+    gps = gps_positions(database)
+    return selected_pairs(
+        len(names), looks, {i: gps[number] for i, number in enumerate(numbers) if number in gps}
+    )
+
+
+def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]]) -> str:
+    require_plain_names([name for pair in pairs for name in pair])
+    file = stages.folder.root / "pairs.txt"
+    file.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    return str(file)
+
+
+def require_plain_names(names: Iterable[str]) -> None:
+    """Raise ``InvalidInputError`` for a name with white space, which COLMAP's list of pairs cannot hold."""
+    spaced = next((name for name in names if any(letter.isspace() for letter in name)), None)
+    if spaced is not None:
+        raise InvalidInputError(
+            f"The image name {spaced!r} has white space, which COLMAP's list of pairs cannot hold.",
+            hint="Rename the images, or have every pair of them matched (exhaustive_up_to).",
+        )
+
+
+def _ordered(first: int, second: int) -> tuple[int, int]:
+    return min(first, second), max(first, second)

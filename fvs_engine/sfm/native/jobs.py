@@ -1,0 +1,225 @@
+"""The native stages, each a function of JSON arguments that runs in a child process (``native``).
+
+A stage writes either into the database, in transactions, so that a killed one goes on where it was; or into a
+folder or file beside the final one that the caller renames when the stage is done.
+"""
+
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+Report = Callable[[int], None]
+
+_FEW_IMAGES = 20
+"""Up to so many images a point in only two of them is kept when poses are given."""
+
+
+def _threads(threads: int | None) -> int:
+    return -1 if threads is None else threads
+
+
+def import_images(
+    _report: Report,
+    *,
+    database: str,
+    image_dir: str,
+    names: list[str],
+    model: str,
+    params: str,
+    camera_id: int,
+) -> None:
+    """Register images of one camera: ``camera_id``, or a new one if that is -1; ``params`` may be empty."""
+    pycolmap.Database.open(database).close()  # creates it; the importer itself does not
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = model
+    reader.camera_params = params
+    reader.existing_camera_id = camera_id
+    pycolmap.import_images(database, image_dir, pycolmap.CameraMode.SINGLE, names, reader)
+
+
+def extract(
+    _report: Report,
+    *,
+    database: str,
+    image_dir: str,
+    names: list[str],
+    max_image_size: int,
+    max_features: int,
+    threads: int | None,
+) -> None:
+    """SIFT features of registered images; those that have them are skipped."""
+    options = pycolmap.FeatureExtractionOptions()
+    options.max_image_size = max_image_size
+    options.num_threads = _threads(threads)
+    options.use_gpu = False
+    options.sift.max_num_features = max_features
+    pycolmap.extract_features(database, image_dir, names, extraction_options=options)
+
+
+def match(
+    _report: Report, *, database: str, pair_list: str | None, block: int, seed: int, threads: int | None
+) -> None:
+    """Match and verify the pairs of ``pair_list``, or all; pairs that are done are skipped."""
+    pycolmap.set_random_seed(seed)
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = _threads(threads)
+    matching.use_gpu = False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    verification.compute_relative_pose = True
+    if pair_list is None:
+        exhaustive = pycolmap.ExhaustivePairingOptions()
+        exhaustive.block_size = block
+        pycolmap.match_exhaustive(database, matching, exhaustive, verification)
+    else:
+        listed = pycolmap.ImportedPairingOptions()
+        listed.match_list_path = pair_list
+        listed.block_size = block * block
+        pycolmap.match_image_pairs(database, matching, listed, verification)
+
+
+def calibrate(_report: Report, *, database: str, target: str, seed: int) -> bool:
+    """Copy the database to ``target`` and calibrate the view graph there; whether that succeeded."""
+    for old in (target, f"{target}-wal", f"{target}-shm"):
+        Path(old).unlink(missing_ok=True)
+    shutil.copyfile(database, target)
+    options = pycolmap.ViewGraphCalibrationOptions()
+    options.random_seed = seed
+    return bool(pycolmap.calibrate_view_graph(target, options))
+
+
+def map_incremental(
+    report: Report,
+    *,
+    database: str,
+    image_dir: str,
+    out_dir: str,
+    refine: bool,
+    seed: int,
+    threads: int | None,
+) -> int:
+    """Incremental mapping; the models go to ``out_dir``/0, 1, …; their number."""
+    pycolmap.set_random_seed(seed)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = seed
+    options.num_threads = _threads(threads)
+    options.min_model_size = 3
+    options.ba_refine_focal_length = options.ba_refine_extra_params = refine
+    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
+    registered = 2
+
+    def next_image() -> None:
+        nonlocal registered
+        registered += 1
+        report(registered)
+
+    models = pycolmap.incremental_mapping(
+        database, image_dir, out_dir, options, next_image_callback=next_image
+    )
+    return len(models)
+
+
+def map_global(
+    _report: Report,
+    *,
+    database: str,
+    image_dir: str,
+    out_dir: str,
+    refine: bool,
+    seed: int,
+    threads: int | None,
+) -> int:
+    """Global mapping (GLOMAP); the models go to ``out_dir``/0, 1, …; their number."""
+    pycolmap.set_random_seed(seed)
+    options = pycolmap.GlobalPipelineOptions()
+    options.random_seed = options.mapper.random_seed = seed
+    options.num_threads = options.mapper.num_threads = _threads(threads)
+    adjustment = options.mapper.bundle_adjustment
+    adjustment.refine_focal_length = adjustment.refine_extra_params = refine
+    options.mapper.bundle_adjustment = adjustment
+    return len(pycolmap.global_mapping(database, image_dir, out_dir, options))
+
+
+def triangulate(
+    _report: Report, *, database: str, image_dir: str, model_dir: str, out_dir: str, threads: int | None
+) -> int:
+    """Points from matches for the poses of ``model_dir``, which stay as they are; how many.
+
+    Of few images most points are in two only, which COLMAP leaves out by default; given poses hold them.
+    """
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = _threads(threads)
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    model = pycolmap.Reconstruction(model_dir)
+    options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
+    # The database has cameras of its own for these images, often of another kind; COLMAP wants them equal.
+    with tempfile.TemporaryDirectory() as scratch:
+        given = str(Path(scratch) / "given.db")
+        _copy_with_cameras_of(model, database, given)
+        model = pycolmap.triangulate_points(model, given, image_dir, out_dir, True, options, False)
+    model.extract_colors_for_all_images(image_dir)
+    model.write_binary(out_dir)
+    return int(model.num_points3D())
+
+
+def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: str, target: str) -> None:
+    """A database with the model's images and cameras, and the keypoints and verified matches of another."""
+    with (
+        contextlib.closing(pycolmap.Database.open(database)) as source,
+        contextlib.closing(pycolmap.Database.open(target)) as given,
+    ):
+        for camera in model.cameras.values():
+            given.write_camera(camera, use_camera_id=True)
+        for rig in model.rigs.values():
+            given.write_rig(rig, use_rig_id=True)
+        for frame in model.frames.values():
+            given.write_frame(frame, use_frame_id=True)
+        for image_id, image in model.images.items():
+            given.write_image(image, use_image_id=True)
+            given.write_keypoints(image_id, source.read_keypoints(image_id))
+        for pair_id, geometry in zip(*source.read_two_view_geometries(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            if model.exists_image(first) and model.exists_image(second):
+                given.write_two_view_geometry(first, second, geometry)
+
+
+def undistort(_report: Report, *, model_dir: str, image_dir: str, out_dir: str, quality: int) -> None:
+    """A pinhole model in ``out_dir``/sparse and its images in ``out_dir``/images."""
+    options = pycolmap.UndistortCameraOptions()
+    pycolmap.undistort_images(
+        out_dir, model_dir, image_dir, output_type="COLMAP", undistort_options=options, jpeg_quality=quality
+    )
+    # COLMAP prepares for its dense stereo, which nobody runs here.
+    shutil.rmtree(Path(out_dir) / "stereo", ignore_errors=True)
+    for script in Path(out_dir).glob("run-colmap-*.sh"):
+        script.unlink()
+
+
+JOBS: Mapping[str, Callable[..., Any]] = {
+    job.__name__: job
+    for job in (
+        import_images,
+        extract,
+        match,
+        calibrate,
+        map_incremental,
+        map_global,
+        triangulate,
+        undistort,
+    )
+}
+"""Name → job, as ``native.run_native`` calls them; but see ``find_job``."""
+
+
+def find_job(name: str) -> Callable[..., Any]:
+    """The job of that name; those of growth too, whose imports would slow the start of every other one."""
+    if name in JOBS:
+        return JOBS[name]
+    from fvs_engine.sfm.native.growing import GROWING_JOBS
+
+    return GROWING_JOBS[name]

@@ -1,0 +1,1 @@
+"""Checks of a model against the two-view geometries and known positions."""

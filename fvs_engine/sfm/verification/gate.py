@@ -1,0 +1,199 @@
+"""Which model to believe: by evidence that a wrong one cannot give, never by how many images it registered.
+
+See ``docs/adr/0002-gating-reconstructions.md`` for the measurements behind the thresholds.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.similarity import umeyama
+from fvs_engine.sfm.report import Agreement, Evidence, Verdict
+from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.evidence import centre_spread
+
+MIN_SHARED_IMAGES = 4
+"""Three centres always fit well; agreement says something from four on."""
+
+MAX_UNSUPPORTED_SHARE = 0.1
+"""Up to this share of a model's images unsupported ones are left out of it, above it the model is refused."""
+
+_CONFIRMING_PRIOR_SHARE = 0.1
+"""Median distance to GPS, in shares of the track's spread, up to which GPS vouches for a doubtful model."""
+
+_DOUBT = 0.5
+"""A doubtful model must explain twice the matches of an accepted one to be preferred to it."""
+
+_CLOSE_SUPPORT = 0.01
+"""Match support that differs by less does not decide between two models."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One mapper's model as the gate sees it: how many views, where they stand, what the evidence says."""
+
+    mapper: str
+    centres: Mapping[str, NDArray[np.float64]]
+    evidence: Evidence | None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the gate thinks of one candidate, and why."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """``chosen`` indexes the candidates, None when none may be believed."""
+
+    chosen: int | None
+    judgements: tuple[Judgement, ...]
+    agreements: tuple[Agreement, ...]
+    warnings: tuple[str, ...]
+
+
+def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
+    """Judge every candidate and choose the one with the best support among those that may be believed.
+
+    A candidate is accepted on its own evidence. One with somewhat too little becomes doubtful, usable with a
+    warning, if another mapper or GPS agrees with it: a repeated pattern misleads mappers, but hardly to the
+    same place. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
+    """
+    agreements = tuple(
+        agreement
+        for i, first in enumerate(candidates)
+        for second in candidates[i + 1 :]
+        if (agreement := agree(first, second)) is not None
+    )
+    judgements = [_judge(candidate, agreements, settings) for candidate in candidates]
+    usable = [i for i, judgement in enumerate(judgements) if judgement.verdict != "refused"]
+    if not usable:
+        return Decision(None, tuple(judgements), agreements, ())
+    best = max(usable, key=lambda i: _rank(candidates[i], judgements[i]))
+    warnings = []
+    rival = _rival(best, usable, candidates, judgements, agreements, settings)
+    if rival is not None:
+        reason = (
+            f"The {candidates[rival].mapper} mapper found another model that the matches support as well; "
+            "at least one of them is wrong."
+        )
+        judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
+    if judgements[best].verdict == "doubtful":
+        warnings.append(
+            f"DOUBTFUL CAMERAS: {' '.join(judgements[best].reasons)} Look at the result before use."
+        )
+    return Decision(best, tuple(judgements), agreements, tuple(warnings))
+
+
+def agree(first: Candidate, second: Candidate) -> Agreement | None:
+    """How far two models' camera centres are apart after Umeyama; None when too few are shared."""
+    shared = sorted(first.centres.keys() & second.centres.keys())
+    if len(shared) < MIN_SHARED_IMAGES:
+        return None
+    source = np.stack([first.centres[name] for name in shared])
+    target = np.stack([second.centres[name] for name in shared])
+    try:
+        second_from_first = umeyama(source, target)
+    except InvalidInputError:  # all centres coincide: no model to speak of
+        return None
+    shares = np.linalg.norm(second_from_first.apply(source) - target, axis=1) / centre_spread(target)
+    return Agreement(
+        mappers=(first.mapper, second.mapper),
+        shared_images=len(shared),
+        median_share=float(np.median(shares)),
+        max_share=float(shares.max()),
+    )
+
+
+def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: GateSettings) -> Judgement:
+    evidence = candidate.evidence
+    if evidence is None:
+        return Judgement("refused", ("No verified pair of images speaks for it.",))
+    support = f"{evidence.match_support:.1%} of the verified matches fit its cameras."
+    refusals = []
+    if evidence.match_support < settings.min_doubtful_match_support:
+        refusals.append(f"Only {support}")
+    if evidence.rotation_support is not None and evidence.rotation_support < settings.min_rotation_support:
+        refusals.append(
+            f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
+        )
+    if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * len(candidate.centres):
+        refusals.append(
+            f"{len(evidence.unsupported_images)} of its {len(candidate.centres)} images hang on matches or "
+            "positions that contradict their poses."
+        )
+    if (
+        evidence.prior_residual_share is not None
+        and evidence.prior_residual_share > settings.max_prior_disagreement
+    ):
+        off = f"{evidence.prior_residual_share:.0%}"
+        refusals.append(f"Its cameras stand {off} of the track away from where the photographs were taken.")
+    if refusals:
+        return Judgement("refused", tuple(refusals))
+    weaknesses = []
+    if evidence.match_support < settings.min_match_support:
+        weaknesses.append(f"Only {support}")
+    directions = evidence.translation_support
+    if directions is not None and directions < settings.min_translation_support:
+        weaknesses.append(
+            f"Only {directions:.1%} of the independent directions between cameras agree with it."
+        )
+    if not weaknesses:
+        return Judgement("accepted", (support,))
+    confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
+    if confirmation is None:
+        return Judgement("refused", (*weaknesses, "Neither another mapper nor GPS confirms it."))
+    return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
+
+
+def _confirmation(
+    mapper: str, evidence: Evidence, agreements: Sequence[Agreement], settings: GateSettings
+) -> str | None:
+    """Who says the same of the cameras without having seen them; None if nobody."""
+    if any(
+        mapper in agreement.mappers and agreement.median_share <= settings.max_disagreement
+        for agreement in agreements
+    ):
+        return "two mappers agree on"
+    residual = evidence.prior_residual_share
+    return "GPS confirms" if residual is not None and residual <= _CONFIRMING_PRIOR_SHARE else None
+
+
+def _rank(candidate: Candidate, judgement: Judgement) -> float:
+    """The matches explained, with a discount for doubt: more images raise that only if they are right."""
+    evidence = candidate.evidence
+    assert evidence is not None
+    explained = evidence.match_support * evidence.matches
+    return explained if judgement.verdict == "accepted" else _DOUBT * explained
+
+
+def _rival(
+    best: int,
+    usable: Sequence[int],
+    candidates: Sequence[Candidate],
+    judgements: Sequence[Judgement],
+    agreements: Sequence[Agreement],
+    settings: GateSettings,
+) -> int | None:
+    """A usable candidate that contradicts the best one and is as well supported."""
+    for i in usable:
+        names = {candidates[best].mapper, candidates[i].mapper}
+        contradicts = any(
+            set(agreement.mappers) == names and agreement.median_share > settings.max_disagreement
+            for agreement in agreements
+        )
+        ours, theirs = candidates[best].evidence, candidates[i].evidence
+        assert ours is not None
+        assert theirs is not None
+        as_good = judgements[i].verdict == judgements[best].verdict and (
+            theirs.match_support >= ours.match_support - _CLOSE_SUPPORT
+        )
+        if i != best and contradicts and as_good:
+            return i
+    return None

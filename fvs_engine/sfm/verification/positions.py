@@ -1,0 +1,103 @@
+"""Where photographs were taken, as GPS or a dataset says: what a repeated pattern cannot forge."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama
+from fvs_engine.sfm.colmap.database import gps_positions, image_ids
+
+Array = NDArray[np.float64]
+
+_MIN_SHARED = 6
+"""Three centres nearly always fit, and as many must speak against the one that does not."""
+
+_MIN_TRACK = 5.0
+"""A track must be so many times as wide as its positions are accurate, or they say nothing of its shape."""
+
+_MAX_SHARE = 0.1
+"""How far off a camera may be found, in shares of its distance from the middle of the others."""
+
+_NOISE = 4.0
+"""Robust standard deviations of the positions within which nobody is accused."""
+
+GPS_ACCURACY_M = 5.0
+"""What a receiver without corrections reaches under an open sky."""
+
+
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """Image name → where it was taken, [3], in one frame and unit; ``accuracy`` is in that unit."""
+
+    places: Mapping[str, Array] = field(default_factory=dict)
+    accuracy: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """What another process makes these of, ``from_json``."""
+        places = {name: place.tolist() for name, place in self.places.items()}
+        return {"places": places, "accuracy": self.accuracy}
+
+    @staticmethod
+    def from_json(document: Mapping[str, Any]) -> "Positions":
+        """The inverse of ``to_json``."""
+        places = {name: np.array(place, dtype=np.float64) for name, place in document["places"].items()}
+        return Positions(places, float(document["accuracy"]))
+
+    def misplaced(self, centres: Mapping[str, Array]) -> dict[str, float]:
+        """Which camera centres of a model lie far from where the cameras were → how far, in this unit.
+
+        The two are aligned robustly; up to half may be wrong. Far is more than a share of the distance from
+        the middle of the others (their spread at least: an alignment errs the more the farther it reaches),
+        and more than the positions scatter.
+        """
+        shared = sorted(centres.keys() & self.places.keys())
+        aligned = self._align(centres, shared, _MIN_SHARED)
+        if aligned is None:
+            return {}
+        report, off, spread = aligned
+        world = np.stack([self.places[name] for name in shared])
+        reach = np.hypot(spread, np.linalg.norm(world - world[report.inliers].mean(axis=0), axis=1))
+        noise = max(self.accuracy, 1.4826 * report.median)
+        limit = np.maximum(_MAX_SHARE * reach, _NOISE * noise)
+        return {name: float(off[k]) for k, name in enumerate(shared) if off[k] > limit[k]}
+
+    def residual_share(self, centres: Mapping[str, Array]) -> float | None:
+        """Median distance of aligned centres from these positions, in shares of their spread.
+
+        None when there are too few, or they are not accurate enough for so small a track.
+        """
+        shared = sorted(centres.keys() & self.places.keys())
+        aligned = self._align(centres, shared, _MIN_SHARED - 2)
+        if aligned is None:
+            return None
+        _, off, spread = aligned
+        return float(np.median(off) / spread)
+
+    def _align(
+        self, centres: Mapping[str, Array], shared: list[str], least: int
+    ) -> tuple[AlignmentReport, Array, float] | None:
+        """The alignment, each one's distance after it, and the spread of the positions that agree."""
+        if len(shared) < least:
+            return None
+        model, world = (np.stack([points[name] for name in shared]) for points in (centres, self.places))
+        try:
+            report = robust_umeyama(model, world)
+        except InvalidInputError:  # all in one place, or no three agree
+            return None
+        landed = world[report.inliers]
+        spread = float(np.sqrt(((landed - landed.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        if spread < _MIN_TRACK * self.accuracy:
+            return None
+        return report, np.linalg.norm(report.transform.apply(model) - world, axis=1), spread
+
+
+def positions_in_exif(database: Path) -> Positions:
+    """What GPS wrote into the photographs of a database, in m; none when it wrote nothing."""
+    names = {number: name for name, number in image_ids(database).items()}
+    fixes = gps_positions(database)
+    return Positions({names[number]: fix for number, fix in fixes.items()}, GPS_ACCURACY_M)

@@ -1,0 +1,24 @@
+"""``fvs simulate``, as a user types it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fvs_engine.cli.app import app
+
+
+def test_it_leaves_photographs_and_the_truth(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["simulate", str(tmp_path / "yard"), "--images", "2", "--size", "96x64"])
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in (tmp_path / "yard/images").iterdir()) == ["0000.jpg", "0001.jpg"]
+    truth = json.loads((tmp_path / "yard/transforms.json").read_text())
+    assert (truth["w"], truth["h"], len(truth["frames"])) == (96, 64, 2)
+
+
+@pytest.mark.parametrize("size", ["640", "0x480", "640x480x3", "99999x10", "-5x10"])
+def test_a_wrong_size_is_a_usage_error(tmp_path: Path, size: str) -> None:
+    result = CliRunner().invoke(app, ["simulate", str(tmp_path), f"--size={size}"])
+    assert result.exit_code == 2
+    assert "640x480" in result.output

@@ -1,0 +1,226 @@
+import contextlib
+import shutil
+import sqlite3
+import time
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from fvs_engine.errors import Cancelled, NoImagesError, ReconstructionError
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.monitor import Monitor, Progress
+from fvs_engine.sfm import stages as stages_module
+from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.reconstruction import read_colmap
+from fvs_engine.sfm.report import SfmReport
+from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
+
+
+def test_kermit_is_registered_whole_and_both_mappers_agree(kermit_sfm: SfmResult, kermit_names: list[str]):
+    report = kermit_sfm.report
+    assert [view.name for view in kermit_sfm.reconstruction.views] == kermit_names
+    assert report.verdict == "accepted"
+    assert report.unregistered == ()
+    assert {candidate.mapper for candidate in report.candidates} == {"incremental", "global"}
+    (agreement,) = report.agreements
+    assert agreement.median_share < 0.01
+    assert report.mean_reprojection_error_px < 1.0
+    assert len(kermit_sfm.reconstruction.points) == report.points > 300
+
+
+def test_report_survives_json_and_the_model_is_colmaps(kermit_sfm: SfmResult):
+    report = kermit_sfm.report
+    assert SfmReport.model_validate_json(report.model_dump_json()) == report
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    assert model.num_reg_images() == 11
+    assert model.compute_mean_track_length() > 2
+
+
+def test_a_finished_folder_is_not_computed_again(
+    kermit_sfm: SfmResult,
+    kermit_dir: Path,
+    kermit_names: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    monkeypatch.setattr(stages_module, "run_native", lambda *_args, **_named: pytest.fail("computed again"))
+    again = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor())
+    assert again.report == kermit_sfm.report
+
+
+def test_a_damaged_report_is_written_anew(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").write_text('{"mapper": "incre')
+    again = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor())
+    assert again.report.registered == kermit_sfm.report.registered
+    assert SfmReport.model_validate_json((tmp_path / "sfm" / "report.json").read_text()) == again.report
+
+
+def test_another_gate_judges_the_same_models_anew(
+    kermit_sfm: SfmResult,
+    kermit_dir: Path,
+    kermit_names: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    monkeypatch.setattr(stages_module, "run_native", lambda *_args, **_named: pytest.fail("mapped again"))
+    strict = SfmSettings.model_validate({"gate": {"min_match_support": 1, "min_doubtful_match_support": 1}})
+    with pytest.raises(ReconstructionError, match="contradicts"):
+        reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, Monitor())
+    assert (tmp_path / "sfm" / "refused.json").is_file()
+    assert not (tmp_path / "sfm" / "report.json").exists()
+
+
+def cancel_in(stage: str, image_dir: Path, names: list[str], folder: Path) -> float:
+    """Start a run, cancel it at the first sign of ``stage``; how long it took to stop, s."""
+    asked_at = []
+
+    def on_progress(progress: Progress) -> None:
+        if progress.stage == stage and not asked_at:
+            asked_at.append(time.monotonic())
+            monitor.cancel()
+
+    monitor = Monitor(on_progress)
+    with pytest.raises(Cancelled):
+        reconstruct(image_dir, names, folder, SfmSettings(), monitor)
+    return time.monotonic() - asked_at[0]
+
+
+def keypoints(folder: Path) -> dict[int, bytes]:
+    with contextlib.closing(sqlite3.connect(folder / "database.db")) as database:
+        return dict(database.execute("SELECT image_id, data FROM keypoints"))
+
+
+def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
+    kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    for stage in ("features", "matching", "incremental mapping", "global mapping"):
+        assert cancel_in(stage, kermit_dir, kermit_names[:6], tmp_path) < 5.0
+        assert not (tmp_path / "report.json").exists()
+        assert (tmp_path / "mapping" / "incremental").exists() == (stage == "global mapping")
+    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
+    assert result.report.registered == 6
+    assert len(read_colmap(tmp_path / "sparse").views) == 6
+    # What was finished before was not done again.
+    assert "incremental mapping" not in result.report.seconds
+    assert "matching" not in result.report.seconds
+
+
+def test_added_images_keep_the_features_of_the_old_ones(
+    kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    cancel_in("matching", kermit_dir, kermit_names[:4], tmp_path)
+    before = keypoints(tmp_path)
+    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
+    after = keypoints(tmp_path)
+    assert len(before) == 4
+    assert len(after) == 6
+    assert all(after[image_id] == data for image_id, data in before.items())
+    assert result.report.registered == 6
+    assert len({view.camera for view in result.reconstruction.views}) == 1
+
+
+def test_one_image_is_refused_by_name(kermit_dir: Path, kermit_names: list[str], tmp_path: Path):
+    with pytest.raises(NoImagesError, match=kermit_names[0]):
+        reconstruct(kermit_dir, kermit_names[:1], tmp_path, SfmSettings(), Monitor())
+
+
+def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: Path, tmp_path: Path):
+    stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
+    with Image.open(stranger) as image:
+        image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
+    first = min(path.name for path in kermit_copy.iterdir())
+    with pytest.raises(ReconstructionError, match=r"stranger\.jpg") as caught:
+        reconstruct(kermit_copy, [first, "stranger.jpg"], tmp_path / "sfm", SfmSettings(), Monitor())
+    assert "overlap" in caught.value.hint
+
+
+def test_an_image_of_something_else_is_left_out_and_named(
+    kermit_sfm: SfmResult, kermit_copy: Path, kermit_names: list[str], data_dir: Path, tmp_path: Path
+):
+    folder = tmp_path / "sfm"
+    shutil.copytree(kermit_sfm.model_dir.parent, folder)  # the stranger joins photographs that are done
+    stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
+    with Image.open(stranger) as image:
+        image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
+    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, SfmSettings(), Monitor())
+    assert result.report.unregistered == ("stranger.jpg",)
+    assert any("stranger.jpg" in warning for warning in result.report.warnings)
+    assert result.report.registered == 11
+
+
+def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
+    for name in ("wall-1.png", "wall-2.png"):
+        Image.new("RGB", (320, 240), (180, 180, 175)).save(tmp_path / name)
+    with pytest.raises(ReconstructionError, match=r"texture.*wall-1\.png"):
+        reconstruct(tmp_path, ["wall-1.png", "wall-2.png"], tmp_path / "sfm", SfmSettings(), Monitor())
+
+
+def test_images_of_another_size_or_orientation_get_their_own_camera(
+    kermit_copy: Path, kermit_names: list[str], tmp_path: Path
+):
+    names = kermit_names[:6]
+    for number, name in enumerate(names):
+        with Image.open(kermit_copy / name) as image:
+            pixels = image.convert("RGB")
+        if number % 3 == 1:
+            pixels.resize((512, 384)).save(kermit_copy / name)
+        elif number % 3 == 2:
+            pixels.rotate(90, expand=True).save(kermit_copy / name, quality=95)
+    result = reconstruct(kermit_copy, names, tmp_path / "sfm", SfmSettings(), Monitor())
+    assert result.report.registered == 6
+    sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
+    assert sizes == {(640, 480), (512, 384), (480, 640)}
+    assert len({view.camera for view in result.reconstruction.views}) == 3
+
+
+def test_known_intrinsics_stay_as_they_are(kermit_dir: Path, kermit_names: list[str], tmp_path: Path):
+    known = KnownIntrinsics(
+        model="PINHOLE", width_px=1280, height_px=960, params=(1389.0, 1389.0, 640.0, 480.0)
+    )
+    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(intrinsics=known), Monitor())
+    assert {view.camera for view in result.reconstruction.views} == {
+        PinholeCamera(640, 480, 694.5, 694.5, 320.0, 240.0)
+    }
+
+
+def test_a_damaged_database_is_named(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    folder = tmp_path / "sfm"
+    shutil.copytree(kermit_sfm.model_dir.parent, folder)
+    (folder / "report.json").unlink()
+    data = bytearray((folder / "database.db").read_bytes())
+    data[:4096] = bytes(4096)
+    (folder / "database.db").write_bytes(data)
+    with pytest.raises(ReconstructionError, match=r"database\.db is damaged") as caught:
+        reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+    assert "Delete" in caught.value.hint
+
+
+def test_a_database_that_another_process_holds_is_named(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    folder = tmp_path / "sfm"
+    shutil.copytree(kermit_sfm.model_dir.parent, folder)
+    other = sqlite3.connect(folder / "database.db")
+    try:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(ReconstructionError, match="Another process"):
+            reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+    finally:
+        other.rollback()
+        other.close()
+
+
+def test_centres_are_those_of_colmap(kermit_sfm: SfmResult):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    for name, centre in kermit_sfm.reconstruction.centres().items():
+        np.testing.assert_allclose(centre, model.find_image_with_name(name).projection_center(), atol=1e-12)

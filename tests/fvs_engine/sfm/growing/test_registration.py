@@ -1,0 +1,197 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fvs_engine.geometry import RigidTransform, SimilarityTransform
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import leave_out, load_models
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.frames import align_poses, camera_poses
+from fvs_engine.sfm.growing.registration import reason_to_remap, remap
+from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.native.contradictions import Contradictions
+from fvs_engine.sfm.reconstruction import read_colmap
+from fvs_engine.sfm.settings import GateSettings, SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages
+from fvs_engine.sfm.verification.evidence import centre_spread
+from fvs_engine.sfm.verification.positions import Positions
+
+MODEL_FROM_COLMAP = SimilarityTransform(
+    3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
+)
+
+
+def standing_state(image_dir: Path, names: list[str], registered: list[str]) -> GrowthState:
+    return GrowthState(
+        settings="",
+        images={name: (image_dir / name).stat().st_size for name in names},
+        registered=tuple(registered),
+        generation=1,
+        mapped_images=len(registered),
+        mapped_support=0.99,
+    )
+
+
+def test_cameras_found_anew_are_laid_onto_the_standing_ones(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    leave_out(model, kermit_names[5:])
+    transform = MODEL_FROM_COLMAP
+    model.transform(
+        pycolmap.Sim3d(transform.scale, pycolmap.Rotation3d(transform.rotation), transform.translation)
+    )
+    standing = tmp_path / "standing"
+    standing.mkdir()
+    model.write_binary(standing)
+    before = read_colmap(standing).centres()
+    stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
+    state = standing_state(kermit_dir, kermit_names, kermit_names[:5])
+
+    outcome = remap(stages, kermit_dir, state, Positions(), standing, tmp_path / "next")
+
+    assert outcome.adopted
+    assert outcome.state.registered == tuple(kermit_names)
+    assert outcome.state.mapped_images == outcome.state.adjusted_images == 11
+    after = read_colmap(tmp_path / "next").centres()
+    apart = [np.linalg.norm(after[name] - before[name]) for name in before]
+    assert max(apart) < 0.01 * centre_spread(np.stack(list(before.values())))
+    assert any("found anew" in warning for warning in outcome.warnings)
+
+
+def test_a_standing_model_that_explains_as_much_stays(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
+    state = standing_state(kermit_dir, kermit_names, kermit_names)
+    outcome = remap(stages, kermit_dir, state, Positions(), kermit_sfm.model_dir, tmp_path / "next")
+    assert not outcome.adopted
+    assert outcome.warnings == ()
+    assert not (tmp_path / "next").exists()
+
+
+def test_reasons_to_find_all_cameras_anew():
+    settings = SfmSettings()
+    state = GrowthState(
+        settings="",
+        images={f"{i}.jpg": 1 for i in range(30)},
+        registered=tuple(f"{i}.jpg" for i in range(26)),
+        mapped_images=20,
+        mapped_support=0.95,
+    )
+    assert reason_to_remap(state, 0.94, 2, settings) is None
+    assert reason_to_remap(state, None, 2, settings) is None
+    assert "95.0% to 90.0%" in str(reason_to_remap(state, 0.90, 0, settings))
+    assert "4 images" in str(reason_to_remap(state, None, 4, settings))
+    # Tried when there were hardly fewer images: not again so soon.
+    tried = state.model_copy(update={"mapped_images": 28})
+    assert reason_to_remap(tried, 0.80, 10, settings) is None
+
+
+def test_the_pairs_of_an_image_speak_against_a_wrong_pose_and_for_the_right_one(kermit_sfm: SfmResult):
+    database = kermit_sfm.model_dir.parent / "database.db"
+    known = Contradictions.read(str(database), 0.75, Positions())
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    for image_id in known.keypoints:
+        assert known.of(model, image_id) is None
+    for image_id, image in model.images.items():
+        if image_id not in known.keypoints:
+            continue
+        right = image.cam_from_world()
+        aside = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, 0.05, 0.0])), np.zeros(3))
+        image.frame.rig_from_world = aside * right
+        assert "verified matches" in str(known.of(model, image_id))
+        image.frame.rig_from_world = right
+
+
+def test_a_place_far_from_where_the_photograph_was_taken_is_not_believed(
+    kermit_sfm: SfmResult, kermit_names: list[str]
+):
+    """Matches alone see nothing wrong: a repeated pattern looks like that."""
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    database = str(kermit_sfm.model_dir.parent / "database.db")
+    places = {name: MODEL_FROM_COLMAP.apply(centre) for name, centre in centres_of(model).items()}
+    elsewhere = kermit_names[4]
+    ids = {image.name: image_id for image_id, image in model.images.items()}
+    honest = Contradictions.read(database, 0.75, Positions(places))
+    assert all(honest.of(model, ids[name]) is None for name in kermit_names)
+    others = np.stack([place for name, place in places.items() if name != elsewhere])
+    moved = places | {elsewhere: places[elsewhere] + 0.5 * centre_spread(others)}
+    told = Contradictions.read(database, 0.75, Positions(moved))
+    found = {name: told.of(model, ids[name]) for name in kermit_names}
+    assert {name for name, contradiction in found.items() if contradiction} == {elsewhere}
+    assert "away from where it was taken" in str(found[elsewhere])
+
+
+def test_more_images_are_no_argument_for_a_model_that_contradicts_the_standing_one(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    """The standing model lacks one image; the mapped one has it, and others elsewhere."""
+    folder = SfmFolder(shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm"))
+    standing = tmp_path / "standing"
+    standing.mkdir()
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    leave_out(model, kermit_names[-1:])
+    model.write_binary(standing)
+    state = standing_state(kermit_dir, kermit_names, kermit_names[:-1])
+    everyone = GateSettings(
+        min_match_support=0,
+        min_doubtful_match_support=0,
+        min_rotation_support=0,
+        min_translation_support=0,
+        max_disagreement=0.001,
+    )
+    stages = Stages(folder, SfmSettings(gate=everyone), Monitor())
+    for mapper in ("incremental", "global"):
+        folded = load_models(folder.mapping(mapper))[0]
+        fold(folded, kermit_names[:5])
+        folded.write_binary(folder.mapping(mapper) / "0")
+    outcome = remap(stages, kermit_dir, state, Positions(), standing, tmp_path / "next")
+    assert not outcome.adopted
+
+
+def fold(model: pycolmap.Reconstruction, names: list[str]) -> None:
+    """Move some cameras aside by a hundredth of the spread: hardly any match minds."""
+    by_name = {image.name: image for image in model.images.values() if image.has_pose}
+    aside = 0.01 * centre_spread(np.stack(list(centres_of(model).values())))
+    for name in names:
+        image = by_name[name]
+        away = pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0.0, 0.0, aside]))
+        image.frame.rig_from_world = away * image.cam_from_world()
+
+
+def centres_of(model: pycolmap.Reconstruction) -> dict[str, np.ndarray]:
+    return {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+
+
+def test_cameras_on_a_line_are_aligned_without_turning_about_it():
+    line = {
+        f"{i}.jpg": RigidTransform(Rotation.from_euler("y", 3 * i, degrees=True).as_matrix(), [0.5 * i, 0, 0])
+        for i in range(6)
+    }
+    turned = {
+        name: RigidTransform(
+            MODEL_FROM_COLMAP.rotation @ pose.rotation, MODEL_FROM_COLMAP.apply(pose.translation)
+        )
+        for name, pose in line.items()
+    }
+    found = align_poses(line, turned).transform
+    np.testing.assert_allclose(found.rotation, MODEL_FROM_COLMAP.rotation, atol=1e-9)
+    assert found.scale == pytest.approx(MODEL_FROM_COLMAP.scale)
+    np.testing.assert_allclose(found.translation, MODEL_FROM_COLMAP.translation, atol=1e-8)
+
+
+def test_one_camera_that_moved_does_not_move_the_others(kermit_sfm: SfmResult):
+    poses = camera_poses(pycolmap.Reconstruction(kermit_sfm.model_dir))
+    moved = dict(poses)
+    name = min(moved)
+    moved[name] = RigidTransform(moved[name].rotation, moved[name].translation + 1.0)
+    found = align_poses(moved, poses).transform
+    assert found.scale == pytest.approx(1.0)
+    np.testing.assert_allclose(found.translation, 0.0, atol=1e-8)

@@ -1,0 +1,79 @@
+import itertools
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.colmap.database import VerifiedPair
+from fvs_engine.sfm.verification.evidence import PairCheck, _supported, _untied, angle_deg, cycle_consistency
+
+NO_MATCHES = np.zeros((0, 2), dtype=np.uint32)
+
+
+def views_of(
+    points: np.ndarray, rotation: np.ndarray, translation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    second = points @ rotation.T + translation
+    return points[:, :2] / points[:, 2:], second[:, :2] / second[:, 2:]
+
+
+@given(st.integers(0, 10_000))
+def test_right_poses_explain_all_matches_and_wrong_ones_few(seed: int):
+    generator = np.random.default_rng(seed)
+    points = generator.uniform([-2, -2, 4], [2, 2, 8], size=(200, 3))
+    rotation = Rotation.from_euler("y", generator.uniform(-0.2, 0.2)).as_matrix()
+    translation = np.array([1.0, generator.uniform(-0.5, 0.5), generator.uniform(-0.5, 0.5)])
+    first, second = views_of(points, rotation, translation)
+    assert _supported(first, second, rotation, translation, 0.003).all()
+    # The mirrored baseline has the same epipolar lines; only depth betrays it.
+    assert not _supported(first, second, rotation, -translation, 0.003).any()
+    turned = Rotation.from_euler("x", 0.15).as_matrix() @ rotation
+    assert _supported(first, second, turned, translation, 0.003).mean() < 0.3
+
+
+@given(st.floats(0.0, 180.0), st.integers(0, 1000))
+def test_angle_of_a_rotation(degrees: float, seed: int):
+    axis = np.random.default_rng(seed).normal(size=3)
+    rotation = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+    assert angle_deg(rotation) == pytest.approx(degrees, abs=1e-5)
+
+
+def triplet(error_deg: float) -> list[VerifiedPair]:
+    rotations = Rotation.from_euler("xyz", [[0, 0, 0], [10, 20, 0], [0, 40, 15]], degrees=True).as_matrix()
+    wrong = Rotation.from_euler("z", error_deg, degrees=True).as_matrix()
+    relative = {(1, 2): rotations[1], (1, 3): wrong @ rotations[2], (2, 3): rotations[2] @ rotations[1].T}
+    return [
+        VerifiedPair(i, j, NO_MATCHES, RigidTransform(rotation, np.array([1.0, 0.0, 0.0])))
+        for (i, j), rotation in relative.items()
+    ]
+
+
+def test_cycles_close_or_do_not():
+    assert cycle_consistency(triplet(0.0)) == 1.0
+    assert cycle_consistency(triplet(4.0)) == 1.0
+    assert cycle_consistency(triplet(6.0)) == 0.0
+    assert cycle_consistency(triplet(0.0)[:2]) is None
+
+
+def test_a_group_that_most_matches_contradict_is_not_tied_by_the_one_pair_that_fits(
+    kermit_sfm: SfmResult, kermit_names: list[str]
+):
+    """Three images among themselves fit well, as they do when they stand in the wrong place together."""
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    ids = {image.name: image_id for image_id, image in model.images.items()}
+    group, rest = kermit_names[8:], kermit_names[:8]
+
+    def check(first: str, second: str, matches: int, supported: int) -> PairCheck:
+        return PairCheck(ids[first], ids[second], matches, supported, 0.0, 0.0)
+
+    within = [check(a, b, 500, 490) for names in (group, rest) for a, b in itertools.combinations(names, 2)]
+    fits = [check(rest[0], group[0], 60, 60)]
+    assert _untied(model, [*within, *fits]) == []
+    assert _untied(model, [*within, *fits, check(rest[1], group[1], 50, 0)]) == []
+    assert _untied(model, [*within, *fits, check(rest[1], group[1], 70, 0)]) == group
+    assert _untied(model, within) == group

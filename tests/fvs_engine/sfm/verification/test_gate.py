@@ -1,0 +1,227 @@
+"""The gate on evidence made by hand, and on a real model whose poses were spoilt as a mapper would."""
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from numpy.typing import NDArray
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
+from fvs_engine.sfm.report import Evidence
+from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
+from fvs_engine.sfm.verification.positions import Positions
+
+SETTINGS = GateSettings()
+NAMES = [f"{i}.jpg" for i in range(12)]
+
+
+def evidence(**changes: object) -> Evidence:
+    good = Evidence(
+        pairs=60,
+        matches=6000,
+        match_support=0.97,
+        rotation_support=0.95,
+        translation_support=0.95,
+        cycle_consistency=0.9,
+        unsupported_images=(),
+        prior_residual_share=None,
+    )
+    return Evidence.model_validate(good.model_dump() | changes)
+
+
+def centres(seed: int = 0) -> dict[str, NDArray[np.float64]]:
+    return dict(zip(NAMES, np.random.default_rng(seed).normal(size=(len(NAMES), 3)), strict=True))
+
+
+def candidate(mapper: str, seed: int = 0, **changes: object) -> Candidate:
+    return Candidate(mapper, centres(seed), evidence(**changes))
+
+
+def test_the_better_supported_of_two_that_disagree_is_chosen():
+    decision = decide(
+        [candidate("global", seed=1, match_support=0.75), candidate("incremental", match_support=0.95)],
+        SETTINGS,
+    )
+    assert decision.chosen == 1
+    assert [judgement.verdict for judgement in decision.judgements] == ["refused", "accepted"]
+    assert decision.warnings == ()
+
+
+def test_more_registered_images_do_not_win():
+    partial = candidate("incremental", match_support=0.97, pairs=40, matches=4000)
+    keep = dict(list(centres().items())[:9])
+    partial = Candidate("incremental", keep, partial.evidence)
+    decision = decide([candidate("global", seed=1, match_support=0.8), partial], SETTINGS)
+    assert decision.chosen == 1
+
+
+def test_the_larger_of_two_right_models_wins():
+    partial = Candidate("incremental", dict(list(centres().items())[:6]), evidence(pairs=15, matches=1500))
+    decision = decide([partial, candidate("global", match_support=0.965)], SETTINGS)
+    assert decision.chosen == 1
+
+
+def test_weak_support_needs_a_second_mapper_and_warns_loudly():
+    alone = decide([candidate("incremental", match_support=0.87)], SETTINGS)
+    assert alone.chosen is None
+    both = decide(
+        [candidate("incremental", match_support=0.87), candidate("global", match_support=0.86)], SETTINGS
+    )
+    assert both.chosen == 0
+    assert both.judgements[0].verdict == "doubtful"
+    assert "DOUBTFUL" in both.warnings[0]
+
+
+def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions():
+    """Evidence that incremental mapping of a real orbit had with a focal length a third too short."""
+    squeezed = {"match_support": 0.901, "rotation_support": 0.941, "translation_support": 0.215}
+    alone = decide([candidate("incremental", **squeezed)], SETTINGS)
+    assert alone.chosen is None
+    assert any("21.5% of the independent directions" in reason for reason in alone.judgements[0].reasons)
+    beside_the_right_one = decide([candidate("incremental", **squeezed), candidate("global", 1)], SETTINGS)
+    assert [judged.verdict for judged in beside_the_right_one.judgements] == ["refused", "accepted"]
+    assert beside_the_right_one.warnings == ()
+
+
+def test_weak_directions_are_usable_when_another_mapper_confirms_the_model():
+    both = [candidate(mapper, translation_support=0.7) for mapper in ("incremental", "global")]
+    decision = decide(both, SETTINGS)
+    assert decision.chosen is not None
+    assert decision.judgements[decision.chosen].verdict == "doubtful"
+    assert "two mappers agree" in decision.warnings[0]
+
+
+def test_gps_confirms_as_another_mapper_does_but_saves_nobody():
+    near = decide([candidate("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
+    assert near.judgements[0].verdict == "doubtful"
+    assert "GPS" in near.warnings[0]
+    vague = decide([candidate("global", match_support=0.87, prior_residual_share=0.2)], SETTINGS)
+    assert vague.chosen is None
+    unsupported = decide([candidate("global", match_support=0.8, prior_residual_share=0.01)], SETTINGS)
+    assert unsupported.chosen is None
+
+
+def test_two_accepted_images_are_no_match_for_a_doubtful_whole():
+    pair = Candidate(
+        "incremental", dict(list(centres().items())[:2]), evidence(pairs=1, matches=40, match_support=1.0)
+    )
+    whole = candidate("global", match_support=0.88, prior_residual_share=0.05)
+    decision = decide([pair, whole], SETTINGS)
+    assert [judgement.verdict for judgement in decision.judgements] == ["accepted", "doubtful"]
+    assert decision.chosen == 1
+    assert decision.warnings
+
+
+def test_two_mappers_misled_to_the_same_place_are_refused_all_the_same():
+    decision = decide(
+        [candidate("incremental", match_support=0.7), candidate("global", match_support=0.7)], SETTINGS
+    )
+    assert decision.chosen is None
+
+
+def test_equally_supported_models_that_contradict_are_doubtful():
+    decision = decide([candidate("incremental"), candidate("global", seed=1)], SETTINGS)
+    assert decision.chosen is not None
+    assert decision.judgements[decision.chosen].verdict == "doubtful"
+    assert decision.warnings
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"rotation_support": 0.6}, "relative rotations"),
+        ({"unsupported_images": tuple(NAMES[:3])}, "contradict their poses"),
+        ({"prior_residual_share": 0.5}, "50% of the track"),
+    ],
+)
+def test_each_kind_of_evidence_can_refuse_alone(changes: dict[str, object], reason: str):
+    decision = decide([candidate("incremental", **changes)], SETTINGS)
+    assert decision.chosen is None
+    assert any(reason in sentence for sentence in decision.judgements[0].reasons)
+
+
+def test_a_model_that_no_pair_speaks_for_is_refused():
+    assert decide([Candidate("global", centres(), None)], SETTINGS).chosen is None
+
+
+def test_agreement_ignores_the_frame():
+    moved = {name: 3.0 * centre[[1, 2, 0]] + 5.0 for name, centre in centres().items()}
+    decision = decide([candidate("incremental"), Candidate("global", moved, evidence())], SETTINGS)
+    assert decision.agreements[0].median_share < 1e-9
+    assert decision.judgements[0].verdict == "accepted"
+
+
+def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
+    pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
+    ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
+    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), Positions())
+    scene = MappedScene.weigh("global", [model], witnesses, Monitor())
+    assert scene.candidate.evidence is not None
+    return decide([scene.candidate], SETTINGS), scene.candidate.evidence
+
+
+def test_a_healthy_model_passes(kermit_sfm: SfmResult):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    decision, found = judge_model(model, kermit_sfm.model_dir.parent)
+    assert decision.chosen == 0
+    assert found.match_support > 0.98
+
+
+def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    last = max(model.images.values(), key=lambda image: image.name)
+    quarter = pycolmap.Rigid3d(
+        pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
+    )
+    last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
+    decision, found = judge_model(model, kermit_sfm.model_dir.parent)
+    assert decision.chosen == 0
+    assert found.match_support > 0.98
+    registered = {image.name for image in model.images.values() if image.has_pose}
+    assert len(registered) == 10
+    assert last.name not in registered
+    assert all(last.image_id not in {e.image_id for e in p.track.elements} for p in model.points3D.values())
+
+
+def folded(model: pycolmap.Reconstruction) -> None:
+    """Half of the images land where the other half is, as a repeated pattern does."""
+    images = sorted(model.images.values(), key=lambda image: image.name)
+    half = len(images) // 2
+    for image, twin in zip(images[half:], images[:half], strict=False):
+        image.frame.set_cam_from_world(image.camera_id, twin.cam_from_world())
+
+
+def shuffled(model: pycolmap.Reconstruction) -> None:
+    images = sorted(model.images.values(), key=lambda image: image.name)
+    poses = [image.cam_from_world() for image in images]
+    for image, pose in zip(images, poses[3:] + poses[:3], strict=True):
+        image.frame.set_cam_from_world(image.camera_id, pose)
+
+
+def torn(model: pycolmap.Reconstruction) -> None:
+    """One half is turned by 20° about the scene against the other: each is right in itself."""
+    images = sorted(model.images.values(), key=lambda image: image.name)
+    middle = np.median([point.xyz for point in model.points3D.values()], axis=0)
+    angle = np.radians(20.0)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    shift = pycolmap.Rigid3d(pycolmap.Rotation3d(turn), middle - turn @ middle)
+    for image in images[len(images) // 2 :]:
+        image.frame.set_cam_from_world(image.camera_id, image.cam_from_world() * shift)
+
+
+@pytest.mark.parametrize("spoil", [folded, shuffled, torn])
+def test_a_model_with_spoilt_poses_is_refused_although_all_images_are_registered(
+    spoil: object, kermit_sfm: SfmResult
+):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    assert callable(spoil)
+    spoil(model)
+    assert model.num_reg_images() == 11
+    decision, found = judge_model(model, kermit_sfm.model_dir.parent)
+    assert decision.chosen is None, found

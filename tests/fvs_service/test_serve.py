@@ -1,0 +1,90 @@
+import signal
+import socket
+import subprocess
+import sys
+from datetime import timedelta
+from pathlib import Path
+
+import httpx2
+import pytest
+import uvicorn
+from fvs_service.application import open_storage
+from fvs_service.errors import ForbiddenError
+from fvs_service.gateway.server import listen, require_protection
+from fvs_service.settings import Settings
+from typer.testing import CliRunner, Result
+
+from fvs_engine.cli.app import app
+
+PROGRAM = str(Path(sys.executable).with_name("fvs"))
+
+
+def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
+    command = [PROGRAM, "serve", "--root", str(tmp_path / "service"), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        try:
+            assert url.startswith("http://127.0.0.1:")
+            assert httpx2.get(f"{url}/readyz", timeout=10).status_code == 200
+            scene = httpx2.post(f"{url}/v1/scenes", json={"name": "a"}).json()["id"]
+            waiting = httpx2.post(f"{url}/v1/scenes/{scene}/jobs", json={"kind": "update"})
+            assert waiting.json()["state"] == "queued"
+            second = _fvs("serve", "--root", str(tmp_path / "service"), "--port", "0")
+            assert second.exit_code == 2
+            assert "Another fvs serve runs" in second.stderr
+        finally:
+            process.send_signal(signal.SIGTERM)
+        assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def test_answers_are_sent_at_once() -> None:
+    with listen(uvicorn.Config(lambda: None, port=0)) as listening:
+        listening.listen()
+        with socket.create_connection(listening.getsockname()), listening.accept()[0] as accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def _fvs(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+def test_others_get_in_only_with_a_key(tmp_path: Path) -> None:
+    refused = _fvs("serve", "--root", str(tmp_path / "service"), "--host", "0.0.0.0")
+    assert refused.exit_code == 2
+    assert "fvs keys create" in refused.stderr
+
+
+def test_keys_that_have_expired_let_nobody_in(tmp_path: Path) -> None:
+    settings = Settings(root=tmp_path / "service", require_keys=True)
+    with open_storage(settings) as storage:
+        storage.keys.create("old", valid_for=timedelta(seconds=-1))
+    with pytest.raises(ForbiddenError, match="FVS_REQUIRE_KEYS"):
+        require_protection(settings)
+    with open_storage(settings) as storage:
+        storage.keys.create("new", valid_for=timedelta(days=1))
+    require_protection(settings)
+
+
+def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:
+    root = ["--root", str(tmp_path / "service")]
+    key = _fvs("keys", "create", "drone 7", "--scope", "upload", *root).stdout.strip()
+    key_id = key.split("_")[1]
+    listed = _fvs("keys", "list", *root).stdout
+    assert key_id in listed
+    assert "drone 7" in listed
+    assert key.split("_", 2)[2] not in listed
+    assert _fvs("keys", "revoke", key_id, *root).exit_code == 0
+    assert "revoked" in _fvs("keys", "list", *root).stdout
+    assert _fvs("keys", "revoke", "unknown", *root).exit_code == 2
+
+
+def test_a_variable_that_cannot_be_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FVS_WORKER__COUNT", "many")
+    refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
+    assert refused.exit_code == 2
+    assert "FVS_WORKER__COUNT: Input should be a valid integer" in refused.stderr
+    monkeypatch.delenv("FVS_WORKER__COUNT")
+    monkeypatch.setenv("FVS_TLS_KEY", str(tmp_path / "none.pem"))
+    refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
+    assert "FVS_TLS_KEY: Path does not point to a file" in refused.stderr

@@ -1,0 +1,187 @@
+"""From photographs to rankings through the processes of the whole service."""
+
+import contextlib
+import io
+import os
+import signal
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+from PIL import Image
+
+pytestmark = pytest.mark.timeout(900)  # several processes that all import torch, on whatever machine
+
+RUNNER = "fvs_service.worker.runner.process"
+WORKER = "fvs_service.serving.worker_process"
+GATEWAY = "fvs_service.serving.gateway_process"
+SFM_CHILD = "fvs_engine.sfm.native.child"
+
+
+def _latest(service: Any, scene: str) -> tuple[str, int]:
+    """The scene's latest snapshot, and how many images are registered in it."""
+    snapshot = service.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    return snapshot, service.snapshot(snapshot)["metrics"]["registered"]
+
+
+def _kill(service: Any, module: str) -> None:
+    """Kill a process that runs ``module``, as soon as there is one."""
+    deadline = time.monotonic() + 150
+    while not (found := service.processes(module)):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    os.kill(found[0], signal.SIGKILL)
+
+
+def _niceness(pid: int) -> int:
+    return os.getpriority(os.PRIO_PROCESS, pid)
+
+
+def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
+    snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
+    assert snapshot["metrics"]["registered"] == 7
+    names = {artifact["name"] for artifact in snapshot["artifacts"]}
+    assert names == {"alignment.json", "cameras.json", "colmap.zip", "metrics.json", "point_cloud.ply"}
+    archive = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/colmap.zip").content
+    with zipfile.ZipFile(io.BytesIO(archive)) as model:
+        assert {Path(name).name for name in model.namelist()} == {
+            *("cameras.bin", "images.bin", "points3D.bin")
+        }
+    ranking = service.rank(modelled, snapshot_id=snapshot["id"])
+    assert [place["rank"] for place in ranking["candidates"] if place["rank"]] == [1, 2, 3, 4]
+    assert ranking["snapshot_id"] == snapshot["id"]
+    assert ranking["iterations"] == snapshot["metrics"]["iterations"] == 120
+    best = ranking["candidates"][0]["id"]
+    for picture in ("render", "spectrum"):
+        png = service.client.get(f"/v1/rankings/{ranking['id']}/candidates/{best}/{picture}.png")
+        with Image.open(io.BytesIO(png.content)) as image:
+            assert np.asarray(image).std() > 1
+
+
+def test_every_method_ranks(service: Any, modelled: str) -> None:
+    methods = service.client.get("/v1/capabilities").json()["methods"]
+    pinned = service.client.get(f"/v1/scenes/{modelled}").json()["snapshot_id"]
+    for method in methods:
+        ranking = service.rank(modelled, method=method, snapshot_id=pinned, budget=3)
+        assert {place["id"] for place in ranking["candidates"]} == {f"orbit-{n:04d}" for n in range(4)}
+
+
+def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[4:])
+    job = service.start(scene, iterations=100_000)
+    for stage in ("matching", "train"):
+        service.wait(job, lambda found, stage=stage: found["stage"] == stage)
+        asked = time.monotonic()
+        service.client.post(f"/v1/jobs/{job}:cancel")
+        deadline = asked + 30
+        while service.job(job)["state"] != "canceled" and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert time.monotonic() - asked < 2.0
+        again = service.client.post(f"/v1/jobs/{job}:retry")
+        assert again.json()["state"] == "queued"
+    found = service.wait(job, lambda found: found["stage"] == "train" and found["eta_s"] is not None)
+    assert found["attempt"] == 3
+    service.client.post(f"/v1/jobs/{job}:cancel")
+    service.wait(job, lambda found: found["state"] == "canceled")
+
+
+def test_rankings_are_answered_while_the_model_learns(
+    service: Any, modelled: str, courtyard_photographs: list[Path]
+) -> None:
+    before, registered = _latest(service, modelled)
+    fine = service.start(modelled, "fine", iterations=3000)
+    service.wait(fine, lambda found: found["stage"] == "train")
+    assert service.rank(modelled)["snapshot_id"] == before
+    (gateway,) = service.processes(GATEWAY)
+    assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
+    # An update does not wait for a fine model, which goes on afterwards.
+    service.send(modelled, courtyard_photographs[7:9])
+    updated = service.finish(service.start(modelled))
+    assert service.job(fine)["state"] == "running"
+    assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
+    assert service.snapshot(before)["metrics"]["new_images_psnr_db"] is None
+    assert 5 < service.snapshot(updated["snapshot_id"])["metrics"]["new_images_psnr_db"] < 40
+    service.client.post(f"/v1/jobs/{fine}:cancel")
+    service.wait(fine, lambda found: found["state"] == "canceled")
+    assert service.rank(modelled)["snapshot_id"] == updated["snapshot_id"]
+
+
+def test_jobs_outlive_whatever_is_killed(
+    service: Any, modelled: str, courtyard_photographs: list[Path]
+) -> None:
+    """The short form of ``tests/faults/kill_anything.py``."""
+    _, registered = _latest(service, modelled)
+    service.send(modelled, courtyard_photographs[9:])
+    update = service.start(modelled)
+    for module in (SFM_CHILD, RUNNER):
+        _kill(service, module)
+    done = service.finish(update)
+    assert done["attempt"] == 1
+    assert _latest(service, modelled) == (done["snapshot_id"], registered + 2)
+
+    fine = service.start(modelled, "fine", iterations=300, test_every=4)
+    service.wait(fine, lambda found: found["stage"] == "train")
+    _kill(service, WORKER)
+    assert service.rank(modelled)["snapshot_id"] == done["snapshot_id"]
+    done = service.finish(fine)
+    assert done["attempt"] == 1
+    snapshots = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"]
+    assert [item["job_id"] for item in snapshots].count(update) == 1
+    (made,) = (item for item in snapshots if item["job_id"] == fine)
+    assert (made["metrics"]["iterations"], made["metrics"]["sh_degree"]) == (300, 3)
+    assert made["metrics"]["registered"] == registered + 2
+    assert 10 < made["metrics"]["psnr_db"] < 40
+    assert 0 < made["metrics"]["ssim"] < 1
+
+    _kill(service, GATEWAY)
+    deadline = time.monotonic() + 150
+    while True:
+        try:
+            assert service.rank(modelled)["snapshot_id"] == made["id"]
+            break
+        except httpx2.TransportError:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[:7])
+    job = service.start(scene)
+    deadline = time.monotonic() + 240
+    while (found := service.job(job))["state"] in ("queued", "running"):
+        assert time.monotonic() < deadline
+        for pid in service.processes(SFM_CHILD):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+    assert (found["state"], found["error"]["code"]) == ("failed", "runner-died")
+    assert found["error"]["hint"]
+    service.client.post(f"/v1/jobs/{job}:retry")
+    assert service.finish(job)["attempt"] == 2
+
+
+def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> None:
+    scene = service.scene()
+    noise = []
+    for number in range(3):
+        pixels = np.random.default_rng(number).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+        noise.append(tmp_path / f"{number}.png")
+        Image.fromarray(pixels).save(noise[-1])
+    service.send(scene, noise)
+    failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
+    assert failed["error"]["code"] == "reconstruction-failed"
+    assert failed["error"]["hint"]
+    assert "0.png" in failed["error"]["message"]
+    assert failed["error"]["stage"]
+    refused = service.client.post(f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit"}})
+    assert refused.json()["code"] == "no-snapshot"
