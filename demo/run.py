@@ -92,7 +92,7 @@ def _update(scene: Scene, iterations: int, long_side_px: int) -> Job:
     if snapshot is not None:
         metrics = snapshot.metrics
         console.print(
-            f"The model: {metrics.registered} photographs registered, {metrics.waiting} waiting, "
+            f"The model: {metrics.registered} photographs registered, {metrics.unregistered} unregistered, "
             f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations"
         )
     for warning in job.warnings:

@@ -229,11 +229,13 @@ def small_model(folder: Path, alignment: Alignment) -> NewSnapshot:
     )
     (folder / CAMERAS).write_text(cameras.model_dump_json())
     return NewSnapshot(
-        metrics=SnapshotMetrics(registered=6, waiting=0, points=9, iterations=7, gaussians=60, sh_degree=0),
+        metrics=SnapshotMetrics(
+            registered=6, unregistered=0, points=9, iterations=7, gaussians=60, sh_degree=0
+        ),
         alignment=alignment,
         files={CAMERAS: folder / CAMERAS, GAUSSIANS: folder / GAUSSIANS},
         registered=(),
-        without_overlap=(),
+        unregistered=(),
     )
 
 

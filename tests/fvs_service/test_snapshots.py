@@ -126,7 +126,7 @@ def test_a_snapshot_is_committed_once_per_stage(gateway: Any, tmp_path: Path) ->
         alignment=Alignment(),
         files={"cameras.json": tmp_path / "cameras.json"},
         registered=(),
-        without_overlap=(),
+        unregistered=(),
     )
     lease = gateway.lease(scene)
     assert storage.snapshots.commit(lease, job, "snapshot", again).id == first
@@ -178,7 +178,14 @@ def test_a_snapshot_of_a_lost_lease_is_not_committed(gateway: Any, tmp_path: Pat
     with storage.database.reading() as session:
         job = find_job(session, job_id)
     (tmp_path / "cameras.json").write_text("{}")
-    metrics = {"registered": 2, "waiting": 0, "points": 1, "iterations": 1, "gaussians": 1, "sh_degree": 0}
+    metrics = {
+        "registered": 2,
+        "unregistered": 0,
+        "points": 1,
+        "iterations": 1,
+        "gaussians": 1,
+        "sh_degree": 0,
+    }
     from fvs_service.snapshots.model import SnapshotMetrics
 
     made = NewSnapshot(
@@ -201,17 +208,24 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
     with storage.database.reading() as session:
         job = find_job(session, job_id)
     (tmp_path / "cameras.json").write_text("{}")
-    metrics = {"registered": 1, "waiting": 1, "points": 1, "iterations": 1, "gaussians": 1, "sh_degree": 0}
+    metrics = {
+        "registered": 1,
+        "unregistered": 1,
+        "points": 1,
+        "iterations": 1,
+        "gaussians": 1,
+        "sh_degree": 0,
+    }
     made = NewSnapshot(
         SnapshotMetrics(**metrics),
         Alignment(),
         {"cameras.json": tmp_path / "cameras.json"},
         registered=digests[:1],
-        without_overlap=digests[1:2],
+        unregistered=digests[1:2],
     )
     storage.snapshots.commit(lease, job, "snapshot", made)
     items = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
-    assert [item["registration"] for item in items] == ["registered", "no-overlap", "pending"]
+    assert [item["registration"] for item in items] == ["registered", "unregistered", "pending"]
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["pending"] == 1
 
 

@@ -24,15 +24,15 @@ class Verdict(StrEnum):
 
 
 class Registration(StrEnum):
-    """Whether structure from motion has found the image's place."""
+    """Whether the image has a pose in the current model."""
 
     PENDING = "pending"
-    """No update has taken it up yet."""
+    """No update has processed it yet."""
     REGISTERED = "registered"
-    NO_OVERLAP = "no-overlap"
-    """It overlaps with nothing so far; it is tried again with every update."""
+    UNREGISTERED = "unregistered"
+    """It has no pose so far, mostly because it overlaps with no other image; every update tries it again."""
     UNUSED = "unused"
-    """Not accepted, so never tried."""
+    """Not accepted, so never part of a model."""
 
 
 class ImageWarning(StrEnum):

@@ -91,13 +91,11 @@ def next_number(session: Session, scene_id: str) -> int:
     return (session.scalar(select(func.max(ImageRow.number)).where(ImageRow.scene_id == scene_id)) or 0) + 1
 
 
-def register(
-    session: Session, scene_id: str, registered: Iterable[str], without_overlap: Iterable[str]
-) -> None:
-    """Write down what structure from motion found of accepted images, by digest."""
+def register(session: Session, scene_id: str, registered: Iterable[str], unregistered: Iterable[str]) -> None:
+    """Record which accepted images, given by digest, have a pose in the current model."""
     for registration, digests in (
         (Registration.REGISTERED, list(registered)),
-        (Registration.NO_OVERLAP, list(without_overlap)),
+        (Registration.UNREGISTERED, list(unregistered)),
     ):
         for start in range(0, len(digests), _VARIABLES):
             session.execute(

@@ -32,9 +32,9 @@ class SnapshotMetrics(Model):
     """How large and how good the model is."""
 
     registered: Count
-    """Images that have their place."""
-    waiting: Count
-    """Accepted images that overlap with nothing yet."""
+    """Images with a pose in the model."""
+    unregistered: Count
+    """Accepted images that the update processed and that have no pose in the model."""
     points: Count
     iterations: Count
     gaussians: Count

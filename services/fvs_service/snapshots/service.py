@@ -42,14 +42,14 @@ GAUSSIANS = "point_cloud.ply"
 class NewSnapshot:
     """What a worker has made: ``files`` are artefact names → files on its disk, which are moved away.
 
-    ``registered`` and ``without_overlap`` are the digests of the images that were taken up.
+    ``registered`` and ``unregistered`` are the digests of the images that the job processed.
     """
 
     metrics: SnapshotMetrics
     alignment: Alignment
     files: Mapping[str, Path]
     registered: Iterable[str]
-    without_overlap: Iterable[str]
+    unregistered: Iterable[str]
 
 
 class Snapshots:
@@ -124,7 +124,7 @@ class Snapshots:
         with self._database.writing() as session:
             require_lease(session, lease)
             repository.add_snapshot(session, snapshot)
-            register(session, lease.scene_id, made.registered, made.without_overlap)
+            register(session, lease.scene_id, made.registered, made.unregistered)
             if not _is_behind(session, snapshot):
                 set_snapshot(session, lease.scene_id, snapshot_id)
             attach_snapshot(session, job.id, snapshot_id)

@@ -290,7 +290,7 @@ class Attempts:
             alignment=alignment,
             files={name: folder / name for name in (*outcome.files, ALIGNMENT)},
             registered=tuple(places) if updating else (),
-            without_overlap=outcome.waiting if updating else (),
+            unregistered=outcome.unregistered if updating else (),
         )
         self._storage.snapshots.commit(hosted.lease, job, _SNAPSHOT_STAGE, made)
 

@@ -154,16 +154,16 @@ class ProgressNote(Message):
 
 
 class JobOutcome(Message):
-    """What a job has made: ``files`` in ``folder``, and which images have their place.
+    """What a job has made: ``files`` in ``folder``, and which images are registered.
 
-    ``model_from_camera`` is digest → matrix [3, 4] of the images that have one; ``waiting`` are the digests
-    of all others that were taken up.
+    ``model_from_camera`` is digest → matrix [3, 4] of the images that have one; ``unregistered`` are the
+    digests of all others that the job processed.
     """
 
     folder: str
     files: tuple[str, ...]
     model_from_camera: dict[str, tuple[tuple[float, float, float, float], ...]]
-    waiting: tuple[str, ...]
+    unregistered: tuple[str, ...]
     metrics: SnapshotMetrics
 
 

@@ -6,8 +6,8 @@ from fvs_client.models.snapshots import SnapshotMetrics
 def in_words(metrics: SnapshotMetrics) -> str:
     """One line, with every measure of quality that there is."""
     parts = [f"{metrics.registered} images registered"]
-    if metrics.waiting:
-        parts.append(f"{metrics.waiting} waiting for overlap")
+    if metrics.unregistered:
+        parts.append(f"{metrics.unregistered} unregistered")
     parts.append(f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations")
     if metrics.psnr_db is not None and metrics.ssim is not None:
         parts.append(f"PSNR {metrics.psnr_db:.2f} dB and SSIM {metrics.ssim:.3f} on images kept from it")

@@ -21,7 +21,7 @@ class Registration(Word):
 
     PENDING = "pending"
     REGISTERED = "registered"
-    NO_OVERLAP = "no-overlap"
+    UNREGISTERED = "unregistered"
     UNUSED = "unused"
 
 

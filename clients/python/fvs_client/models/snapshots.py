@@ -19,7 +19,7 @@ class SnapshotMetrics(Answer):
 
     registered: int
     """Images that have their place."""
-    waiting: int
+    unregistered: int
     """Accepted images that overlap with nothing yet."""
     points: int
     iterations: int

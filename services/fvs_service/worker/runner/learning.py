@@ -245,12 +245,12 @@ class Learner:
         model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
         quality = measure(model.gaussians, model.sh_degree, tested, self._rasterizer, monitor)
         measured = {} if quality is None else asdict(quality)
-        # Of images that came after its cameras were found nobody can say that they overlap with nothing.
+        # Images that arrived after the model's update are neither registered nor unregistered yet.
         posed = {view.name for view in views}
         images = {
             name: image
             for name, image in placed.items()
-            if name in posed or image.registration is Registration.NO_OVERLAP
+            if name in posed or image.registration is Registration.UNREGISTERED
         }
         return self._outcome(question, views, images, model, fine / "sparse", measured, monitor)
 
@@ -304,10 +304,10 @@ class Learner:
         monitor.report("snapshot", 0, 1)
         standing = read_colmap(colmap)
         posed = {view.name for view in views}
-        waiting = tuple(image.digest for name, image in images.items() if name not in posed)
+        unregistered = tuple(image.digest for name, image in images.items() if name not in posed)
         metrics = SnapshotMetrics(
             registered=len(views),
-            waiting=len(waiting),
+            unregistered=len(unregistered),
             points=len(standing.points),
             iterations=model.iterations,
             gaussians=len(model.gaussians),
@@ -323,7 +323,7 @@ class Learner:
             model_from_camera={
                 images[view.name].digest: _rows(view.camera_from_model.inverse()) for view in views
             },
-            waiting=waiting,
+            unregistered=unregistered,
             metrics=metrics,
         )
 

@@ -1,0 +1,173 @@
+"""The first schema: all tables of the service."""
+
+import sqlalchemy as sa
+from alembic import op
+from fvs_service.storage.tables import UtcDateTime
+
+revision = "0001"
+down_revision = None
+branch_labels = None
+depends_on = None
+
+_TABLES = (
+    *("rankings", "snapshots", "job_stages", "scene_leases", "jobs", "images", "events", "scenes"),
+    *("idempotency_keys", "api_keys", "workers"),
+)
+
+
+def upgrade() -> None:
+    """Create the tables and their indexes."""
+    _create_tables_of_the_service()
+    _create_tables_of_scenes()
+    _create_tables_of_jobs()
+
+
+def downgrade() -> None:
+    """Drop everything."""
+    for name in _TABLES:
+        op.drop_table(name)
+
+
+def _create_tables_of_the_service() -> None:
+    op.create_table(
+        "workers",
+        sa.Column("id", sa.String(128), primary_key=True),
+        sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
+    )
+    op.create_table(
+        "api_keys",
+        sa.Column("id", sa.String(40), primary_key=True),
+        sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
+        sa.Column("name", sa.String(200), nullable=False),
+        sa.Column("sha256", sa.String(64), nullable=False),
+        sa.Column("scopes", sa.JSON(), nullable=False),
+        sa.Column("scene_id", sa.String(40)),
+        _time("created_at"),
+        _time("expires_at", nullable=True),
+        _time("revoked_at", nullable=True),
+    )
+    op.create_table(
+        "idempotency_keys",
+        sa.Column("tenant_id", sa.String(64), primary_key=True),
+        sa.Column("key", sa.String(255), primary_key=True),
+        sa.Column("fingerprint", sa.String(64), nullable=False),
+        sa.Column("resource_id", sa.String(40), nullable=False),
+        _time("created_at", index=True),
+    )
+
+
+def _create_tables_of_scenes() -> None:
+    op.create_table(
+        "scenes",
+        sa.Column("id", sa.String(40), primary_key=True),
+        sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
+        sa.Column("request", sa.JSON(), nullable=False),
+        sa.Column("origin", sa.JSON()),
+        sa.Column("snapshot_id", sa.String(40)),
+        _time("created_at"),
+    )
+    op.create_table(
+        "scene_leases",
+        _reference("scene_id", "scenes", primary_key=True),
+        sa.Column("worker_id", sa.String(128), nullable=False, index=True),
+        sa.Column("endpoint", sa.String(255)),
+        sa.Column("token", sa.BigInteger(), nullable=False),
+        sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
+    )
+    op.create_table(
+        "events",
+        sa.Column("number", sa.Integer(), primary_key=True, autoincrement=True),
+        _reference("scene_id", "scenes"),
+        sa.Column("kind", sa.String(32), nullable=False),
+        sa.Column("subject", sa.String(80)),
+        sa.Column("data", sa.JSON(), nullable=False),
+        _time("created_at"),
+        sa.Index("ix_events_scene", "scene_id", "number"),
+        sqlite_autoincrement=True,
+    )
+    op.create_table(
+        "images",
+        _reference("scene_id", "scenes", primary_key=True),
+        sa.Column("sha256", sa.String(64), primary_key=True),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("name", sa.String(255), nullable=False),
+        sa.Column("verdict", sa.String(32), nullable=False),
+        sa.Column("registration", sa.String(16), nullable=False),
+        sa.Column("pixels_sha256", sa.String(64)),
+        sa.Column("document", sa.JSON(), nullable=False),
+        _time("received_at"),
+        sa.Index("ix_images_number", "scene_id", "number", unique=True),
+        sa.Index("ix_images_pixels", "scene_id", "pixels_sha256"),
+        sa.Index("ix_images_counts", "scene_id", "verdict", "registration"),
+    )
+
+
+def _create_tables_of_jobs() -> None:
+    queued = sa.text("state = 'queued'")
+    op.create_table(
+        "jobs",
+        sa.Column("id", sa.String(40), primary_key=True),
+        _reference("scene_id", "scenes", index=True),
+        sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
+        sa.Column("kind", sa.String(16), nullable=False),
+        sa.Column("request", sa.JSON(), nullable=False),
+        sa.Column("state", sa.String(16), nullable=False, index=True),
+        sa.Column("stage", sa.String(64)),
+        sa.Column("progress", sa.Double(), nullable=False),
+        sa.Column("eta_s", sa.Double()),
+        sa.Column("attempt", sa.Integer(), nullable=False),
+        sa.Column("submitted", sa.Boolean(), nullable=False),
+        sa.Column("cancel_requested", sa.Boolean(), nullable=False),
+        sa.Column("warnings", sa.JSON(), nullable=False),
+        sa.Column("error", sa.JSON()),
+        sa.Column("snapshot_id", sa.String(40)),
+        _time("created_at"),
+        _time("started_at", nullable=True),
+        _time("finished_at", nullable=True),
+        sa.Index(
+            "ix_jobs_one_queued",
+            "scene_id",
+            "kind",
+            unique=True,
+            sqlite_where=queued,
+            postgresql_where=queued,
+        ),
+    )
+    op.create_table(
+        "job_stages",
+        _reference("job_id", "jobs", primary_key=True),
+        sa.Column("name", sa.String(64), primary_key=True),
+        sa.Column("document", sa.JSON(), nullable=False),
+        _time("created_at"),
+    )
+    op.create_table(
+        "snapshots",
+        sa.Column("id", sa.String(40), primary_key=True),
+        _reference("scene_id", "scenes", index=True),
+        _reference("job_id", "jobs", index=True),
+        sa.Column("document", sa.JSON(), nullable=False),
+        _time("created_at"),
+    )
+    op.create_table(
+        "rankings",
+        sa.Column("id", sa.String(40), primary_key=True),
+        _reference("scene_id", "scenes", index=True),
+        _reference("snapshot_id", "snapshots"),
+        sa.Column("document", sa.JSON(), nullable=False),
+        _time("created_at"),
+    )
+
+
+def _time(name: str, *, nullable: bool = False, index: bool = False) -> sa.Column[object]:
+    return sa.Column(name, UtcDateTime(timezone=True), nullable=nullable, index=index)
+
+
+def _reference(name: str, table: str, *, primary_key: bool = False, index: bool = False) -> sa.Column[object]:
+    return sa.Column(
+        name,
+        sa.String(40),
+        sa.ForeignKey(f"{table}.id"),
+        primary_key=primary_key,
+        nullable=False,
+        index=index,
+    )
