@@ -127,7 +127,7 @@ def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again
 
 def in_model(names: list[str], scene: GrowingScene) -> list[Candidate]:
     """Views of the dataset as candidates in the frame of the scene's model."""
-    worlds = {name: scene.dataset.by_name[name].camera_from_world.inverse() for name in scene.dataset.names}
+    worlds = {name: scene.dataset.by_name[name].camera_from_model.inverse() for name in scene.dataset.names}
     alignment = align_to_model(
         [worlds[view.name] for view in scene.views],
         [view.camera_from_model.inverse() for view in scene.views],

@@ -65,7 +65,7 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
     photographs = Photographs(loop.dataset.image_dir, loop.scene.settings.long_side_px)
     for name in names:
         view = loop.dataset.by_name[name]
-        model_from_camera = model_from_world.move_camera(view.camera_from_world.inverse())
+        model_from_camera = model_from_world.move_camera(view.camera_from_model.inverse())
         yield photographs.load(name, view.camera, model_from_camera.inverse())
 
 

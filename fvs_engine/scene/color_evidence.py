@@ -6,7 +6,7 @@ import numpy as np
 
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.views import AnyView
 
 MIN_AGREEMENT = 0.3
 """Given poses under which the median photograph agrees less with its points belong to other photographs.
@@ -21,7 +21,7 @@ _LONG_SIDE_PX = 128
 _MIN_POINTS = 30
 
 
-def color_agreement(view: PosedView, seen: PointCloud, image_dir: Path) -> float | None:
+def color_agreement(view: AnyView, seen: PointCloud, image_dir: Path) -> float | None:
     """Correlation between the brightness of the points ``seen`` and of the photograph where they project.
 
     None where there is nothing to compare: too few points in the image, or all of one brightness (a model

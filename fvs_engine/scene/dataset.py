@@ -1,4 +1,4 @@
-"""A dataset: photographs with the poses that somebody gave them, in the dataset's own frame (``world``)."""
+"""A dataset: photographs with known poses, in the dataset's own frame."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -10,51 +10,38 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import Camera, RigidTransform
+from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.reconstruction import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
+from fvs_engine.views import AnyView, View
 
 _MIN_VIEWS = 2
 _NAMES_SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False)
-class DatasetView:
-    """A photograph (``name`` is its posix path in the image folder) and where it was taken.
-
-    ``camera`` has the photograph's own size, with its distortion.
-    """
-
-    name: str
-    camera: Camera
-    camera_from_world: RigidTransform
-
-    @property
-    def centre(self) -> NDArray[np.float64]:
-        """Where the camera stands in the world, [3]."""
-        return self.camera_from_world.inverse().translation
-
-
-@dataclass(frozen=True, eq=False)
 class Dataset:
-    """Photographs in ``image_dir`` with their poses; ``views`` in order of capture, which is by name.
+    """Photographs in ``image_dir`` with their poses; ``views`` are in order of capture, which is by name.
 
-    ``points`` are those of the dataset's model, None when it has none. ``warnings`` are sentences about what
-    was left out. ``arriving``: photographs are still to come into the folder, and nobody knows their poses;
-    there are no views then, and a scene of it finds its poses by structure from motion.
+    A view's name is its photograph's posix path in ``image_dir``, its camera has the photograph's size, and
+    its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
+    model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
+    None when it has none. ``warnings`` are sentences about what was left out. ``arriving``: photographs are
+    still to come into the folder, and their poses are unknown; there are no views then, and a scene of it
+    estimates poses by structure from motion.
     """
 
     name: str
     image_dir: Path
-    views: tuple[DatasetView, ...]
+    views: tuple[AnyView, ...]
     points: SparsePoints | None = None
     warnings: tuple[str, ...] = field(default=())
     arriving: bool = False
 
     @cached_property
-    def by_name(self) -> dict[str, DatasetView]:
+    def by_name(self) -> dict[str, AnyView]:
         """Name → view."""
         return {view.name: view for view in self.views}
 
@@ -64,7 +51,7 @@ class Dataset:
         return tuple(view.name for view in self.views)
 
     def centres(self) -> dict[str, NDArray[np.float64]]:
-        """Name → camera centre [3] in the world frame."""
+        """Name → camera centre [3] in the dataset's model frame."""
         return {view.name: view.centre for view in self.views}
 
 
@@ -78,18 +65,21 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     and for photographs that their EXIF turns (their cameras are of the pixels as stored); ``StorageError``
     when the model is damaged.
     """
-    if (colmap is None) == (transforms is None):
+    if not images.is_dir():
+        raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")
+    if colmap is not None and transforms is None:
+        source, posed = _posed_in_colmap(colmap)
+    elif transforms is not None and colmap is None:
+        source, posed = transforms, import_transforms_json(transforms).views
+    else:
         raise InvalidInputError(
             "A dataset needs its poses: one COLMAP model, or one transforms.json.",
             hint="Give either the folder of the model or the file.",
         )
-    if not images.is_dir():
-        raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")
-    source, posed = _posed_in_colmap(colmap) if colmap else _posed_in_transforms(transforms)  # type: ignore[arg-type]
     names, missing = _photographs_of([view.name for view in posed], images)
     views = sorted(
         (
-            DatasetView(names[view.name], _camera_of(view, images / names[view.name]), view.camera_from_world)
+            View(names[view.name], _camera_of(view, images / names[view.name]), view.camera_from_model)
             for view in posed
             if view.name in names
         ),
@@ -130,7 +120,7 @@ def split_test(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple
     return tuple(name for name in ordered if name not in held_out), test
 
 
-def _posed_in_colmap(folder: Path) -> tuple[Path, list[DatasetView]]:
+def _posed_in_colmap(folder: Path) -> tuple[Path, tuple[AnyView, ...]]:
     """Every posed view of the model, with the camera that the model has."""
     found = find_colmap_model(folder)
     model = open_colmap(found)
@@ -139,26 +129,19 @@ def _posed_in_colmap(folder: Path) -> tuple[Path, list[DatasetView]]:
         if not image.has_pose:
             continue
         try:
-            camera_from_world = rigid_from_pycolmap(image.cam_from_world())
+            camera_from_model = rigid_from_pycolmap(image.cam_from_world())
         except InvalidInputError as error:
             raise InvalidInputError(
                 f"The pose of {image.name} in {found} cannot be used: {error.message}",
                 hint="Leave that image out of the model, or export it again.",
             ) from error
         camera = camera_from_pycolmap(model.cameras[image.camera_id])
-        views.append(DatasetView(image.name, camera, camera_from_world))
+        views.append(View(image.name, camera, camera_from_model))
     if not views:
         raise InvalidInputError(
             f"No image of the model in {found} has a pose.", hint="Give the model of a finished mapping."
         )
-    return found, views
-
-
-def _posed_in_transforms(file: Path) -> tuple[Path, list[DatasetView]]:
-    return file, [
-        DatasetView(view.name, view.camera, view.camera_from_model)
-        for view in import_transforms_json(file).views
-    ]
+    return found, tuple(views)
 
 
 def _photographs_of(posed: Sequence[str], images: Path) -> tuple[dict[str, str], list[str]]:
@@ -183,7 +166,7 @@ def _photographs_of(posed: Sequence[str], images: Path) -> tuple[dict[str, str],
     return names, sorted(missing)
 
 
-def _camera_of(view: DatasetView, photograph: Path) -> Camera:
+def _camera_of(view: AnyView, photograph: Path) -> Camera:
     """The view's camera at the photograph's size."""
     try:
         with Image.open(photograph) as image:

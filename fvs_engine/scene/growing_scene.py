@@ -17,17 +17,17 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.poses import PoseSource, Standing
-from fvs_engine.scene.scene_files import SceneFiles, SceneMemory, ViewMemory
+from fvs_engine.scene.scene_files import SceneFiles, SceneMemory
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
-from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
+from fvs_engine.views import AnyView
 
 MIN_POINTS = 100
 """With fewer sparse points than this a new model starts from guesses as well."""
@@ -70,8 +70,8 @@ class _Change:
     ``begun_points``: see ``GrowingScene._begun_points``.
     """
 
-    added: tuple[tuple[PosedView, TrainingView], ...]
-    moved: tuple[tuple[PosedView, TrainingView], ...]
+    added: tuple[tuple[AnyView, TrainingView], ...]
+    moved: tuple[tuple[AnyView, TrainingView], ...]
     lost: frozenset[str]
     seeds: Seeds
     warnings: tuple[str, ...]
@@ -109,7 +109,7 @@ class GrowingScene:
         self._photographs = Photographs(dataset.image_dir, settings.long_side_px)
         self._trainer: Trainer | None = None
         self._visited: tuple[str, ...] = ()
-        self._posed: dict[str, PosedView] = {}  # in the order of the trainer's views, lenses and all
+        self._posed: dict[str, AnyView] = {}  # in the order of the trainer's views, lenses and all
         self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._initial_views = 0
@@ -232,7 +232,7 @@ class GrowingScene:
         """Commit the state: whatever was done since the last time is on disk, whole, or not at all."""
         memory = SceneMemory(
             visited=self._visited,
-            views=tuple(ViewMemory.of(view) for view in self._posed.values()),
+            views=tuple(self._posed.values()),
             initial_views=self._initial_views,
             begun_points=self._begun_points,
             generation=self._generation,
@@ -302,7 +302,7 @@ class GrowingScene:
             seeds, warnings = self._further_seeds(standing), ()
         return _Change(tuple(added), tuple(moved), lost, seeds, warnings, anew, begun_points)
 
-    def _photograph(self, view: PosedView) -> TrainingView:
+    def _photograph(self, view: AnyView) -> TrainingView:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
 
     def _outgrown(self, standing: Standing) -> bool:
@@ -360,7 +360,7 @@ class GrowingScene:
         tensors, state = read_checkpoint(self._files.checkpoint)
         memory = self._files.memory(state)
         self._visited, self._generation = memory.visited, memory.generation
-        self._posed = {view.name: view.posed() for view in memory.views}
+        self._posed = {view.name: view for view in memory.views}
         self._usual_cameras = _usual_cameras(self._posed.values())
         self._initial_views, self._begun_points = memory.initial_views, memory.begun_points
         if not self._posed:
@@ -374,7 +374,7 @@ class GrowingScene:
         self._trainer = Trainer.resume(self._files.checkpoint, views, self.rasterizer)
 
 
-def _usual_cameras(views: Iterable[PosedView]) -> dict[tuple[int, int], Camera]:
+def _usual_cameras(views: Iterable[AnyView]) -> dict[tuple[int, int], Camera]:
     """Image size → the camera that most views of that size have, the earliest of equals."""
     by_size: dict[tuple[int, int], Counter[Camera]] = {}
     for view in views:

@@ -14,11 +14,12 @@ from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.sfm.batch.mapping import read_witnesses
 from fvs_engine.sfm.batch.triangulate import triangulate
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, has_colmap_model, open_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction, has_colmap_model, open_colmap
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.views import AnyView
 
 MIN_MATCH_SUPPORT = 0.5
 """Given poses that explain less of the verified matches than this belong to other photographs."""
@@ -52,25 +53,19 @@ class KnownPoses:
         Raises ``ReconstructionError`` when the photographs contradict the given poses: by the colours of the
         dataset's points, or, where it has none, by their matches with each other.
         """
-        views = tuple(self._posed(name) for name in visited)
+        views = tuple(self._dataset.by_name[name] for name in visited)
         if self._dataset.points is not None:
             self._require_colors(views, self._dataset.points, monitor)
             return Standing(views, self._dataset.points.seen_by(visited), len(visited))
         points, warnings = self._triangulated(views, monitor)
         return Standing(views, points, len(visited), warnings)
 
-    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """See ``PoseSource``: what the dataset says."""
         monitor.check()
-        return {name: self._posed(name) for name in names}
+        return {name: self._dataset.by_name[name] for name in names}
 
-    def _posed(self, name: str) -> PosedView:
-        view = self._dataset.by_name[name]
-        return PosedView(name, view.camera, view.camera_from_world)
-
-    def _triangulated(
-        self, views: Sequence[PosedView], monitor: Monitor
-    ) -> tuple[PointCloud, tuple[str, ...]]:
+    def _triangulated(self, views: Sequence[AnyView], monitor: Monitor) -> tuple[PointCloud, tuple[str, ...]]:
         if len(views) < _MIN_VIEWS:
             return _NO_POINTS, ()
         given = Reconstruction(
@@ -94,7 +89,7 @@ class KnownPoses:
         if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
             raise self._contradiction(f"only {evidence.match_support:.0%} of the verified matches fit them.")
 
-    def _require_colors(self, views: Sequence[PosedView], points: SparsePoints, monitor: Monitor) -> None:
+    def _require_colors(self, views: Sequence[AnyView], points: SparsePoints, monitor: Monitor) -> None:
         """Most photographs must show the colours of their points, as far as points have any."""
         for view in views:
             if view.name not in self._color_agreements:

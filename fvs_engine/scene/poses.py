@@ -6,8 +6,8 @@ from typing import Protocol
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.views import AnyView
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +18,7 @@ class Standing:
     views. ``generation`` is the source's own count of its changes.
     """
 
-    views: tuple[PosedView, ...]
+    views: tuple[AnyView, ...]
     points: PointCloud
     generation: int
     warnings: tuple[str, ...] = ()
@@ -35,6 +35,6 @@ class PoseSource(Protocol):
         """
         ...
 
-    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """Poses in the model frame of views that are not part of it, without those that cannot be placed."""
         ...

@@ -9,46 +9,24 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_engine.geometry import DistortedCamera, PinholeCamera, RigidTransform
+from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.sfm.reconstruction import PosedView
+from fvs_engine.views import AnyView
 
 
-class ViewMemory(BaseModel):
-    """A registered view as training knows it; ``camera_from_model`` is a matrix [4, 4]."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    name: str
-    camera: PinholeCamera | DistortedCamera
-    camera_from_model: tuple[tuple[float, ...], ...]
-
-    @classmethod
-    def of(cls, view: PosedView) -> Self:
-        """What to remember of a view."""
-        rows = tuple(tuple(float(value) for value in row) for row in view.camera_from_model.matrix)
-        return cls(name=view.name, camera=view.camera, camera_from_model=rows)
-
-    def posed(self) -> PosedView:
-        """The view again."""
-        return PosedView(self.name, self.camera, RigidTransform.from_matrix(self.camera_from_model))
-
-
-class SceneMemory(BaseModel):
-    """What a scene remembers beside its trainer, in the same checkpoint."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class SceneMemory(Record):
+    """A scene's state beside its trainer's, in the same checkpoint."""
 
     visited: tuple[str, ...]
-    views: tuple[ViewMemory, ...]
+    views: tuple[AnyView, ...]
     initial_views: int
     begun_points: int
     generation: int
@@ -117,7 +95,7 @@ def _fingerprint(dataset: Dataset) -> str:
     digest = hashlib.sha256()
     for view in dataset.views:
         digest.update(f"{view.name}\0{view.camera}\0".encode())
-        digest.update(np.ascontiguousarray(view.camera_from_world.matrix).tobytes())
+        digest.update(np.ascontiguousarray(view.camera_from_model.matrix).tobytes())
     return digest.hexdigest()
 
 

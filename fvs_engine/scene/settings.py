@@ -2,8 +2,9 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.settings import Densification, TrainingSettings
 
@@ -33,7 +34,7 @@ Measured on *bonsai*, known poses, 10 views and 10 more at 256 × 171 px, mean P
 """
 
 
-class SceneSettings(BaseModel):
+class SceneSettings(Record):
     """How a scene finds its cameras and how long it learns; frozen, and stored with the scene.
 
     ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. Training
@@ -41,8 +42,6 @@ class SceneSettings(BaseModel):
     first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the images it learns
     from.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     poses: Literal["sfm", "known"] = "sfm"
     long_side_px: int = Field(default=800, ge=32)

@@ -8,9 +8,9 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.views import AnyView
 
 
 class SfmPoses:
@@ -35,7 +35,7 @@ class SfmPoses:
             warnings=report.warnings,
         )
 
-    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """See ``PoseSource``."""
         known = (*self._growing.registered, *names)
         return self._growing.localise(names, monitor, self._positions(known))

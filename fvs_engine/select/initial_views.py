@@ -6,17 +6,15 @@ from typing import Literal
 import numpy as np
 
 from fvs_engine.geometry import PinholeCamera
-from fvs_engine.scene.dataset import DatasetView
 from fvs_engine.score import Candidate
 from fvs_engine.select.view_distance import view_distances
+from fvs_engine.views import AnyView
 
 InitialChoice = Literal["first", "consecutive", "farthest"]
 """The ways to begin, see ``initial_views``."""
 
 
-def initial_views(
-    views: Sequence[DatasetView], count: int, choice: InitialChoice, seed: int
-) -> tuple[str, ...]:
+def initial_views(views: Sequence[AnyView], count: int, choice: InitialChoice, seed: int) -> tuple[str, ...]:
     """The names of ``count`` of ``views``, which are in order of capture, in the order of their visit.
 
     ``first``: the first of the capture, as a vehicle takes them on its way in (the paper). ``consecutive``:
@@ -43,8 +41,8 @@ def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
     return chosen
 
 
-def _as_candidate(view: DatasetView) -> Candidate:
+def _as_candidate(view: AnyView) -> Candidate:
     """The view in the dataset's frame; ``view_distances`` looks at nothing but its pose."""
     camera = view.camera
     plain = PinholeCamera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return Candidate(view.name, plain, view.camera_from_world)
+    return Candidate(view.name, plain, view.camera_from_model)

@@ -188,7 +188,7 @@ class SelectionLoop:
             return same_frame(len(self.scene.views))
         names = [view.name for view in self.scene.views]
         return align_to_model(
-            [self.dataset.by_name[name].camera_from_world.inverse() for name in names],
+            [self.dataset.by_name[name].camera_from_model.inverse() for name in names],
             [view.camera_from_model.inverse() for view in self.scene.views],
         )
 
@@ -229,7 +229,7 @@ class SelectionLoop:
         (usual, _), *_ = Counter(fitting).most_common()
         candidates = []
         for name, camera in cameras.items():
-            world_from_camera = self.dataset.by_name[name].camera_from_world.inverse()
+            world_from_camera = self.dataset.by_name[name].camera_from_model.inverse()
             model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
             comparable = camera if (camera.width, camera.height) == size else usual
             candidates.append(Candidate(name, comparable, model_from_camera.inverse()))

@@ -141,7 +141,7 @@ def fingerprint(dataset: Dataset) -> str:
     for view in dataset.views:
         size_bytes = (dataset.image_dir / view.name).stat().st_size
         digest.update(f"{view.name}\0{view.camera}\0{size_bytes}\0".encode())
-        digest.update(view.camera_from_world.matrix.tobytes())
+        digest.update(view.camera_from_model.matrix.tobytes())
     return digest.hexdigest()
 
 

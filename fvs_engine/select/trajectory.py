@@ -68,7 +68,7 @@ def top_view(dataset: Dataset) -> dict[str, Array]:
     """
     names = dataset.names
     centres = np.stack([dataset.by_name[name].centre for name in names])
-    rotations = np.stack([dataset.by_name[name].camera_from_world.rotation for name in names])
+    rotations = np.stack([dataset.by_name[name].camera_from_model.rotation for name in names])
     up = -rotations[:, 1].mean(axis=0)
     middle = centres - centres.mean(axis=0)
     _, _, axes = np.linalg.svd(middle, full_matrices=True)

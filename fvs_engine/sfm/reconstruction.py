@@ -12,30 +12,17 @@ from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
 from fvs_engine.sfm.colmap.files import damaged_file
+from fvs_engine.views import AnyView, View
 
 MODEL_FILES = ("cameras", "images", "points3D")
 """A COLMAP model is these three files, all ``.bin`` or all ``.txt``."""
 
 
 @dataclass(frozen=True, eq=False)
-class PosedView:
-    """An image (``name`` is its posix path in the image folder) whose camera has its place in the model."""
-
-    name: str
-    camera: Camera
-    camera_from_model: RigidTransform
-
-    @property
-    def centre(self) -> NDArray[np.float64]:
-        """Where the camera stands in the model, [3]."""
-        return self.camera_from_model.inverse().translation
-
-
-@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """Views sorted by name, and sparse ``points`` [P, 3] with ``point_colors`` [P, 3] and errors [P]."""
 
-    views: tuple[PosedView, ...]
+    views: tuple[AnyView, ...]
     points: NDArray[np.float64]
     point_colors: NDArray[np.uint8]
     point_errors_px: NDArray[np.float64]
@@ -93,7 +80,7 @@ def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
     points = list(model.points3D.values())
     return Reconstruction(
         views=tuple(
-            PosedView(image.name, cameras[image.camera_id], rigid_from_pycolmap(image.cam_from_world()))
+            View(image.name, cameras[image.camera_id], rigid_from_pycolmap(image.cam_from_world()))
             for image in posed
         ),
         points=np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
@@ -103,7 +90,7 @@ def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
 
 
 def to_pycolmap(
-    views: Sequence[PosedView],
+    views: Sequence[AnyView],
     *,
     points: Reconstruction | None = None,
     image_ids: Mapping[str, int] | None = None,

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from fvs_engine.records import Record
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 
@@ -10,11 +10,7 @@ GIVEN = "given"
 """In the place of a mapper's name: the cameras were not found here."""
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Evidence(_Frozen):
+class Evidence(Record):
     """What the two-view geometries, which know nothing of the model, say about a model's poses."""
 
     pairs: int
@@ -42,7 +38,7 @@ class Evidence(_Frozen):
     """Median distance to the GPS positions after alignment, in shares of their spread; None without GPS."""
 
 
-class CandidateReport(_Frozen):
+class CandidateReport(Record):
     """One mapper's best model and what became of it."""
 
     mapper: str
@@ -54,14 +50,14 @@ class CandidateReport(_Frozen):
     reasons: tuple[str, ...]
 
 
-class ComponentReport(_Frozen):
+class ComponentReport(Record):
     """A separate model that could not be joined to the one that was kept."""
 
     mapper: str
     images: tuple[str, ...]
 
 
-class Agreement(_Frozen):
+class Agreement(Record):
     """How far two mappers' camera centres are apart after Umeyama, in shares of the scene's spread."""
 
     mappers: tuple[str, str]
@@ -70,7 +66,7 @@ class Agreement(_Frozen):
     max_share: float
 
 
-class SfmReport(_Frozen):
+class SfmReport(Record):
     """How the cameras were found, and why they are believed."""
 
     mapper: str

@@ -2,9 +2,10 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from fvs_engine.geometry.cameras import DistortedCamera
+from fvs_engine.records import Record
 
 CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
 """Lenses that structure from motion can estimate: COLMAP's names. Only OPENCV lets pixels not be square."""
@@ -13,10 +14,8 @@ MapperName = Literal["incremental", "global"]
 """COLMAP's two ways from two-view geometries to a model."""
 
 
-class KnownIntrinsics(BaseModel):
+class KnownIntrinsics(Record):
     """A calibration of all images (of its shape, at any size): COLMAP's model name and parameters."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     model: str
     width_px: int = Field(gt=0)
@@ -37,10 +36,8 @@ class KnownIntrinsics(BaseModel):
         return DistortedCamera(self.model, self.width_px, self.height_px, self.params)
 
 
-class GateSettings(BaseModel):
+class GateSettings(Record):
     """What a model must show before it is believed; see ``docs/adr/0002-gating-reconstructions.md``."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     min_match_support: float = Field(default=0.90, ge=0, le=1)
     """Share of the verified matches that the model's poses must explain."""
@@ -61,10 +58,8 @@ class GateSettings(BaseModel):
     """Median distance between camera centres and GPS, in shares of the GPS track's spread."""
 
 
-class GrowthSettings(BaseModel):
+class GrowthSettings(Record):
     """How a standing reconstruction takes in more images; ``reconstruct`` does not look at these."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     neighbours_in_order: int = Field(default=3, ge=0)
     """Images on either side in capture order (sorted names) that a new one is matched with."""
@@ -94,10 +89,8 @@ class GrowthSettings(BaseModel):
     """Waiting images that match registered ones, in shares of those, from which cameras are found anew."""
 
 
-class SfmSettings(BaseModel):
+class SfmSettings(Record):
     """The settings of ``reconstruct``; the defaults suit photographs of one scene by one camera."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     max_image_size_px: int = Field(default=1600, ge=64)
     """Features are sought in images reduced to this long side."""

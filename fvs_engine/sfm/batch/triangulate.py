@@ -16,11 +16,12 @@ from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.imports import fit_camera
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, from_pycolmap, open_colmap, to_pycolmap
+from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, open_colmap, to_pycolmap
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.views import AnyView
 
 _MIN_VIEWS = 2
 
@@ -61,7 +62,7 @@ def triangulate(
     return SfmResult(reconstruction, report, stages.folder.sparse)
 
 
-def _same(finished: Reconstruction, views: Sequence[PosedView]) -> bool:
+def _same(finished: Reconstruction, views: Sequence[AnyView]) -> bool:
     """Whether a finished result is of these cameras, and not of what a file held at an earlier time."""
     return len(finished.views) == len(views) and all(
         (old.name, old.camera) == (new.name, new.camera)
@@ -70,10 +71,8 @@ def _same(finished: Reconstruction, views: Sequence[PosedView]) -> bool:
     )
 
 
-def _views_with_images(
-    views: Sequence[PosedView], image_dir: Path
-) -> tuple[list[PosedView], tuple[str, ...]]:
-    found: dict[str, PosedView] = {}
+def _views_with_images(views: Sequence[AnyView], image_dir: Path) -> tuple[list[AnyView], tuple[str, ...]]:
+    found: dict[str, AnyView] = {}
     missing = []
     for view in views:
         names = (view.name, PurePosixPath(view.name).name)
@@ -87,7 +86,7 @@ def _views_with_images(
     return [found[name] for name in sorted(found)], tuple(missing)
 
 
-def _with_points(stages: Stages, views: Sequence[PosedView], image_dir: Path) -> pycolmap.Reconstruction:
+def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> pycolmap.Reconstruction:
     folder = stages.folder
     posed = fresh_folder(folder.root / "given")
     ids = image_ids(folder.database)

@@ -14,13 +14,8 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.camera_paths import OPENGL_FROM_OPENCV
 from fvs_engine.geometry.cameras import Camera, DistortedCamera
-from fvs_engine.sfm.reconstruction import (
-    PosedView,
-    Reconstruction,
-    from_pycolmap,
-    has_colmap_model,
-    open_colmap,
-)
+from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, has_colmap_model, open_colmap
+from fvs_engine.views import AnyView, View
 
 _MAX_SHAPE_CHANGE = 0.01
 """Resizing rounds to whole pixels, which changes the ratio of the sides a little."""
@@ -93,7 +88,7 @@ def import_transforms_json(file: Path) -> Reconstruction:
     frames = head.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InvalidInputError(f"{file} has no frames.", hint="Is it a transforms.json of a NeRF dataset?")
-    views: dict[str, PosedView] = {}
+    views: dict[str, AnyView] = {}
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise InvalidInputError(f"Frame {number} of {file} has no file_path.")
@@ -101,7 +96,7 @@ def import_transforms_json(file: Path) -> Reconstruction:
         if name in views:
             raise InvalidInputError(f"{file} has more than one frame for {name}.")
         camera = _camera(file, {**head, **frame}, image)
-        views[name] = PosedView(name, camera, _camera_from_model(file, name, frame))
+        views[name] = View(name, camera, _camera_from_model(file, name, frame))
     return Reconstruction(
         views=tuple(views[name] for name in sorted(views)),
         points=np.zeros((0, 3)),

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.records import first_error
 from fvs_engine.sfm.settings import KnownIntrinsics
 
 _HINT = (
@@ -32,9 +33,7 @@ def read_intrinsics(file: Path) -> KnownIntrinsics:
     except json.JSONDecodeError as error:
         raise InvalidInputError(f"{file} is not JSON: {error}.", hint=_HINT) from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InvalidInputError(f"{file} is no camera: {where}: {first['msg']}.", hint=_HINT) from error
+        raise InvalidInputError(f"{file} is no camera: {first_error(error)}.", hint=_HINT) from error
     except InvalidInputError as error:
         raise InvalidInputError(f"{file}: {error.message}", hint=error.hint or _HINT) from error
 

@@ -14,9 +14,10 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import feature_counts, require_sound_database
 from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
 from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, camera_from_pycolmap
+from fvs_engine.sfm.reconstruction import Reconstruction, camera_from_pycolmap
 from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
 from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.views import AnyView, View
 
 
 def localise(
@@ -29,7 +30,7 @@ def localise(
     database: Path,
     looks: Looks,
     positions: Positions,
-) -> dict[str, PosedView]:
+) -> dict[str, AnyView]:
     """The cameras of ``names`` in the model of ``model_dir`` (``standing``), without those it cannot place.
 
     ``stages`` has a database of its own for them, in which their features and matches are kept from call to
@@ -92,8 +93,8 @@ def _forget_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) ->
     write_text_atomically(folder.state, json.dumps(known | sizes))
 
 
-def _view(name: str, placed: Mapping[str, Any]) -> PosedView:
+def _view(name: str, placed: Mapping[str, Any]) -> AnyView:
     width, height = placed["size"]
     camera = pycolmap.Camera(model=placed["model"], width=width, height=height, params=placed["params"])
     matrix = np.array(placed["camera_from_model"])
-    return PosedView(name, camera_from_pycolmap(camera), RigidTransform(matrix[:, :3], matrix[:, 3]))
+    return View(name, camera_from_pycolmap(camera), RigidTransform(matrix[:, :3], matrix[:, 3]))

@@ -25,11 +25,12 @@ from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.matching.match import require_plain_names
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
+from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
 
@@ -156,7 +157,7 @@ class GrowingReconstruction:
 
     def localise(
         self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None
-    ) -> dict[str, PosedView]:
+    ) -> dict[str, AnyView]:
         """Cameras of other photographs in the standing model, which stays as it is.
 
         Those that cannot be placed, or whose matches or ``positions`` contradict the place, are left out;

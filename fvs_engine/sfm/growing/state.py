@@ -13,26 +13,25 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import Field, ValidationError
 
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, replace_folder
 
 _VERSION = 1
 
 
-class GrowthState(BaseModel):
+class GrowthState(Record):
     """Which images were asked for, which stand in the model, and what the gates remember."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     version: int = _VERSION
     settings: str
     """Digest of the settings, apart from the number of threads."""
 
-    images: dict[str, int] = {}
+    images: dict[str, int] = Field(default={})
     """Every image that was ever added → its file's size in bytes, in the order of adding."""
 
     pending: tuple[str, ...] = ()
@@ -41,7 +40,7 @@ class GrowthState(BaseModel):
     registered: tuple[str, ...] = ()
     """In the order in which they got their cameras."""
 
-    refused: dict[str, str] = {}
+    refused: dict[str, str] = Field(default={})
     """Waiting images whose matches contradict the place that was found for them → what was said of it."""
 
     generation: int = 0

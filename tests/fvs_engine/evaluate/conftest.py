@@ -10,10 +10,11 @@ from PIL import Image
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.results import Calibration, Evaluation, RankCorrelation, Run, ViewQuality
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.views import View
 
 VIEWS, POINTS = 14, 150
 
@@ -38,7 +39,7 @@ def ring(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     for index, angle in enumerate(np.linspace(0, 2 * np.pi, VIEWS, endpoint=False)):
         place = [4 * np.cos(angle), 4 * np.sin(angle), 0.5]
         camera_from_world = look_at(place, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]).inverse()
-        view = DatasetView(f"{index:02d}.png", camera, camera_from_world)
+        view = View(f"{index:02d}.png", camera, camera_from_world)
         color = rasterizer.render(model, camera, camera_from_world).color.clamp(0, 1).numpy()
         Image.fromarray((color * 255).round().astype(np.uint8)).save(folder / view.name)
         seen = np.flatnonzero(points @ view.centre > -0.5)

@@ -91,7 +91,7 @@ def test_a_real_loop_is_asked_and_does_not_change(loop: SelectionLoop, ring: Dat
     for name in loop.unvisited:
         view = ring.by_name[name]
         render = loop.scene.rasterizer.render(
-            loop.scene.gaussians, loop.scene.expected_camera(name), view.camera_from_world, sh_degree=0
+            loop.scene.gaussians, loop.scene.expected_camera(name), view.camera_from_model, sh_degree=0
         )
         photograph = load_rgb(ring.image_dir / name).astype(np.float64) / 255
         truths.append(psnr(render.color.detach().clamp(0, 1).numpy(), photograph))
@@ -108,7 +108,7 @@ def test_evaluation_measures_the_held_out_photographs(loop: SelectionLoop, ring:
     assert {view.name for view in found.views} == {"00.png", "04.png", "08.png", "12.png"}
     view = ring.by_name["04.png"]
     render = loop.scene.rasterizer.render(
-        loop.scene.gaussians, loop.scene.expected_camera("04.png"), view.camera_from_world, sh_degree=0
+        loop.scene.gaussians, loop.scene.expected_camera("04.png"), view.camera_from_model, sh_degree=0
     ).color.detach()
     photograph = load_rgb(ring.image_dir / "04.png").astype(np.float64) / 255
     (measured,) = (quality for quality in found.views if quality.name == "04.png")

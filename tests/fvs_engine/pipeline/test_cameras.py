@@ -15,13 +15,14 @@ from fvs_engine.pipeline.manifest import ImageRecord, ImagesRecord, Manifest, Re
 from fvs_engine.pipeline.views import read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch.reconstruct import SfmResult
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, write_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
+from fvs_engine.views import AnyView
 
 USED = 6
 
 
 @pytest.fixture(scope="module")
-def given(kermit_sfm: SfmResult) -> tuple[PosedView, ...]:
+def given(kermit_sfm: SfmResult) -> tuple[AnyView, ...]:
     return kermit_sfm.reconstruction.views[:USED]
 
 
@@ -33,7 +34,7 @@ def workspace(kermit_copy: Path, tmp_path: Path) -> Workspace:
     return workspace
 
 
-def frame(view: PosedView) -> dict[str, object]:
+def frame(view: AnyView) -> dict[str, object]:
     """The view in OpenGL's axes, camera to world, with its own intrinsics."""
     camera = view.camera
     assert isinstance(camera, DistortedCamera)
@@ -54,7 +55,7 @@ def frame(view: PosedView) -> dict[str, object]:
 
 
 def check_given_cameras_get_points(
-    settings: ReconstructionSettings, workspace: Workspace, given: tuple[PosedView, ...]
+    settings: ReconstructionSettings, workspace: Workspace, given: tuple[AnyView, ...]
 ) -> None:
     names = sorted(path.name for path in workspace.images.iterdir())
     photographs = tuple(ImageRecord(name=name, normalised_name=name, sha256="") for name in names)
@@ -84,7 +85,7 @@ def check_given_cameras_get_points(
 
 
 def test_cameras_of_a_transforms_json_get_points(
-    workspace: Workspace, given: tuple[PosedView, ...], tmp_path: Path
+    workspace: Workspace, given: tuple[AnyView, ...], tmp_path: Path
 ):
     file = tmp_path / "transforms.json"
     file.write_text(json.dumps({"frames": [frame(view) for view in given]}))
@@ -92,7 +93,7 @@ def test_cameras_of_a_transforms_json_get_points(
 
 
 def test_cameras_of_a_colmap_model_without_points_get_them(
-    workspace: Workspace, given: tuple[PosedView, ...], tmp_path: Path
+    workspace: Workspace, given: tuple[AnyView, ...], tmp_path: Path
 ):
     bare = Reconstruction(given, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
     write_colmap(bare, tmp_path / "model")

@@ -8,11 +8,12 @@ import torch
 from PIL import Image
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.views import View
 
 VIEWS = 10
 POINTS = 200
@@ -44,8 +45,8 @@ def ball(tmp_path_factory: pytest.TempPathFactory, cpu: Rasterizer) -> Dataset:
         rotation = np.array(
             [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
         )
-        view = DatasetView(f"{i}.png", camera, RigidTransform(rotation, np.array([0.0, 0.0, 4.0])))
-        color = cpu.render(model, camera, view.camera_from_world).color.clamp(0, 1).numpy()
+        view = View(f"{i}.png", camera, RigidTransform(rotation, np.array([0.0, 0.0, 4.0])))
+        color = cpu.render(model, camera, view.camera_from_model).color.clamp(0, 1).numpy()
         Image.fromarray((color * 255).round().astype(np.uint8)).save(folder / view.name)
         seen = np.flatnonzero(points @ view.centre > 0)
         tracks.append(np.stack([np.full(len(seen), i), seen], axis=1))

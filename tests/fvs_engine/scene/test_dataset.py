@@ -8,7 +8,8 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
-from fvs_engine.sfm.reconstruction import PosedView, to_pycolmap
+from fvs_engine.sfm.reconstruction import to_pycolmap
+from fvs_engine.views import View
 
 NAMES = ("b.png", "a.png", "c.png")
 
@@ -23,8 +24,7 @@ def write_photographs(folder: Path, names: tuple[str, ...] = NAMES, size: tuple[
 def model(ball: Dataset) -> pycolmap.Reconstruction:
     """Three views; points seen by b and a, by a alone (twice), and by all."""
     views = [
-        PosedView(name, view.camera, view.camera_from_world)
-        for name, view in zip(NAMES, ball.views, strict=False)
+        View(name, view.camera, view.camera_from_model) for name, view in zip(NAMES, ball.views, strict=False)
     ]
     made = to_pycolmap(views)
     for image in made.images.values():
@@ -90,7 +90,7 @@ def test_photographs_of_another_size_take_their_cameras_along(tmp_path: Path, co
 def test_a_model_without_points_leaves_them_to_be_triangulated(tmp_path: Path, ball: Dataset) -> None:
     folder = tmp_path / "model"
     folder.mkdir()
-    views = [PosedView(n, v.camera, v.camera_from_world) for n, v in zip(NAMES, ball.views, strict=False)]
+    views = [View(n, v.camera, v.camera_from_model) for n, v in zip(NAMES, ball.views, strict=False)]
     to_pycolmap(views).write_binary(folder)
     assert read_dataset(write_photographs(tmp_path / "images"), colmap=folder).points is None
 

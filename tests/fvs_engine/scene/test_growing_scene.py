@@ -16,9 +16,9 @@ from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sparse_points import PointCloud
-from fvs_engine.sfm.reconstruction import PosedView
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.views import AnyView, View
 
 Settings = Callable[..., SceneSettings]
 FIRST = ("4.png", "0.png", "2.png", "6.png")
@@ -42,17 +42,17 @@ class MovingPoses:
         xyz = draw.permutation(self.points) + self.jitter * draw.normal(size=self.points.shape)
         return Standing(tuple(views), PointCloud(xyz, np.full(xyz.shape, 128, np.uint8)), len(visited))
 
-    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, PosedView]:
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         monitor.check()
         return {name: self._posed(name) for name in names if name not in self.late}
 
-    def _posed(self, name: str) -> PosedView:
+    def _posed(self, name: str) -> AnyView:
         view = self.dataset.by_name[name]
         moved = RigidTransform(
-            view.camera_from_world.rotation,
-            view.camera_from_world.translation + np.array([self.shift, 0.0, 0.0]),
+            view.camera_from_model.rotation,
+            view.camera_from_model.translation + np.array([self.shift, 0.0, 0.0]),
         )
-        return PosedView(name, self.camera or view.camera, moved)
+        return View(name, self.camera or view.camera, moved)
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@ def test_points_are_triangulated_where_the_dataset_has_none(tmp_path: Path, yard
     assert 20 < len(two.points) < len(three.points)
     assert (three.points.colors.std(axis=0) > 5).all()
     for view in three.views:
-        assert np.array_equal(view.camera_from_model.matrix, yard.by_name[view.name].camera_from_world.matrix)
+        assert np.array_equal(view.camera_from_model.matrix, yard.by_name[view.name].camera_from_model.matrix)
         in_front = view.camera_from_model.apply(three.points.xyz)[:, 2] > 0
         assert in_front.all()
 

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
-from fvs_engine.scene.dataset import DatasetView
 from fvs_engine.select.initial_views import initial_views
+from fvs_engine.views import AnyView, View
 
 CAMERA = PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0)
 
 
-def circle(count: int) -> list[DatasetView]:
+def circle(count: int) -> list[AnyView]:
     angles = 2 * np.pi * np.arange(count) / count
     poses = [look_at([np.cos(a), np.sin(a), 0], [0, 0, 0], [0, 0, 1]) for a in angles]
-    return [DatasetView(f"{i:02d}", CAMERA, pose.inverse()) for i, pose in enumerate(poses)]
+    return [View(f"{i:02d}", CAMERA, pose.inverse()) for i, pose in enumerate(poses)]
 
 
 def test_the_first_of_the_capture_whatever_the_seed() -> None:
@@ -40,5 +40,5 @@ def test_the_seed_draws_where_farthest_views_begin() -> None:
 
 
 def test_views_at_one_spot_are_each_taken_once() -> None:
-    views = [DatasetView(str(i), CAMERA, RigidTransform.identity()) for i in range(5)]
+    views = [View(str(i), CAMERA, RigidTransform.identity()) for i in range(5)]
     assert sorted(initial_views(views, 5, "farthest", 1)) == ["0", "1", "2", "3", "4"]

@@ -309,7 +309,7 @@ def test_photographs_register_and_candidates_land_in_the_model(
     def apart(view: TrainingView) -> tuple[float, float]:
         """How far a photograph stands from where its candidate stood: in units of the dataset, in degrees."""
         found = view.camera_from_model.inverse()
-        expected = model_from_world.move_camera(yard.by_name[view.name].camera_from_world.inverse())
+        expected = model_from_world.move_camera(yard.by_name[view.name].camera_from_model.inverse())
         moved = np.linalg.norm(found.translation - expected.translation) / model_from_world.scale
         return float(moved), float(np.degrees(angle_between(found.rotation, expected.rotation)))
 
@@ -331,7 +331,7 @@ def test_poses_that_contradict_the_photographs_are_refused(
     loop = open_loop(folder, yard, **ESTIMATED)
     mixed = [yard.views[place] for place in (0, 3, 1, 4, 2, 5, 6, 7, 8)]
     views = [
-        dataclasses.replace(view, camera_from_world=other.camera_from_world)
+        dataclasses.replace(view, camera_from_world=other.camera_from_model)
         for view, other in zip(yard.views, mixed, strict=True)
     ]
     loop.dataset = dataclasses.replace(yard, views=tuple(views))

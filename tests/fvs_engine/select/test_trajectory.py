@@ -6,15 +6,16 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
-from fvs_engine.scene.dataset import Dataset, DatasetView
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.trajectory import draw_trajectory, top_view
+from fvs_engine.views import View
 
 CAMERA = PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0)
 TILT = RigidTransform(Rotation.random(rng=0).as_matrix(), np.array([5.0, -3.0, 9.0]))
 
 
 def dataset(poses: list[RigidTransform]) -> Dataset:
-    views = [DatasetView(f"{i:02d}", CAMERA, pose.inverse()) for i, pose in enumerate(poses)]
+    views = [View(f"{i:02d}", CAMERA, pose.inverse()) for i, pose in enumerate(poses)]
     return Dataset("made up", Path("nowhere"), tuple(views))
 
 

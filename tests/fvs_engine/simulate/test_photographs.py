@@ -78,7 +78,7 @@ def test_the_folder_is_a_dataset_whose_truth_is_what_was_asked(tmp_path: Path) -
     assert [path.name for path in paths] == ["0000.jpg", "0001.jpg", "0002.jpg"]
     dataset = read_dataset(tmp_path / "images", transforms=tmp_path / "transforms.json")
     for view, pose in zip(dataset.views, poses, strict=True):
-        assert np.allclose(view.camera_from_world.inverse().matrix, pose.matrix)
+        assert np.allclose(view.camera_from_model.inverse().matrix, pose.matrix)
         assert view.camera.width == 160
     with Image.open(paths[0]) as photograph:
         assert photograph.getexif().get_ifd(0x8769)[0xA405] == round(36 * 104 / 160)

@@ -20,8 +20,9 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction, read_colmap, write_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap, write_colmap
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.views import AnyView
 
 
 def frame(name: str, x: float = 0.0) -> dict[str, Any]:
@@ -166,7 +167,7 @@ def test_a_model_survives_writing_and_reading(kermit_sfm: SfmResult, tmp_path: P
     )
 
 
-def without_points(views: tuple[PosedView, ...]) -> Reconstruction:
+def without_points(views: tuple[AnyView, ...]) -> Reconstruction:
     return Reconstruction(views, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
 
 
@@ -210,7 +211,7 @@ def test_given_cameras_follow_resized_photographs(
 def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):
-    def points(views: tuple[PosedView, ...]) -> SfmResult:
+    def points(views: tuple[AnyView, ...]) -> SfmResult:
         return triangulate(without_points(views), kermit_dir, kermit_folder, SfmSettings(), Monitor())
 
     given = kermit_sfm.reconstruction.views

@@ -22,10 +22,11 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction, GrowthReport
-from fvs_engine.sfm.reconstruction import PosedView, Reconstruction
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.verification.evidence import centre_spread
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
+from fvs_engine.views import AnyView
 
 SETTINGS = SfmSettings(threads=1)
 NAMES = [f"{i:04d}.jpg" for i in range(9)]
@@ -46,7 +47,7 @@ class Grown:
     first: Reconstruction
     last: Reconstruction
     reports: tuple[GrowthReport, ...]
-    localised: dict[str, PosedView]
+    localised: dict[str, AnyView]
     before_localising: str
     after_localising: str
 
