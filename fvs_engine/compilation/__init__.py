@@ -1,1 +1,1 @@
-"""How the CPU kernels are compiled, and compiled ahead of their first use."""
+"""Compilation of the CPU kernels, ahead of their first use."""

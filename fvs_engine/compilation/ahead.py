@@ -1,16 +1,17 @@
 """Compile the kernels before they are used, in another process, so that every process runs the same code.
 
-Numba optimises a kernel that it has just compiled differently from the copy that it puts into its cache:
-their results differ in the last bits. So nobody should run a kernel that it compiled itself. A *rehearsal* is
-a module that calls every kernel of a package once (``STEPS``); a short-lived child process runs it when the
-cache does not hold all that it needs, and everybody loads from the cache.
+Numba optimises a kernel that it has just compiled differently from the copy in its cache, and their results
+differ in the last bits. So no process runs a kernel that it compiled itself. A *warm-up* is a module that
+calls every kernel of a package once (``STEPS``); where the cache lacks something, a short-lived child process
+runs it, and every process loads the kernels from the cache.
 
-A *stamp* beside the cache says what it held when a rehearsal ended: the kernels' source files and the
-compiled ones, with their times. Looking at it costs a millisecond. It also shows what Numba itself overlooks,
-a change in a kernel or a constant that another file takes over: that file is then compiled again, too.
+A *stamp* beside the cache lists what the cache held when a warm-up ended: the kernels' source files and the
+compiled ones, with their times. Checking it takes a millisecond. It also reveals a change that Numba itself
+overlooks, in a kernel or constant that another file imports: that file is then compiled again, too.
 """
 
 import ast
+import contextlib
 import hashlib
 import importlib
 import json
@@ -26,54 +27,52 @@ from typing import Any, Protocol, cast
 import numba
 from numba.core.registry import cpu_target
 
+from fvs_engine import child_process
 from fvs_engine.compilation.kernels import KERNELS, cache_folder
 from fvs_engine.monitor import Monitor
 
 STAGE = "compile"
-_CHILD = [sys.executable, "-m", "fvs_engine.compilation.child"]
 _POLL_S = 0.1
-_PATIENCE_S = 3.0
 _log = logging.getLogger(__name__)
 _ready: set[str] = set()
 _one_at_a_time = threading.Lock()
 
 
-class Rehearsal(Protocol):
+class WarmUp(Protocol):
     """A module that calls every kernel of its package, with every signature that the package uses."""
 
     STEPS: Sequence[Callable[[], None]]
 
 
-def ensure_compiled(rehearsal: str, kernel: Callable[..., Any], monitor: Monitor | None = None) -> None:
-    """See to it that the cache holds what the module named ``rehearsal`` compiles. Stage ``compile``.
+def ensure_compiled(warm_up: str, kernel: Callable[..., Any], monitor: Monitor | None = None) -> None:
+    """Fill the cache with the kernels that the module named ``warm_up`` calls. Stage ``compile``.
 
-    ``kernel`` is one of those that it rehearses: the stamp lies beside its cache.
-    Takes tens of seconds the first time on a machine, a millisecond later. Where there is no cache, or the
-    child fails, nothing happens but a line in the log: kernels are then compiled where they are first called,
-    and results are equal to other processes' only up to rounding. Raises ``Cancelled``; what was compiled by
-    then stays.
+    ``kernel`` is one of them: the stamp lies beside its cache. Takes tens of seconds the first time on a
+    machine, a millisecond later. Without a cache, or when the child fails, there is only a line in the log:
+    kernels are then compiled when they are first called, and results equal those of other processes only up
+    to rounding. Raises ``Cancelled``; what was compiled by then stays.
     """
     with _one_at_a_time:
-        if rehearsal in _ready:
+        if warm_up in _ready:
             return
-        stamp = _stamp_of(rehearsal, kernel)
+        stamp = _stamp_of(warm_up, kernel)
         if stamp is not None and not is_valid(stamp):
-            _compile_in_child(rehearsal, stamp, monitor or Monitor())
-        _ready.add(rehearsal)
+            _compile_in_child(warm_up, stamp, monitor or Monitor())
+        _ready.add(warm_up)
 
 
-def _stamp_of(rehearsal: str, kernel: Callable[..., Any]) -> Path | None:
-    """Where the stamp of a rehearsal lies, for this processor and these versions; None without a cache."""
+def _stamp_of(warm_up: str, kernel: Callable[..., Any]) -> Path | None:
+    """The path of a warm-up's stamp, for this processor and these versions; None without a cache."""
     folder = cache_folder(kernel)
     if folder is None:
         return None
     target = cast(Any, cpu_target.target_context).codegen().magic_tuple()  # what Numba's cache is keyed by
     key = repr((numba.__version__, sys.implementation.cache_tag, target))
-    return folder / f"{rehearsal}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
+    return folder / f"{warm_up}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
 
 
 def is_valid(stamp: Path) -> bool:
-    """Whether all that the stamp speaks of is as it was."""
+    """Whether all files that the stamp lists are unchanged."""
     try:
         seen = json.loads(stamp.read_text(encoding="utf-8"))
         return all(_state(Path(name)) == state for files in seen.values() for name, state in files.items())
@@ -81,12 +80,12 @@ def is_valid(stamp: Path) -> bool:
         return False
 
 
-def rehearse(rehearsal: str, stamp: Path, on_step: Callable[[int, int], None]) -> None:
-    """Run the rehearsal in this process and write its stamp; for the child process alone."""
-    _ready.add(rehearsal)  # as far as this process is concerned
-    module = cast(Rehearsal, importlib.import_module(rehearsal))
-    folders = _cache_folders(rehearsal.rpartition(".")[0])
-    imports = {source: _imported_files(source, rehearsal.partition(".")[0]) for source in folders}
+def run_warm_up(warm_up: str, stamp: Path, on_step: Callable[[int, int], None]) -> None:
+    """Run the warm-up in this process and write its stamp; only the child process does so."""
+    _ready.add(warm_up)  # its steps call ``ensure_compiled``
+    module = cast(WarmUp, importlib.import_module(warm_up))
+    folders = _cache_folders(warm_up.rpartition(".")[0])
+    imports = {source: _imported_files(source, warm_up.partition(".")[0]) for source in folders}
     sources = {Path(cast(Any, module).__file__), *folders}.union(*imports.values())
     for source in _stale(imports, _changed(sources, stamp)):
         for compiled in _compiled(source, folders[source]):
@@ -123,7 +122,7 @@ def _imported_files(source: Path, package: str) -> set[Path]:
 
 
 def _changed(sources: Collection[Path], stamp: Path) -> set[Path]:
-    """The sources that are not as an earlier stamp knew them; none when there is no earlier one."""
+    """The sources that changed since an earlier stamp; none when there is no earlier one."""
     try:
         known = json.loads(stamp.read_text(encoding="utf-8"))["sources"]
         return {source for source in sources if known.get(str(source)) != _state(source)}
@@ -154,20 +153,13 @@ def _compiled(source: Path, folder: Path) -> list[Path]:
     return [path for path in folder.glob(f"{source.stem}.*") if path.suffix in {".nbi", ".nbc"}]
 
 
-def _compile_in_child(rehearsal: str, stamp: Path, monitor: Monitor) -> None:
+def _compile_in_child(warm_up: str, stamp: Path, monitor: Monitor) -> None:
     monitor.check()
     monitor.report(STAGE, 0)
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
+        order = json.dumps({"warm_up": warm_up, "stamp": str(stamp)})
         try:
-            # A session of its own: Ctrl-C in a terminal goes to the whole group, and the parent decides.
-            child = subprocess.Popen(
-                [*_CHILD, rehearsal, str(stamp)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=complaints,
-                text=True,
-                start_new_session=True,
-            )
+            child = child_process.spawn("fvs_engine.compilation.child", order, stderr=complaints)
         except OSError as error:
             _log.warning("No process for compiling the kernels: %s.", error)
             return
@@ -177,9 +169,9 @@ def _compile_in_child(rehearsal: str, stamp: Path, monitor: Monitor) -> None:
         try:
             _wait(child, steps, monitor)
         finally:
-            _stop(child)
+            child_process.stop(child)
             reader.join()
-            cast(Any, child.stdout).close()
+            child_process.close_pipes(child)
         if child.returncode != 0:
             complaints.seek(0)
             last = complaints.read().strip().rpartition("\n")[2]
@@ -198,17 +190,5 @@ def _wait(child: "subprocess.Popen[str]", steps: list[str], monitor: Monitor) ->
             seen = len(steps)
             done, total = steps[-1].split()
             monitor.report(STAGE, int(done), int(total))
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(_POLL_S)
-        except subprocess.TimeoutExpired:
-            continue
-
-
-def _stop(child: "subprocess.Popen[str]") -> None:
-    if child.poll() is None:
-        child.terminate()
-        try:
-            child.wait(_PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()

@@ -1,4 +1,4 @@
-"""How the CPU kernels are compiled: one set of Numba options, one thread-safe threading layer.
+"""Decorators of the CPU kernels: one set of Numba options, one thread-safe threading layer.
 
 Every kernel of the engine is decorated with ``kernel`` (single-threaded) or ``parallel_kernel``. The
 options, and why:
@@ -6,7 +6,7 @@ options, and why:
 * ``fastmath`` without ``nnan``/``ninf``: kernels may meet non-finite numbers and must carry them on.
 * ``error_model="numpy"``: a division by zero is inf, not a branch that stops vectorisation.
 * ``nogil``: a ranking may run while training does.
-* ``cache``: a second process start compiles nothing. (Nor does the first, see ``compilation``.)
+* ``cache``: a second process start compiles nothing. (Nor does the first, see ``ahead``.)
 """
 
 import ctypes
@@ -100,7 +100,7 @@ def _compiled(function: _Function, **options: bool) -> _Function:
 
 
 def cache_folder(kernel: Callable[..., Any]) -> Path | None:
-    """Where Numba keeps the compiled code of a kernel, if anywhere."""
+    """The folder of a kernel's compiled code; None where Numba keeps none."""
     stats = getattr(kernel, "stats", None)
     return None if stats is None or stats.cache_path is None else Path(stats.cache_path)
 

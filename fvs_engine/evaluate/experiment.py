@@ -4,17 +4,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.errors import Cancelled, EngineError, InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.errors import Cancelled, EngineError, InvalidInputError, StorageError
 from fvs_engine.evaluate.lpips import find_lpips
 from fvs_engine.evaluate.markdown import markdown
 from fvs_engine.evaluate.plots import plot_calibration, plot_quality, plot_travel, styles
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import BASELINES, Summary, summarise
-from fvs_engine.evaluate.results import Evaluation, Record, Run, read_record, write_record
+from fvs_engine.evaluate.results import Evaluation, Run, read_result
 from fvs_engine.evaluate.run import Laboratory, RunPlan, execute, make_start
 from fvs_engine.evaluate.trajectories import plot_trajectories
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.files.owned_folder import OwnedFolder, differences
+from fvs_engine.files.record import write_record
 from fvs_engine.monitor import Monitor
+from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.select.loop_folder import fingerprint
 from fvs_engine.select.selectors import SELECTORS, create_selector
@@ -23,7 +26,7 @@ from fvs_engine.splat.raster import Rasterizer
 STAGE = "experiment"
 
 
-class ExperimentMemory(Record):
+class ExperimentIdentity(Record):
     """``experiment.json``: under which rules and on which views the runs beside it were made."""
 
     dataset: str
@@ -54,7 +57,7 @@ class ExperimentFolder:
     def finished(self) -> tuple[Run, ...]:
         """All finished runs, by seed and in the order of the table of selectors."""
         order = {method: place for place, method in enumerate(SELECTORS)}
-        found = (read_record(path, Run) for path in self.root.glob("runs/*/run.json"))
+        found = (read_result(path, Run) for path in self.root.glob("runs/*/run.json"))
         runs = [run for run in found if run is not None]
         return tuple(sorted(runs, key=lambda run: (run.seed, order.get(run.method, len(order)), run.method)))
 
@@ -64,32 +67,20 @@ class ExperimentFolder:
         The time limit may differ: runs that a shorter one ended go on. Raises ``OutputExistsError`` when it
         holds something else.
         """
-        path = self.root / "experiment.json"
-        memory = ExperimentMemory(dataset=dataset.name, fingerprint=fingerprint(dataset), protocol=protocol)
-        earlier = read_record(path, ExperimentMemory)
+        given = ExperimentIdentity(dataset=dataset.name, fingerprint=fingerprint(dataset), protocol=protocol)
+        owned = OwnedFolder(self.root, "experiment.json", ExperimentIdentity, "experiment")
+        earlier = owned.read()
         if earlier is None:
-            try:
-                self.root.mkdir(parents=True, exist_ok=True)
-                foreign = next((entry.name for entry in self.root.iterdir() if entry.name[0] != "."), None)
-            except OSError as error:
-                raise StorageError(f"{self.root} cannot be used: {error.strerror or error}.") from error
-            if foreign is not None:
-                raise OutputExistsError(
-                    f"{self.root} is not empty and holds no experiment (it holds {foreign}).",
-                    hint="Choose another output folder; nothing was changed.",
-                )
-            write_record(path, memory)
+            owned.create()
+            owned.write(given)
             return
-        old, new = earlier.protocol.model_dump(), protocol.model_dump()
-        differences = [f"{name} was {old[name]} and is {new[name]}" for name in new if old[name] != new[name]]
-        differences = [text for text in differences if not text.startswith("time_limit_s")]
-        if earlier.fingerprint != memory.fingerprint:
-            differences.append("the dataset's photographs or poses are others")
-        if differences:
-            raise OutputExistsError(
-                f"{self.root} holds another experiment: {'; '.join(differences)}.",
-                hint="Give another output folder, or the settings of the one that is there.",
-            )
+        changeable = {"time_limit_s"}
+        found = differences(
+            earlier.protocol.model_dump(exclude=changeable), protocol.model_dump(exclude=changeable)
+        )
+        if earlier.fingerprint != given.fingerprint:
+            found.append("the dataset's photographs or poses are others")
+        owned.require_same(found)
 
 
 def run_experiment(

@@ -3,8 +3,9 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from fvs_engine.evaluate.protocol import Protocol
-from fvs_engine.evaluate.results import Calibration, Evaluation, Record, Run
+from fvs_engine.evaluate.results import Calibration, Evaluation, Run
 from fvs_engine.evaluate.statistics import Estimate, estimate, paired_difference
+from fvs_engine.records import Record
 
 BASELINES = ("farthest", "random")
 """The selectors that others have to beat: simple coverage, and no thought at all."""

@@ -1,20 +1,9 @@
 """What a run of one selector leaves on disk, and what a table of runs is made of."""
 
 from pathlib import Path
-from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from fvs_engine.errors import StorageError
-from fvs_engine.files.atomic import write_text_atomically
-
-_AnyRecord = TypeVar("_AnyRecord", bound="Record")
-
-
-class Record(BaseModel):
-    """Base of everything that is written: immutable, unknown fields and non-finite numbers refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+from fvs_engine.files.record import RecordT, read_record
+from fvs_engine.records import Record
 
 
 class ViewQuality(Record):
@@ -101,18 +90,6 @@ class Run(Record):
         return next((evaluation for evaluation in self.evaluations if evaluation.visited == visited), None)
 
 
-def write_record(path: Path, record: Record) -> None:
-    """Put a record into ``path`` as JSON, whole or not at all; raises ``StorageError``."""
-    write_text_atomically(path, record.model_dump_json(indent=1) + "\n")
-
-
-def read_record(path: Path, kind: type[_AnyRecord]) -> _AnyRecord | None:
-    """What ``write_record`` wrote; None when there is none. Raises ``StorageError`` for a damaged file."""
-    try:
-        return kind.model_validate_json(path.read_text("utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValidationError, UnicodeDecodeError) as error:
-        raise StorageError(
-            f"{path} cannot be read: {error}", hint="Delete this file; it will be made again."
-        ) from error
+def read_result(path: Path, kind: type[RecordT]) -> RecordT | None:
+    """A record of a run, None when there is no file; raises ``StorageError`` for a damaged one."""
+    return read_record(path, kind, "Delete this file: it will be made again.")

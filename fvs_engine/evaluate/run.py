@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from fvs_engine.errors import StorageError
 from fvs_engine.evaluate.calibration import calibrate
 from fvs_engine.evaluate.held_out import Lpips, evaluate
 from fvs_engine.evaluate.protocol import Protocol
-from fvs_engine.evaluate.results import Calibration, Evaluation, Run, read_record, write_record
+from fvs_engine.evaluate.results import Calibration, Evaluation, Run, read_result
+from fvs_engine.files.record import write_record
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
@@ -43,7 +43,7 @@ class RunPlan:
 
     def result(self) -> Run | None:
         """The finished run, with all that is asked of it; None when there is something left to do."""
-        run = read_record(self.result_path, Run)
+        run = read_result(self.result_path, Run)
         if run is None or run.may_go_on(self.time_limit_s) or not self.is_complete():
             return None
         return run
@@ -51,7 +51,7 @@ class RunPlan:
     def is_complete(self) -> bool:
         """Whether every evaluation so far has the calibration that is asked for."""
         numbers = (path.name.removeprefix("evaluation-") for path in self.folder.glob("evaluation-*.json"))
-        known = (read_record(self.folder / f"calibration-{number}", Calibration) for number in numbers)
+        known = (read_result(self.folder / f"calibration-{number}", Calibration) for number in numbers)
         return not self.calibrated or all(_covers(calibration, self.calibrated) for calibration in known)
 
 
@@ -104,10 +104,9 @@ def make_start(laboratory: Laboratory, folder: Path, method: str, seed: int, mon
     finished = folder / "finished"
     if not finished.exists():
         selection = folder / "selection"
-        if (selection / "selection.json").exists():
-            method = _manifest_of(
-                selection
-            ).settings.method  # the experiment was given another first method when it began
+        earlier = LoopFolder(selection).manifest()
+        if earlier is not None:  # when it began, the experiment's first method may have been another
+            method = earlier.settings.method
         laboratory.open(selection, method, seed, monitor).begin(monitor)
         finished.touch()
     return folder / "selection"
@@ -152,7 +151,7 @@ def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: M
     """Evaluate and calibrate at the present views, unless that was done before."""
     visited = len(loop.visited)
     path = plan.folder / f"evaluation-{visited:04d}.json"
-    evaluation = read_record(path, Evaluation)
+    evaluation = read_result(path, Evaluation)
     if evaluation is None:
         if plan.calibrated:  # first, so that no evaluation is ever without it
             calibration = calibrate(loop, plan.calibrated, monitor)
@@ -165,8 +164,8 @@ def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: M
 def _result(protocol: Protocol, plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
     visited = len(loop.visited)
     counts = [n for n in range(len(loop.initial), visited + 1) if n in protocol.view_counts or n == visited]
-    evaluations = (read_record(plan.folder / f"evaluation-{n:04d}.json", Evaluation) for n in counts)
-    calibrations = (read_record(plan.folder / f"calibration-{n:04d}.json", Calibration) for n in counts)
+    evaluations = (read_result(plan.folder / f"evaluation-{n:04d}.json", Evaluation) for n in counts)
+    calibrations = (read_result(plan.folder / f"calibration-{n:04d}.json", Calibration) for n in counts)
     rms = [record.alignment.rms for record in loop.records if record.alignment.source != "known"]
     return Run(
         method=plan.method,
@@ -189,23 +188,18 @@ def _covers(calibration: Calibration | None, methods: Sequence[str]) -> bool:
 
 
 def _manifest_of(selection: Path) -> SelectionManifest:
-    path = LoopFolder(selection).manifest_path
-    try:
-        return SelectionManifest.model_validate_json(path.read_bytes())
-    except ValidationError as error:
-        raise StorageError(f"{path} is damaged.", hint="Delete the folder it is in.") from error
+    manifest = LoopFolder(selection).manifest()
+    if manifest is None:
+        raise StorageError(f"{selection} holds no selection.", hint="Delete the folder.")
+    return manifest
 
 
 def _fork(start: Path, selection: Path, settings: LoopSettings) -> None:
     """Copy a selection that has chosen nothing yet, to go on by other settings; whole or not at all."""
     partial = selection.with_name(f".{selection.name}.partial")
-    try:
+    with storage_errors(selection):
         shutil.rmtree(partial, ignore_errors=True)
         shutil.copytree(start, partial)
         manifest = _manifest_of(partial).model_copy(update={"settings": settings})
         LoopFolder(partial).write_manifest(manifest)
         partial.rename(selection)
-    except OSError as error:
-        raise StorageError(
-            f"{selection} cannot be written: {error.strerror or error}.", hint="Check permissions and space."
-        ) from error

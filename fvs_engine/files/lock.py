@@ -1,7 +1,8 @@
-"""Keeping two processes from writing to one output folder."""
+"""The lock that keeps two processes from writing to one folder."""
 
 import contextlib
 import fcntl
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,28 +10,35 @@ from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.storage import storage_errors
 
 LOCK_NAME = ".lock"
+_POLL_S = 0.05
 
 
 @contextlib.contextmanager
-def locked_folder(root: Path) -> Iterator[None]:
-    """Keep other writers out of the folder ``root``, which must exist.
+def locked_folder(root: Path, patience_s: float = 0.0) -> Iterator[None]:
+    """Keep other writers out of the folder ``root``, which must exist; wait for them up to ``patience_s``.
 
-    Raises ``OutputExistsError`` when another process writes to it, ``StorageError`` when it cannot be written
-    to or its file system knows no locks.
+    The lock ends with the process that holds it, however that ends. Raises ``OutputExistsError`` when another
+    process still holds it, ``StorageError`` when the folder cannot be written to or its file system knows no
+    locks.
     """
     with storage_errors(root):
         lock = (root / LOCK_NAME).open("w")
+    deadline = time.monotonic() + patience_s
     with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise OutputExistsError(
-                f"Another process is writing to {root}.",
-                hint="Wait until it is done, or choose another output folder.",
-            ) from error
-        except OSError as error:  # some network file systems
-            raise StorageError(
-                f"{root} lies on a file system that cannot lock files: {error.strerror}.",
-                hint="Choose an output folder on a local disk.",
-            ) from error
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as error:
+                if time.monotonic() >= deadline:
+                    raise OutputExistsError(
+                        f"Another process is writing to {root}.",
+                        hint="Wait until it is done, or choose another output folder.",
+                    ) from error
+                time.sleep(_POLL_S)
+            except OSError as error:  # some network file systems
+                raise StorageError(
+                    f"{root} lies on a file system that cannot lock files: {error.strerror}.",
+                    hint="Choose an output folder on a local disk.",
+                ) from error
         yield

@@ -1,4 +1,4 @@
-"""Writing results so that a crash or a full disk leaves the last good state, and saying so clearly."""
+"""What can go wrong with a disk, as errors that name the file and the remedy."""
 
 import contextlib
 import errno
@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fvs_engine.errors import StorageError
-from fvs_engine.files.atomic import replacing
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _IN_THE_WAY = {errno.ENOTDIR, errno.EEXIST}
@@ -21,42 +20,33 @@ class DiskFullError(StorageError):
     code = "disk-full"
 
 
+def storage_error(error: OSError, path: Path | str) -> StorageError:
+    """The ``StorageError`` for an ``OSError`` that writing ``path`` raised."""
+    if _is_full(error):
+        return DiskFullError(f"There is no room left to write {path}.", hint=_RESUME_HINT)
+    if error.errno in _IN_THE_WAY:
+        return StorageError(
+            f"{path} cannot be created: a file is in the way.", hint="Choose another output folder."
+        )
+    return StorageError(
+        f"{path} cannot be written: {error.strerror or error}.",
+        hint="Check that its folder exists and is writable, or choose another one.",
+    )
+
+
 @contextlib.contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn an ``OSError`` about ``path`` into a ``StorageError`` that names the file and the remedy."""
+    """Turn an ``OSError`` into a ``StorageError`` that names the file it is about, ``path`` by default."""
     try:
         yield
-    except StorageError as error:
-        cause = error.__cause__
-        if _is_full(cause) and not isinstance(error, DiskFullError):
-            raise DiskFullError(f"There is no room left to write {path}.", hint=_RESUME_HINT) from cause
-        raise
     except OSError as error:
-        name = error.filename2 or error.filename or path
-        if _is_full(error):
-            raise DiskFullError(f"There is no room left to write {name}.", hint=_RESUME_HINT) from error
-        if error.errno in _IN_THE_WAY:
-            raise StorageError(
-                f"{name} cannot be created: a file is in the way.", hint="Choose another output folder."
-            ) from error
-        raise StorageError(
-            f"{name} cannot be written: {error.strerror or error}.",
-            hint="Choose an output folder that you may write to.",
-        ) from error
+        raise storage_error(error, error.filename2 or error.filename or path) from error
 
 
-def _is_full(error: BaseException | None) -> bool:
+def _is_full(error: OSError) -> bool:
     """Whether an error means that there is no room; safetensors puts the number into its sentence."""
-    if not isinstance(error, OSError):
-        return False
     named = re.search(r"os error (\d+)", str(error))
     return error.errno in _FULL or (named is not None and int(named[1]) in _FULL)
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either the old one or the new one, whatever happens. Raises ``StorageError``."""
-    with storage_errors(path), replacing(path) as temporary:
-        temporary.write_bytes(content)
 
 
 def require_free_bytes(folder: Path, needed_bytes: int) -> None:
@@ -73,7 +63,7 @@ def require_free_bytes(folder: Path, needed_bytes: int) -> None:
 
 @contextlib.contextmanager
 def blame_full_disk(folder: Path) -> Iterator[None]:
-    """For native code that reports a full disk in words of its own: look at the disk when it fails."""
+    """Around native code that hides the cause of a failed write: check the disk when it fails."""
     try:
         yield
     except (StorageError, MemoryError):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.files.storage import write_atomically
+from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.score import CandidateStatus, RankedCandidate
 
 _TILE_AREA_PX = 320 * 214
@@ -82,7 +82,7 @@ def contact_sheet(path: Path, entries: Sequence[SheetEntry], *, title: str = "Ne
         _draw_cell(sheet, corner, layout, entry, _colored(spectrum, low, high))
     buffer = io.BytesIO()
     sheet.save(buffer, format="PNG")
-    write_atomically(path, buffer.getvalue())
+    write_bytes_atomically(path, buffer.getvalue())
 
 
 def log_magnitude(image: NDArray[np.floating]) -> NDArray[np.float32]:

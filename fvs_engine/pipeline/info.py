@@ -4,8 +4,9 @@ import stat
 from pathlib import Path
 
 from fvs_engine.errors import StorageError
-from fvs_engine.pipeline.manifest import Manifest, Metrics, Record
+from fvs_engine.pipeline.manifest import Manifest, Metrics
 from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.records import Record
 
 
 class FolderInfo(Record):

@@ -4,8 +4,9 @@ import importlib.metadata
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
+from fvs_engine.records import Record
 from fvs_engine.sfm.settings import CameraModel, KnownIntrinsics
 
 DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
@@ -14,12 +15,6 @@ DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
 
 CameraSource = Literal["photographs", "colmap", "transforms"]
 """Structure from motion, or cameras made elsewhere."""
-
-
-class Record(BaseModel):
-    """Base of everything that is written: immutable, unknown fields and non-finite numbers refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ReconstructionSettings(Record):

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from pydantic import AwareDatetime, Field
 
-from fvs_engine.files.storage import storage_errors, write_atomically
+from fvs_engine.files.record import write_record
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
-from fvs_engine.pipeline.manifest import Record
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.render import render_color
+from fvs_engine.records import Record
 from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.trainer import torch_threads_for
@@ -85,7 +86,7 @@ def rank_candidates(
     folder = out or model.workspace.ranking
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "ranking.json", ranking.model_dump_json(indent=2).encode() + b"\n")
+    write_record(folder / "ranking.json", ranking)
     first = ranked[: min(top or SHEET_CANDIDATES, MOST_ON_SHEET)]
     shown = []
     for done, place in enumerate(first, start=1):

@@ -16,10 +16,12 @@ from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.lock import locked_folder
-from fvs_engine.files.storage import storage_errors, write_atomically
+from fvs_engine.files.record import write_record
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX, Record
+from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
+from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
@@ -194,7 +196,7 @@ def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str],
         f"travel {result.travel:.1f} of {result.travel_of_capture:.1f}",
     )
     write_ply(out / "point_cloud.ply", loop.scene.gaussians)
-    write_atomically(out / "result.json", result.model_dump_json(indent=1).encode() + b"\n")
+    write_record(out / "result.json", result)
     return result
 
 

@@ -1,4 +1,4 @@
-"""The output folder: where each thing lives, who may write it, and what it remembers.
+"""The output folder of a reconstruction: its paths, lock and manifest.
 
 manifest.json                  settings, photographs, cameras, training so far
 images/                        the photographs, upright, 8-bit
@@ -18,11 +18,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.lock import locked_folder
-from fvs_engine.files.storage import storage_errors, write_atomically
+from fvs_engine.files.owned_folder import OwnedFolder
+from fvs_engine.files.record import read_record, write_record
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.pipeline.manifest import Manifest, Metrics
 
 _OWN_ENTRIES = frozenset(
@@ -41,8 +41,13 @@ class Workspace:
 
     @property
     def manifest_path(self) -> Path:
-        """The folder's memory."""
+        """The folder's manifest."""
         return self.root / "manifest.json"
+
+    @property
+    def _owned(self) -> OwnedFolder[Manifest]:
+        remedy = "Choose another output folder, or start again with --overwrite."
+        return OwnedFolder(self.root, self.manifest_path.name, Manifest, "reconstruction", remedy)
 
     @property
     def images(self) -> Path:
@@ -102,61 +107,32 @@ class Workspace:
         Raises ``OutputExistsError`` when the folder holds something else or another process writes to
         it, ``StorageError`` when it cannot be created or its file system knows no locks.
         """
-        with storage_errors(self.root):
-            self.root.mkdir(parents=True, exist_ok=True)
-            # Whatever its name: without a manifest `images` are somebody's photographs, not our copies.
-            foreign = {entry.name for entry in self.root.iterdir() if not _BEFORE_MANIFEST.match(entry.name)}
-            if foreign and not self.manifest_path.exists():
-                raise OutputExistsError(
-                    f"{self.root} is not empty and holds no reconstruction, but {min(foreign)}.",
-                    hint="Choose another output folder; nothing was changed.",
-                )
+        # Whatever its name: without a manifest `images` are somebody's photographs, not our copies.
+        self._owned.create(lambda name: _BEFORE_MANIFEST.match(name) is not None)
         with locked_folder(self.root):
             yield
 
     def read_manifest(self) -> Manifest | None:
-        """What the folder remembers, None when it is new; raises ``StorageError`` when it is unreadable."""
-        try:
-            content = self.manifest_path.read_bytes()
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise StorageError(f"{self.manifest_path} cannot be read: {error.strerror}.") from error
-        try:
-            return Manifest.model_validate_json(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "the file"
-            raise StorageError(
-                f"{self.manifest_path} cannot be used: {where}: {first['msg']}.",
-                hint="It is damaged or of another version of fvs: choose another output folder, "
-                "or start again with --overwrite.",
-            ) from error
+        """The manifest, None when the folder is new; raises ``StorageError`` when it cannot be used."""
+        return self._owned.read()
 
     def write_manifest(self, manifest: Manifest) -> None:
-        """Remember; atomic."""
-        write_atomically(self.manifest_path, manifest.model_dump_json(indent=2).encode() + b"\n")
+        """Replace the manifest; atomic."""
+        self._owned.write(manifest)
 
     def read_metrics(self) -> Metrics | None:
         """The metrics of the finished training, None before."""
-        try:
-            return Metrics.model_validate_json(self.metrics_path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except (OSError, ValidationError) as error:
-            raise StorageError(
-                f"{self.metrics_path} cannot be read.",
-                hint="Delete it and run the same `fvs reconstruct` again: the model is then evaluated anew.",
-            ) from error
+        remedy = "Delete it and run the same `fvs reconstruct` again: the model is then evaluated again."
+        return read_record(self.metrics_path, Metrics, remedy)
 
     def write_metrics(self, metrics: Metrics) -> None:
         """Write ``metrics.json``; atomic."""
-        write_atomically(self.metrics_path, metrics.model_dump_json(indent=2).encode() + b"\n")
+        write_record(self.metrics_path, metrics)
 
     def clear(self) -> None:
-        """Delete what fvs wrote here, and nothing else; the lock stays with whoever holds it."""
+        """Delete what fvs wrote here, and nothing else; the lock file stays."""
         with storage_errors(self.root):
-            # The manifest goes last: without it the folder would be a stranger's.
+            # The manifest goes last: a folder without one is refused.
             for name in sorted(_OWN_ENTRIES - {".lock"}, key=lambda name: name == "manifest.json"):
                 entry = self.root / name
                 if entry.is_dir() and not entry.is_symlink():

@@ -1,4 +1,4 @@
-"""Calls every kernel of the scores once, on next to nothing: see ``compilation``."""
+"""Calls every kernel of the scores once, on next to nothing: see ``compilation.ahead``."""
 
 from collections.abc import Callable
 

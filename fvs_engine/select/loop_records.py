@@ -2,15 +2,8 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
-
+from fvs_engine.records import Record
 from fvs_engine.score.interface import CandidateStatus
-
-
-class Record(BaseModel):
-    """Immutable; unknown fields and non-finite numbers are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class RankedRecord(Record):

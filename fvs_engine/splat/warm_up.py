@@ -1,4 +1,4 @@
-"""Calls every kernel of training and rendering once, on next to nothing: see ``compilation``."""
+"""Calls every kernel of training and rendering once, on next to nothing: see ``compilation.ahead``."""
 
 from collections.abc import Callable
 
@@ -37,7 +37,7 @@ def _render() -> None:
 
 def _train() -> None:
     image = np.full((_CAMERA.height, _CAMERA.width, 3), 128, np.uint8)
-    view = TrainingView("rehearsal", _CAMERA, _POSE, image)
+    view = TrainingView("warm-up", _CAMERA, _POSE, image)
     settings = TrainingSettings(sh_degree=_DEGREE, sh_degree_interval=1)
     Trainer((view,), _gaussians(), settings, CpuRasterizer()).train(_DEGREE + 1, Monitor())
 

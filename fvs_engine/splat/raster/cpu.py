@@ -19,7 +19,7 @@ from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, REC
 
 Floats = NDArray[np.float32]
 
-REHEARSAL = "fvs_engine.splat.warm_up"
+WARM_UP = "fvs_engine.splat.warm_up"
 
 # Tiles differ in cost by far; threads take a few at a time instead of an equal share of the image.
 TILES_AT_ONCE = 4
@@ -35,7 +35,7 @@ class CpuRasterizer:
 
     def __init__(self, monitor: Monitor | None = None) -> None:
         """Has the kernels compiled where they are not yet; that is what ``monitor`` sees."""
-        ensure_compiled(REHEARSAL, blending.blend, monitor)
+        ensure_compiled(WARM_UP, blending.blend, monitor)
 
     def render(
         self,

@@ -32,7 +32,7 @@ from tiny.inner import inner
 def outer(x):
     return 10 * inner(x)
 """
-REHEARSAL = """
+WARM_UP = """
 from tiny.outer import outer
 
 STEPS = (lambda: outer(1),)
@@ -45,7 +45,7 @@ from fvs_engine.monitor import Monitor
 from tiny.outer import outer
 
 reports = []
-ensure_compiled("tiny.rehearsal", outer, Monitor(lambda progress: reports.append(progress.stage)))
+ensure_compiled("tiny.warm_up", outer, Monitor(lambda progress: reports.append(progress.stage)))
 found = outer(4)
 compiled = [k.__name__ for k in KERNELS if hasattr(k, "stats") and sum(k.stats.cache_misses.values())]
 print(json.dumps({"found": found, "compiled_here": compiled, "reports": reports}))
@@ -57,7 +57,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder of the package ``tiny``, which this process and its children can import."""
     folder = tmp_path / "tiny"
     folder.mkdir()
-    for name, text in (("__init__", ""), ("inner", INNER), ("outer", OUTER), ("rehearsal", REHEARSAL)):
+    for name, text in (("__init__", ""), ("inner", INNER), ("outer", OUTER), ("warm_up", WARM_UP)):
         (folder / f"{name}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -115,8 +115,8 @@ def test_only_what_depends_on_a_change_is_compiled_again(package: Path) -> None:
     outer_file.write_text(
         OUTER.replace("10 *", "TEN *").replace("import inner", "import inner\nfrom tiny.constants import TEN")
     )
-    with (package / "rehearsal.py").open("a") as rehearsal:
-        rehearsal.write("from tiny.apart import apart\nSTEPS += (lambda: apart(1),)\n")
+    with (package / "warm_up.py").open("a") as warm_up:
+        warm_up.write("from tiny.apart import apart\nSTEPS += (lambda: apart(1),)\n")
     assert result(start())["found"] == 50
     (apart,) = (package / "__pycache__").glob("apart.apart*.nbc")
     before = apart.stat().st_mtime_ns
@@ -141,7 +141,7 @@ def test_nothing_to_compile_where_numba_is_off() -> None:
 
 
 def test_cancelling_ends_the_child(package: Path) -> None:
-    (package / "rehearsal.py").write_text("import time\n\nSTEPS = (lambda: time.sleep(120),)\n")
+    (package / "warm_up.py").write_text("import time\n\nSTEPS = (lambda: time.sleep(120),)\n")
 
     def stop(progress: Progress) -> None:
         assert progress.stage == STAGE
@@ -150,14 +150,14 @@ def test_cancelling_ends_the_child(package: Path) -> None:
     monitor = Monitor(stop)
     begun = time.monotonic()
     with pytest.raises(Cancelled):
-        ensure_compiled("tiny.rehearsal", outer(), monitor)
+        ensure_compiled("tiny.warm_up", outer(), monitor)
     assert time.monotonic() - begun < 30
-    (package / "rehearsal.py").write_text(REHEARSAL)
+    (package / "warm_up.py").write_text(WARM_UP)
     assert result(start())["compiled_here"] == []
 
 
 def test_a_child_that_fails_costs_only_the_promise(package: Path, caplog: pytest.LogCaptureFixture) -> None:
-    (package / "rehearsal.py").write_text("raise OSError('no space left')\n")
-    ensure_compiled("tiny.rehearsal", outer())
+    (package / "warm_up.py").write_text("raise OSError('no space left')\n")
+    ensure_compiled("tiny.warm_up", outer())
     assert "no space left" in caplog.text
     assert outer()(4) == 50

@@ -8,7 +8,8 @@ from fvs_engine.errors import StorageError
 from fvs_engine.evaluate.markdown import markdown
 from fvs_engine.evaluate.protocol import PRESETS
 from fvs_engine.evaluate.report import Summary, summarise
-from fvs_engine.evaluate.results import Run, read_record, write_record
+from fvs_engine.evaluate.results import Run, read_result
+from fvs_engine.files.record import write_record
 
 MakeRun = Callable[..., Run]
 
@@ -48,12 +49,12 @@ def test_correlations_leave_out_what_is_not_defined(summary: Summary) -> None:
 
 def test_a_summary_survives_the_disk(summary: Summary, tmp_path: Path) -> None:
     path = tmp_path / "report.json"
-    assert read_record(path, Summary) is None
+    assert read_result(path, Summary) is None
     write_record(path, summary)
-    assert read_record(path, Summary) == summary
+    assert read_result(path, Summary) == summary
     path.write_text(path.read_text()[:-100])
     with pytest.raises(StorageError, match=r"report\.json"):
-        read_record(path, Summary)
+        read_result(path, Summary)
 
 
 def test_the_table_says_all_of_it(summary: Summary) -> None:

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from fvs_engine.errors import InvalidInputError, OutputExistsError, StorageError
+from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.files.storage import (
     DiskFullError,
     blame_full_disk,
     require_free_bytes,
     storage_errors,
-    write_atomically,
 )
 from fvs_engine.pipeline.manifest import ImagesRecord, Manifest, Metrics, ReconstructionSettings
 from fvs_engine.pipeline.workspace import Workspace
@@ -140,10 +140,11 @@ def test_a_folder_without_a_manifest_is_no_output(tmp_path: Path) -> None:
 def test_a_full_disk_has_its_own_error_and_keeps_the_old_file(tmp_path: Path) -> None:
     script = (
         "import resource, sys; from pathlib import Path\n"
-        "from fvs_engine.files.storage import DiskFullError, write_atomically\n"
-        "path = Path(sys.argv[1]); write_atomically(path, b'old')\n"
+        "from fvs_engine.files.storage import DiskFullError\n"
+        "from fvs_engine.files.atomic import write_bytes_atomically\n"
+        "path = Path(sys.argv[1]); write_bytes_atomically(path, b'old')\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "try: write_atomically(path, bytes(2000))\n"
+        "try: write_bytes_atomically(path, bytes(2000))\n"
         "except DiskFullError as error: print(error)\n"
     )
     target = tmp_path / "file.bin"
@@ -187,10 +188,10 @@ def test_room_is_asked_for_before_it_is_needed(tmp_path: Path) -> None:
         require_free_bytes(tmp_path / "not" / "there" / "yet", 1 << 60)
 
 
-def test_write_atomically_leaves_no_trace_of_a_failure(tmp_path: Path) -> None:
+def test_an_atomic_write_leaves_no_trace_of_a_failure(tmp_path: Path) -> None:
     (tmp_path / "taken").mkdir()
     with pytest.raises(StorageError):
-        write_atomically(tmp_path / "taken", b"x")
+        write_bytes_atomically(tmp_path / "taken", b"x")
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 

@@ -6,7 +6,6 @@ nobody extends its lease for too long (a frozen worker), and when another proces
 
 import contextlib
 import ctypes
-import fcntl
 import json
 import os
 import secrets
@@ -15,9 +14,10 @@ import signal
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import TextIO
 
+from fvs_engine.errors import OutputExistsError
+from fvs_engine.files.lock import locked_folder
 from fvs_service.settings import Settings
 from fvs_service.worker.protocol import Message
 
@@ -51,7 +51,12 @@ def main() -> None:
     threading.Thread(target=watch.guard, daemon=True).start()
     folder = order.settings.scenes.absolute() / order.scene_id
     folder.mkdir(parents=True, exist_ok=True)
-    with _only_owner(folder):
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked_folder(folder, _LOCK_PATIENCE_S))
+        except OutputExistsError:
+            print("Another runner holds the scene's folder.", file=sys.stderr, flush=True)  # noqa: T201 - the log
+            os._exit(_EXIT_LOCKED)
         from fvs_service.worker.runner.server import RunnerServer
 
         secret = secrets.token_urlsafe(24)
@@ -99,29 +104,6 @@ class LeaseWatch:
 
 def _unread() -> bool:
     return bool(select.select([0], [], [], 0)[0])
-
-
-class _only_owner:  # noqa: N801 - reads as a statement: with _only_owner(folder)
-    """Hold the scene's folder: nobody else, dead or frozen, writes to it at the same time."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file = (folder / ".lock").open("w")
-
-    def __enter__(self) -> None:
-        until = time.monotonic() + _LOCK_PATIENCE_S
-        while True:
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                if time.monotonic() > until:
-                    print("Another runner holds the scene's folder.", file=sys.stderr)  # noqa: T201 - the log
-                    os._exit(_EXIT_LOCKED)
-                time.sleep(0.05)
-            else:
-                return
-
-    def __exit__(self, *_exception: object) -> None:
-        self._file.close()
 
 
 def _own_standard_output() -> TextIO:
