@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.geometry.cameras import Camera
 from fvs_engine.images.pixels import load_rgb
-from fvs_engine.sfm.reconstruction import read_colmap
+from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.splat.views import TrainingView
 
 ZOOM = 1.01

@@ -15,7 +15,8 @@ from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
+from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 

@@ -17,12 +17,12 @@ from fvs_engine.geometry import (
     matrix_from_quaternion,
     robust_umeyama,
 )
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.views import ModelView, usual_camera
 from fvs_engine.records import Record
 from fvs_engine.score.interface import Candidate
 from fvs_engine.sfm.colmap.imports import import_transforms_json
-from fvs_engine.sfm.verification.evidence import centre_spread
 
 _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3

@@ -10,7 +10,8 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.images.pixels import load_rgb, reduced_size
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
+from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.splat.views import TrainingView
 
 

@@ -14,7 +14,7 @@ from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
-from fvs_engine.sfm.reconstruction import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
+from fvs_engine.sfm.colmap.model import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
 from fvs_engine.views import AnyView, View
 
 _MIN_VIEWS = 2

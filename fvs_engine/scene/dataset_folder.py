@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.dataset import Dataset, read_dataset
-from fvs_engine.sfm.reconstruction import has_colmap_model
+from fvs_engine.sfm.colmap.model import has_colmap_model
 
 _MODELS = ("reference", "sparse/0", "sparse", "0", ".")
 """Where published datasets put their COLMAP model."""

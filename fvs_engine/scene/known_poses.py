@@ -14,7 +14,8 @@ from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
 from fvs_engine.sfm.batch.mapping import read_witnesses
 from fvs_engine.sfm.batch.triangulate import triangulate
-from fvs_engine.sfm.reconstruction import Reconstruction, has_colmap_model, open_colmap
+from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages

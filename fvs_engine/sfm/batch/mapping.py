@@ -17,7 +17,7 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
     verified_pair_count,
 )
-from fvs_engine.sfm.reconstruction import has_colmap_model, open_colmap
+from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, replace_folder

@@ -17,9 +17,10 @@ from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, load_models, map_scene, read_witnesses
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
+from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages

@@ -14,9 +14,10 @@ from fvs_engine.sfm.batch.mapping import read_witnesses
 from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.imports import fit_camera
+from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, to_pycolmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.reconstruction import Reconstruction, from_pycolmap, open_colmap, to_pycolmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder

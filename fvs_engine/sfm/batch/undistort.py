@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap, read_colmap
 from fvs_engine.sfm.native_process import run_native
-from fvs_engine.sfm.reconstruction import Reconstruction, has_colmap_model, open_colmap, read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import fresh_folder, replace_folder
 
 _JPEG_QUALITY = 99

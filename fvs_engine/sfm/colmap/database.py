@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 
 _VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
 """COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""

@@ -12,9 +12,10 @@ import pycolmap
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import feature_counts, require_sound_database
+from fvs_engine.sfm.colmap.model import camera_from_pycolmap
 from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
 from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
-from fvs_engine.sfm.reconstruction import Reconstruction, camera_from_pycolmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView, View

@@ -19,13 +19,14 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
     verified_matches,
 )
+from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
 from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.matching.match import require_plain_names
-from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES

@@ -7,11 +7,11 @@ from pathlib import Path
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, read_witnesses, registered_names
 from fvs_engine.sfm.batch.reconstruct import map_images
-from fvs_engine.sfm.frames import align_poses, camera_poses, move
+from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.state import GrowthState
-from fvs_engine.sfm.reconstruction import open_colmap
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import Candidate, Decision, decide

@@ -1,1 +1,1 @@
-"""The native stages: everything here runs in the killable child process, and nothing else does."""
+"""All that runs in the SfM child process; its parent passes job names and JSON and imports none of it."""

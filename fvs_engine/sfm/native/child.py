@@ -1,20 +1,16 @@
-"""The child process of ``native``: takes one job from standard input, answers on standard output."""
+"""The SfM child process: takes one job from standard input, answers on standard output.
+
+The order is a line of JSON: ``job`` and ``arguments`` (see ``jobs``), and ``parent``, the id of the process
+that the child ends with. Answers are lines of JSON: any number of ``event``, then a ``result`` or ``error``.
+"""
 
 import json
 import os
 import sys
-import threading
 import traceback
 from typing import Any
 
-
-def _die_with_parent() -> None:
-    """End this process when standard input ends: nobody waits for the answer any more."""
-    try:
-        while os.read(0, 4096):
-            pass
-    finally:
-        os._exit(1)
+from fvs_engine.child_process import EXIT_ORPHANED, end_with_parent
 
 
 def _answer(message: dict[str, Any]) -> None:
@@ -24,8 +20,11 @@ def _answer(message: dict[str, Any]) -> None:
 
 def main() -> None:
     """Run the job that the first line of standard input names."""
-    order = json.loads(sys.stdin.buffer.readline())
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    line = sys.stdin.buffer.readline()
+    if not line:
+        sys.exit(EXIT_ORPHANED)
+    order = json.loads(line)
+    end_with_parent(order["parent"])
     sys.stdout = sys.stderr  # what libraries print belongs in the log
     try:
         from fvs_engine.sfm.native.jobs import find_job
@@ -37,7 +36,7 @@ def main() -> None:
     else:
         _answer({"result": result})
     sys.stderr.flush()
-    os._exit(0)  # the watching thread must not hold the process back
+    os._exit(0)  # no destructor of a C++ library may delay or break the end
 
 
 if __name__ == "__main__":

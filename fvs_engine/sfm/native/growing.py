@@ -10,8 +10,9 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
-from fvs_engine.sfm.frames import align_poses, camera_poses, move
+from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.contradictions import Contradictions, Keypoints
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import Positions

@@ -14,8 +14,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.reconstruction import rigid_from_pycolmap
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.verification.positions import Positions
 
@@ -158,11 +159,6 @@ def cycle_consistency(pairs: Sequence[VerifiedPair]) -> float | None:
                     if total == _MAX_TRIPLETS:
                         return closed / total
     return closed / total if total > 0 else None
-
-
-def centre_spread(centres: Array) -> float:
-    """Root mean square distance of centres [N, 3] from their mean."""
-    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def angle_deg(rotation: Array) -> float:

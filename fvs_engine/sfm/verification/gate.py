@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.evidence import centre_spread
 
 MIN_SHARED_IMAGES = 4
 """Three centres always fit well; agreement says something from four on."""

@@ -15,7 +15,8 @@ from fvs_engine.pipeline.manifest import ImageRecord, ImagesRecord, Manifest, Re
 from fvs_engine.pipeline.views import read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch.reconstruct import SfmResult
-from fvs_engine.sfm.reconstruction import Reconstruction, write_colmap
+from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView
 
 USED = 6

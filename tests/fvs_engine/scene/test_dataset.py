@@ -8,7 +8,7 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
-from fvs_engine.sfm.reconstruction import to_pycolmap
+from fvs_engine.sfm.colmap.model import to_pycolmap
 from fvs_engine.views import View
 
 NAMES = ("b.png", "a.png", "c.png")

@@ -1,3 +1,6 @@
+import functools
+import json
+import os
 import subprocess
 import sys
 import threading
@@ -6,19 +9,39 @@ from pathlib import Path
 
 import pytest
 
+from fvs_engine import child_process
+from fvs_engine.child_process import EXIT_ORPHANED
 from fvs_engine.errors import Cancelled, ReconstructionError
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm import native_process as native
+from fvs_engine.sfm import native_process
 from fvs_engine.sfm.native_process import run_native
 
+CHILD = [sys.executable, "-m", "fvs_engine.sfm.native.child"]
 
-def test_the_child_ends_when_its_parent_is_gone():
-    child = subprocess.Popen(
-        [sys.executable, "-m", "fvs_engine.sfm.native.child"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    answer, _ = child.communicate(b'{"job": "match", "arguments": {}}\n', timeout=30)  # and closes its input
-    assert child.returncode == 1
-    assert answer == b""
+
+def run_child(order: bytes) -> tuple[int, bytes]:
+    child = subprocess.Popen(CHILD, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    answer, _ = child.communicate(order, timeout=30)
+    return child.returncode, answer
+
+
+def use_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    def spawn(_module: str, _order: str, **pipes: object) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=pipes["stderr"],  # type: ignore[arg-type]
+            text=True,
+        )
+
+    monkeypatch.setattr(native_process, "spawn", spawn)
+
+
+def test_the_child_does_nothing_when_its_parent_is_gone():
+    order = {"job": "match", "arguments": {}, "parent": os.getppid()}  # not the process that starts it
+    assert run_child(json.dumps(order).encode() + b"\n") == (EXIT_ORPHANED, b"")
+    assert run_child(b"") == (EXIT_ORPHANED, b"")
 
 
 def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
@@ -35,16 +58,17 @@ def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
 
 
 def test_a_child_that_dies_is_an_error_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(native, "_COMMAND", [sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"])
+    use_child(monkeypatch, "import os; os.kill(os.getpid(), 9)")
     with pytest.raises(ReconstructionError, match=r"died \(exit status -9\)") as caught:
         run_native("match", {}, tmp_path / "native.log", Monitor())
     assert "memory" in caught.value.hint
 
 
 def test_a_child_that_ignores_the_request_to_stop_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
-    monkeypatch.setattr(native, "_COMMAND", [sys.executable, "-c", stubborn])
-    monkeypatch.setattr(native, "_PATIENCE_S", 0.2)
+    use_child(
+        monkeypatch, "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
+    )
+    monkeypatch.setattr(native_process, "stop", functools.partial(child_process.stop, patience_s=0.2))
     monitor = Monitor()
     timer = threading.Timer(1.0, monitor.cancel)
     timer.start()

@@ -12,13 +12,14 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, centre_spread
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Judgement, decide
 from fvs_engine.sfm.verification.positions import Positions
 

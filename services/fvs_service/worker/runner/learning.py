@@ -17,8 +17,9 @@ from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.gaussians import Gaussians

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import quaternion_from_matrix
-from fvs_engine.sfm.reconstruction import MODEL_FILES
+from fvs_engine.sfm.colmap.model import MODEL_FILES
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.views import TrainingView

@@ -14,7 +14,7 @@ from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
-from fvs_engine.sfm.reconstruction import read_colmap
+from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
 

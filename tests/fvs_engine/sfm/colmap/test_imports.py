@@ -20,7 +20,8 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.reconstruction import Reconstruction, read_colmap, write_colmap
+from fvs_engine.sfm.colmap.model import read_colmap, write_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.views import AnyView
 

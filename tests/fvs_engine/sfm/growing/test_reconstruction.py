@@ -18,13 +18,13 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled, InvalidInputError, ReconstructionError, StorageError
 from fvs_engine.geometry import angle_between, umeyama
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction, GrowthReport
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.verification.evidence import centre_spread
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.views import AnyView
 

@@ -7,17 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform, SimilarityTransform
+from fvs_engine.geometry.alignment.cameras import align_poses, centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult
-from fvs_engine.sfm.frames import align_poses, camera_poses
+from fvs_engine.sfm.colmap.model import camera_poses, read_colmap
 from fvs_engine.sfm.growing.registration import reason_to_remap, remap
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.native.contradictions import Contradictions
-from fvs_engine.sfm.reconstruction import read_colmap
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.evidence import centre_spread
 from fvs_engine.sfm.verification.positions import Positions
 
 MODEL_FROM_COLMAP = SimilarityTransform(

@@ -1,0 +1,156 @@
+"""COLMAP models, read, written and converted to the engine's own types."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.geometry.alignment.similarity import AlignmentReport
+from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
+from fvs_engine.sfm.colmap.files import damaged_file
+from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.views import AnyView, View
+
+MODEL_FILES = ("cameras", "images", "points3D")
+"""A COLMAP model is these three files, all ``.bin`` or all ``.txt``."""
+
+
+def has_colmap_model(folder: Path) -> bool:
+    """Whether ``folder`` holds a whole COLMAP model, binary or text."""
+    return any(
+        all((folder / f"{stem}{suffix}").is_file() for stem in MODEL_FILES) for suffix in (".bin", ".txt")
+    )
+
+
+def read_colmap(folder: Path) -> Reconstruction:
+    """Read the COLMAP model (binary or text) in ``folder``.
+
+    Raises ``StorageError`` when there is none or it is damaged, ``InvalidInputError`` for a camera model that
+    the engine does not know.
+    """
+    return from_pycolmap(open_colmap(folder))
+
+
+def write_colmap(reconstruction: Reconstruction, folder: Path) -> None:
+    """Write a binary COLMAP model into ``folder``, without observations (tracks)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    to_pycolmap(reconstruction.views, points=reconstruction).write_binary(folder)
+
+
+def open_colmap(folder: Path) -> pycolmap.Reconstruction:
+    """The model in ``folder`` as pycolmap has it, tracks and all; raises ``StorageError``."""
+    if not has_colmap_model(folder):
+        raise StorageError(
+            f"{folder} holds no COLMAP model.",
+            hint="A model is the three files cameras, images and points3D, as .bin or .txt.",
+        )
+    hint = "Export the model again, or delete the folder to have it computed again."
+    damaged = damaged_file(folder)
+    if damaged is not None:
+        raise StorageError(f"{damaged} is damaged or cut short.", hint=hint)
+    try:
+        return pycolmap.Reconstruction(folder)
+    except Exception as error:  # pycolmap raises whatever its C++ raised
+        raise StorageError(
+            f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=hint
+        ) from error
+
+
+def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
+    """The posed images and the points of a pycolmap reconstruction."""
+    cameras = {camera_id: camera_from_pycolmap(camera) for camera_id, camera in model.cameras.items()}
+    posed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    points = list(model.points3D.values())
+    return Reconstruction(
+        views=tuple(
+            View(image.name, cameras[image.camera_id], rigid_from_pycolmap(image.cam_from_world()))
+            for image in posed
+        ),
+        points=np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
+        point_colors=np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+        point_errors_px=np.array([point.error for point in points], dtype=np.float64),
+    )
+
+
+def to_pycolmap(
+    views: Sequence[AnyView],
+    *,
+    points: Reconstruction | None = None,
+    image_ids: Mapping[str, int] | None = None,
+) -> pycolmap.Reconstruction:
+    """A pycolmap reconstruction with ``views``, and the points of ``points`` without tracks.
+
+    Images are numbered from 1, or by ``image_ids`` (a database's).
+    """
+    model = pycolmap.Reconstruction()
+    camera_ids: dict[Camera, int] = {}
+    numbers = image_ids or {view.name: number for number, view in enumerate(views, start=1)}
+    for view in views:
+        if view.camera not in camera_ids:
+            camera_ids[view.camera] = len(camera_ids) + 1
+            camera = camera_to_pycolmap(view.camera, camera_ids[view.camera])
+            model.add_camera_with_trivial_rig(camera)
+        image = pycolmap.Image(name=view.name, camera_id=camera_ids[view.camera], image_id=numbers[view.name])
+        model.add_image_with_trivial_frame(image, rigid_to_pycolmap(view.camera_from_model))
+    if points is not None:
+        for xyz, color in zip(points.points, points.point_colors, strict=True):
+            model.add_point3D(xyz, pycolmap.Track(), color)
+    return model
+
+
+def camera_from_pycolmap(camera: pycolmap.Camera) -> Camera:
+    """Our camera; raises ``InvalidInputError`` for a model that the engine does not know."""
+    params = tuple(float(value) for value in camera.params)
+    if camera.model_name == "PINHOLE":
+        return PinholeCamera(camera.width, camera.height, *params)
+    if camera.model_name == "SIMPLE_PINHOLE":
+        focal, cx, cy = params
+        return PinholeCamera(camera.width, camera.height, focal, focal, cx, cy)
+    if camera.model_name not in CAMERA_MODELS:
+        raise InvalidInputError(
+            f"The model has a camera of type {camera.model_name}, which is not known here.",
+            hint=f"Convert it to one of {', '.join(CAMERA_MODELS)}.",
+        )
+    return DistortedCamera(camera.model_name, camera.width, camera.height, params)
+
+
+def camera_to_pycolmap(camera: Camera, camera_id: int) -> pycolmap.Camera:
+    """COLMAP's camera with the same intrinsics."""
+    if isinstance(camera, PinholeCamera):
+        model = "PINHOLE"
+        params: tuple[float, ...] = (camera.fx, camera.fy, camera.cx, camera.cy)
+    else:
+        model, params = camera.model, camera.params
+    return pycolmap.Camera(
+        model=model, width=camera.width, height=camera.height, params=np.array(params), camera_id=camera_id
+    )
+
+
+def rigid_from_pycolmap(transform: pycolmap.Rigid3d) -> RigidTransform:
+    """The same transform, ours."""
+    return RigidTransform(transform.rotation.matrix(), np.asarray(transform.translation))
+
+
+def rigid_to_pycolmap(transform: RigidTransform) -> pycolmap.Rigid3d:
+    """The same transform, pycolmap's."""
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(transform.rotation), transform.translation)
+
+
+def camera_poses(model: pycolmap.Reconstruction) -> dict[str, RigidTransform]:
+    """Name → model_from_camera of the images that have a pose."""
+    return {
+        image.name: rigid_from_pycolmap(image.cam_from_world()).inverse()
+        for image in model.images.values()
+        if image.has_pose
+    }
+
+
+def move(model: pycolmap.Reconstruction, alignment: AlignmentReport) -> None:
+    """Apply the alignment's transform to all cameras and points of ``model``."""
+    transform = alignment.transform
+    model.transform(
+        pycolmap.Sim3d(transform.scale, pycolmap.Rotation3d(transform.rotation), transform.translation)
+    )
