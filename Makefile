@@ -3,6 +3,7 @@
 #                 (without any, of a made-up courtyard)
 # make test       everything that CI checks
 # make test-slow  the long checks on real photographs
+# make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make lint       format and fix what can be fixed, then lint
 # make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/measurements.md)
 
@@ -14,7 +15,7 @@ FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
 
-.PHONY: setup demo test check lint test-slow bench clean
+.PHONY: setup demo docs test check lint test-slow bench clean
 
 setup: $(INSTALLED)
 
@@ -28,6 +29,9 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 
 demo: setup
 	$(BIN)/python demo/run.py $(if $(IMAGES),"$(IMAGES)") --out "$(OUT)"
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 check: setup
 	$(BIN)/ruff format --check .
@@ -59,4 +63,4 @@ bench: setup
 		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out site

@@ -34,7 +34,7 @@ COMMANDS = "fvs.commands"
 
 app = typer.Typer(
     help="Photographs in; 3D Gaussian splats and a ranking of where to photograph next out.",
-    epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the README lists the others.",
+    epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the others: docs/reference/exit-statuses.md.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

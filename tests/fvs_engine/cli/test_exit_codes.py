@@ -8,7 +8,7 @@ from fvs_engine.errors import EngineError
 from fvs_engine.files.storage import DiskFullError
 from fvs_engine.images.pixels import UnusableImageError
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "exit-statuses.md"
 
 
 def _all_errors() -> list[type[EngineError]]:
@@ -32,5 +32,5 @@ def test_an_error_without_a_status_takes_that_of_its_ancestor() -> None:
 
 
 @pytest.mark.parametrize("code", EXIT_CODES)
-def test_the_readme_lists_the_status(code: str) -> None:
-    assert f"| {EXIT_CODES[code]} | `{code}` |" in README.read_text(encoding="utf-8")
+def test_the_documentation_lists_the_status(code: str) -> None:
+    assert f"| {EXIT_CODES[code]} | `{code}` |" in PAGE.read_text(encoding="utf-8")
