@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
 
 EXIT_ORPHANED = 3
@@ -30,17 +30,18 @@ def spawn(
     module: str,
     order: str | None = None,
     *,
+    arguments: Sequence[str] = (),
     stdout: int | IO[Any] | None = subprocess.PIPE,
     stderr: int | IO[Any] | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> "subprocess.Popen[str]":
-    """Start ``python -m module``, with ``environment`` added to this process's own.
+    """Start ``python -m module arguments…``, with ``environment`` added to this process's own.
 
     With an ``order`` standard input is a pipe that stays open after it; without one it is empty.
     Raises ``OSError`` when no process can be made.
     """
     child = subprocess.Popen(
-        [sys.executable, "-m", module],
+        [sys.executable, "-m", module, *arguments],
         stdin=subprocess.DEVNULL if order is None else subprocess.PIPE,
         stdout=stdout,
         stderr=stderr,
@@ -59,6 +60,25 @@ def write(child: "subprocess.Popen[str]", text: str) -> None:
     with contextlib.suppress(OSError, ValueError):
         child.stdin.write(text)
         child.stdin.flush()
+
+
+def first_line(
+    child: "subprocess.Popen[str]", timeout_s: float, give_up: Callable[[], bool], poll_s: float = 0.1
+) -> str:
+    """The first line that the child writes to standard output, without its end.
+
+    Empty when the child ends first, writes nothing within ``timeout_s``, or when ``give_up``, which is called
+    every ``poll_s``, returns True.
+    """
+    stdout = child.stdout
+    assert stdout is not None
+    lines: list[str] = []
+    reader = threading.Thread(target=lambda: lines.append(stdout.readline()), daemon=True)
+    reader.start()
+    until = time.monotonic() + timeout_s
+    while reader.is_alive() and time.monotonic() < until and not give_up():
+        reader.join(poll_s)
+    return lines[0].strip() if lines else ""
 
 
 def stop(child: "subprocess.Popen[str]", patience_s: float = STOP_PATIENCE_S) -> None:

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
@@ -20,16 +20,6 @@ class Candidate:
     id: str
     camera: PinholeCamera
     camera_from_model: RigidTransform
-
-
-class CandidateStatus(StrEnum):
-    """Whether a candidate's score may be compared with others'."""
-
-    RANKED = "ranked"
-    LOW_COVERAGE = "low-coverage"
-    """The model fills so little of the view that its score describes the void around it."""
-    OUT_OF_MODEL = "out-of-model"
-    """Nothing that could be scored is in view."""
 
 
 @dataclass(frozen=True)

@@ -3,27 +3,12 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.score.interface import CandidateScore, CandidateStatus
+from fvs_engine.score.interface import CandidateScore
 
 _ORDER = (CandidateStatus.RANKED, CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL)
-
-
-@dataclass(frozen=True)
-class RankedCandidate:
-    """A candidate's place. ``rank`` counts from 1; None for what cannot be compared (see ``status``).
-
-    ``distance`` is how far the camera has to travel, in the unit of whoever asked; None when it is not known.
-    """
-
-    rank: int | None
-    id: str
-    score: float | None
-    status: CandidateStatus
-    coverage: float | None
-    distance: float | None
 
 
 def rank(

@@ -7,9 +7,10 @@ from itertools import islice
 import torch
 from torch import Tensor
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score.interface import Candidate, CandidateScore, CandidateStatus
+from fvs_engine.score.interface import Candidate, CandidateScore
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 

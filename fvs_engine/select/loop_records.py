@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.records import Record
-from fvs_engine.score.interface import CandidateStatus
 
 
 class RankedRecord(Record):
