@@ -3,18 +3,24 @@
 gsplat's wheel compiles its kernels on first use and needs ``nvcc`` for it.
 """
 
+import contextlib
+import sys
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
 from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE, Rendering, over_background
+from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, Rendering, over_background
 
 try:
-    import gsplat
-    import gsplat.cuda._backend
-except ImportError as error:
+    # gsplat reports its compilation on stdout, where the program writes its one JSON document.
+    with contextlib.redirect_stdout(sys.stderr):
+        import gsplat
+        import gsplat.cuda._backend
+except ModuleNotFoundError as error:
     raise BackendUnavailableError(
         "The cuda rasteriser needs the package gsplat.",
         hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
@@ -52,19 +58,19 @@ class CudaRasterizer:
     ) -> Rendering:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
-        device = gaussians.device
-        view = torch.eye(4)
+        means = gaussians.means
+        view = torch.eye(4, dtype=torch.float64)
         view[:3, :3] = torch.as_tensor(camera_from_model.rotation)
         view[:3, 3] = torch.as_tensor(camera_from_model.translation)
-        intrinsics = torch.as_tensor(camera.matrix, dtype=torch.float32)
+        intrinsics = torch.as_tensor(camera.matrix)
         images, alphas, meta = gsplat.rasterization(
-            gaussians.means,
+            means,
             gaussians.quaternions_wxyz,
             gaussians.log_scales.exp(),
             torch.sigmoid(gaussians.opacity_logits),
             torch.cat([gaussians.sh_dc[:, None], gaussians.sh_rest], dim=1),
-            view.to(device)[None],
-            intrinsics.to(device)[None],
+            view.to(means)[None],
+            intrinsics.to(means)[None],
             camera.width,
             camera.height,
             near_plane=NEAR_PLANE,
@@ -78,12 +84,34 @@ class CudaRasterizer:
             screen_means.retain_grad()
         color, alpha, depth = images[0, ..., :3], alphas[0, ..., 0], images[0, ..., 3]
         color = over_background(color, alpha, background)
-        radii = meta["radii"][0].float()
-        radii = radii.amax(-1) if radii.ndim == 2 else radii
         # gsplat's centres carry a leading camera axis; its gradient is read through the same view.
         return Rendering(
-            color, alpha, depth, radii, _ScreenMeans(screen_means) if screen_means.requires_grad else None
+            color,
+            alpha,
+            depth,
+            _radii_px(meta, camera),
+            _ScreenMeans(screen_means) if screen_means.requires_grad else None,
         )
+
+
+@torch.no_grad()
+def _radii_px(meta: Mapping[str, Tensor], camera: PinholeCamera) -> Tensor:
+    """Half the larger side of every screen box [N], 0 where it is culled: ``Rendering.radii_px``.
+
+    gsplat rounds the half sides up to whole pixels before it culls. A Gaussian that ends less than a pixel
+    outside the image then counts as seen, with a gradient of zero: its mean gradient falls, and
+    densification passes it over. So the box is computed again from gsplat's own ellipse, unrounded.
+    """
+    a, b, c = meta["conics"][0].unbind(-1)
+    opacities = meta["opacities"][0]
+    reach = (2 * (opacities / ALPHA_MIN).log().clamp_min(0)).sqrt()
+    half_sides = reach[:, None] * (torch.stack([c, a], dim=-1) / (a * c - b * b)[:, None]).sqrt()
+    centers = meta["means2d"][0]
+    size = centers.new_tensor([camera.width, camera.height])
+    on_screen = ((centers + half_sides > 0) & (centers - half_sides < size)).all(-1)
+    radii = meta["radii"][0]
+    seen = (radii > 0).all(-1) & on_screen & (opacities >= ALPHA_MIN)
+    return torch.where(seen, half_sides.amax(-1), half_sides.new_zeros(()))
 
 
 class _ScreenMeans:

@@ -1,8 +1,11 @@
 """Scenes that rasterisers must agree on, and the pixels where float32 cannot decide."""
 
+import importlib
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from types import ModuleType
 
 import pytest
 import torch
@@ -10,6 +13,7 @@ from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from fvs_engine.splat.raster.reference_projection import project
 
@@ -134,3 +138,78 @@ def make_gaussians() -> Callable[..., Gaussians]:
         return _gaussians(count, torch.Generator().manual_seed(seed), sh_degree)
 
     return make
+
+
+def _project(means, covars, quats, scales, viewmats, Ks, width, height, **options):
+    """gsplat's ``fully_fused_projection`` by gsplat's own torch functions."""
+    from gsplat.cuda import _torch_impl as plain
+
+    assert covars is None
+    for name in ("packed", "sparse_grad", "calc_compensations"):
+        assert not options.pop(name), name
+    assert options.pop("radius_clip") == 0
+    del options["opacities"]  # only tightens the boxes
+    covars, _ = plain._quat_scale_to_covar_preci(quats, scales, compute_preci=False)
+    return plain._fully_fused_projection(means, covars, viewmats, Ks, width, height, **options)
+
+
+def _sort(_means2d, radii, depths, *_, **__):
+    """gsplat's ``isect_tiles`` with the image as the one tile: what is not culled, front to back."""
+    order = torch.argsort(depths[0], stable=True)
+    return None, None, order[(radii[0, order] > 0).all(-1)]
+
+
+def _blend(
+    means2d, conics, colors, opacities, width, height, _size, _offsets, order, *, backgrounds, packed, absgrad
+):
+    """gsplat's ``rasterize_to_pixels`` with the image as the one tile."""
+    assert backgrounds is None
+    assert not packed
+    assert not absgrad
+    (centers,), (conics,), (colors,), (opacities,) = means2d, conics, colors, opacities
+    rows, columns = torch.arange(height) + 0.5, (torch.arange(width) + 0.5).to(centers)
+    a, b, c = conics[order].unbind(-1)
+    images = []
+    for row in rows:
+        dx, dy = columns[:, None] - centers[order, 0], row - centers[order, 1]
+        exponent = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+        alphas = (opacities[order] * torch.exp(-exponent)).clamp_max(ALPHA_MAX)
+        alphas = torch.where((exponent >= 0) & (alphas >= ALPHA_MIN), alphas, 0)
+        after = torch.cumprod(1 - alphas, dim=-1)
+        before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=-1)
+        weights = torch.where(after > TRANSMITTANCE_MIN, alphas * before, 0)
+        images.append(torch.cat([weights @ colors[order], weights.sum(-1, keepdim=True)], dim=-1))
+    image = torch.stack(images)[None]
+    return image[..., :-1], image[..., -1:]
+
+
+@pytest.fixture
+def gsplat_in_torch(monkeypatch: pytest.MonkeyPatch) -> Rasterizer:
+    """The ``cuda`` backend on the CPU: gsplat's ``rasterization`` over its own torch functions, in any dtype.
+
+    Only the blending is ours. Nothing is compiled: the module that would do it is replaced before its import.
+    """
+    import gsplat.cuda
+    import gsplat.rendering
+    from gsplat.cuda import _torch_impl as plain
+
+    kernels = ModuleType("gsplat.cuda._backend")
+    kernels._C = object()
+    monkeypatch.setitem(sys.modules, kernels.__name__, kernels)
+    monkeypatch.setattr(gsplat.cuda, "_backend", kernels, raising=False)
+    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
+    stand_ins = {
+        "fully_fused_projection": _project,
+        "spherical_harmonics": lambda *arguments, masks: plain._spherical_harmonics(*arguments),  # noqa: ARG005
+        "isect_tiles": _sort,
+        "isect_offset_encode": lambda _, images, width, height: torch.zeros(images, height, width),
+        "rasterize_to_pixels": _blend,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(gsplat.rendering, name, stand_in)
+    adapter = importlib.import_module("fvs_engine.splat.raster.cuda")
+    monkeypatch.delitem(sys.modules, adapter.__name__)  # others import it over gsplat's own kernels
+    rasterizer = adapter.CudaRasterizer()
+    assert rasterizer.device.type == "cuda"
+    rasterizer.device = torch.device("cpu")
+    return rasterizer
