@@ -4,6 +4,7 @@
 # make test       everything that CI checks
 # make test-slow  the long checks on real photographs
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
+# make generate   the synchronous client from the asynchronous one, after a change of clients/python/fvs_client/_async
 # make lint       format and fix what can be fixed, then lint
 # make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/measurements.md)
 
@@ -15,7 +16,7 @@ FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
 
-.PHONY: setup demo docs test check lint test-slow bench clean
+.PHONY: setup demo docs test check generate lint test-slow bench clean
 
 setup: $(INSTALLED)
 
@@ -39,6 +40,7 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores DEP002=tbb
+	$(BIN)/python clients/generate_sync.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client
 
 test: check
@@ -46,6 +48,9 @@ test: check
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+
+generate: setup
+	$(BIN)/python clients/generate_sync.py
 
 lint: setup
 	$(BIN)/ruff format .

@@ -75,7 +75,7 @@ def _make_photographs(folder: Path) -> Path:
 
 def _send(scene: Scene, photographs: Path) -> None:
     with display("Sending photographs", as_json=False, in_bytes=True) as shown:
-        report = scene.images.upload(photographs, progress=partial(upload_progress, shown))
+        report = scene.images.upload(photographs, on_progress=partial(upload_progress, shown))
     for file in (*report.failed, *report.rejected):
         console.print(f"  {file.path.name}: {file.image.reason if file.image else file.error}")
     again = scene.images.upload(photographs)

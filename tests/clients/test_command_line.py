@@ -156,7 +156,7 @@ def test_a_service_that_does_not_run_is_told_kindly(run: Run, monkeypatch: pytes
         result = run("--url", url, "status", expect=4)
     assert result.stderr.splitlines() == [
         f"Error: There is no answer at {url}.",
-        "Is the service running? `fvs serve` starts one; FVS_URL says where it is.",
+        "Is the service running? `fvs serve` starts one; FVS_URL sets where it is.",
     ]
 
 

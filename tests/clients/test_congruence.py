@@ -1,9 +1,9 @@
-"""Both clients do the same: the same names with the same arguments, and the same answers and errors."""
+"""The synchronous client is generated, and both give the same answers and errors."""
 
 import functools
-import inspect
 import re
-import types
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,6 @@ from fvs_client import (
     Policy,
     Retries,
     Trigger,
-    async_resources,
-    resources,
 )
 from fvs_client.models import FramePose
 
@@ -31,7 +29,7 @@ RETRIES = Retries(first_s=0.01, longest_s=0.05)
 
 
 class Surface:
-    """A client whose calls are all made in the same way, whichever it is; with a folder of photographs."""
+    """Calls either client in the same way; with a folder of images."""
 
     def __init__(self, client: Any, do: Do, items: Callable[[Any, int | None], list[Any]]) -> None:
         self.client, self.do, self.items = client, do, items
@@ -202,33 +200,14 @@ def anonymous(answers: list[str], folder: Path) -> list[str]:
     return text.split("\n---\n")
 
 
-PAIRS = [
-    (Client, AsyncClient),
-    *(
-        (kind, getattr(async_resources, f"Async{name}"))
-        for name, kind in vars(resources).items()
-        if inspect.isclass(kind) and kind.__module__ == resources.__name__ and not name.startswith("_")
-    ),
-]
+GENERATOR = Path(__file__).resolve().parents[2] / "clients" / "generate_sync.py"
 
 
-@pytest.mark.parametrize(("blocking", "awaiting"), PAIRS, ids=lambda kind: kind.__name__)
-def test_names_and_arguments_agree(blocking: type, awaiting: type) -> None:
-    assert _surface_of(blocking) == _surface_of(awaiting)
-
-
-def _surface_of(kind: type) -> dict[str, str]:
-    """The public names of a class, with their signatures and what they say of themselves."""
-    found = {}
-    for name, member in vars(kind).items():
-        function = member.fget if isinstance(member, property) else member
-        if name.startswith("_") or not isinstance(function, types.FunctionType):
-            continue
-        signature = (
-            str(inspect.signature(function)).replace("Async", "").replace("async_", "").replace("'", "")
-        )
-        found[name] = f"{signature} {inspect.getdoc(function)}"
-    return found
+def test_the_synchronous_client_is_current() -> None:
+    checked = subprocess.run(
+        [sys.executable, GENERATOR, "--check"], capture_output=True, text=True, check=False
+    )
+    assert checked.returncode == 0, checked.stderr
 
 
 def test_everything_public_can_be_imported() -> None:

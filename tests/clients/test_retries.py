@@ -196,7 +196,7 @@ def test_silence_ends(script: Any) -> None:
 
 def test_a_url_that_is_none_is_refused() -> None:
     for url in ("localhost:8000", "ftp://example.org", "http://"):
-        with pytest.raises(ValueError, match="no URL"):
+        with pytest.raises(ValueError, match="is not the URL"):
             Client(url)
 
 

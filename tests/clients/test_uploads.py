@@ -25,7 +25,7 @@ def test_a_folder_is_sent_once_and_its_bytes_never_again(
 ) -> None:
     scene = client.scenes.create("quarry")
     seen: list[UploadProgress] = []
-    first = scene.images.upload(photographs, progress=seen.append)
+    first = scene.images.upload(photographs, on_progress=seen.append)
     assert [file.path.name for file in first.files] == ["a.JPG", "b.jpg", "c.png"]
     assert {file.outcome for file in first.files} == {Outcome.SENT}
     assert [file.image.name for file in first.files if file.image] == ["a.JPG", "b.jpg", "left_c.png"]
@@ -36,7 +36,7 @@ def test_a_folder_is_sent_once_and_its_bytes_never_again(
     assert [step.bytes_done for step in seen] == sorted(step.bytes_done for step in seen)
 
     before = _received_bytes(gateway)
-    again = scene.images.upload(photographs, progress=seen.append)
+    again = scene.images.upload(photographs, on_progress=seen.append)
     assert [file.outcome for file in again.already_there] == [Outcome.ALREADY_THERE] * 3
     assert again.bytes_sent == 0
     assert seen[-1].bytes_done == size
@@ -67,7 +67,7 @@ def test_the_async_client_sends_several_at_a_time(
     async def main() -> tuple[UploadReport, UploadReport]:
         async with AsyncClient(url) as client:
             scene = await client.scenes.create("quarry")
-            first = await scene.images.upload(photographs, parallel=4, progress=seen.append)
+            first = await scene.images.upload(photographs, parallel=4, on_progress=seen.append)
             return first, await scene.images.upload(photographs)
 
     first, again = anyio.run(main)
@@ -121,7 +121,7 @@ def test_a_file_that_vanishes_is_reported(
         if progress.files_done == 0 and progress.bytes_done == 0:
             (tmp_path / "1.jpg").unlink(missing_ok=True)
 
-    report = scene.images.upload(tmp_path, progress=remove, parallel=1)
+    report = scene.images.upload(tmp_path, on_progress=remove, parallel=1)
     assert [file.outcome for file in report.files] == [Outcome.SENT, Outcome.FAILED, Outcome.SENT]
     assert isinstance(report.failed[0].error, FileNotFoundError)
 
@@ -181,7 +181,7 @@ def test_formats_that_are_not_read_are_named_and_not_sent(client: Client, photog
     (photographs / "IMG_1.HEIC").write_bytes(b"as phones write it")
     scene = client.scenes.create("quarry")
     seen: list[UploadProgress] = []
-    report = scene.images.upload(photographs, progress=seen.append)
+    report = scene.images.upload(photographs, on_progress=seen.append)
     sent = sum(file.path.stat().st_size for file in report.sent)
     assert sent == report.bytes_sent
     assert [file.path.name for file in report.failed] == ["IMG_1.HEIC"]

@@ -1,6 +1,7 @@
+import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx2
@@ -8,16 +9,17 @@ import pytest
 from fvs_client import (
     Client,
     ConnectionFailedError,
+    Event,
+    Job,
     JobCanceledError,
     JobFailedError,
     JobState,
     NotFoundError,
     Retries,
+    Scene,
+    UnexpectedAnswerError,
     WaitTimeoutError,
 )
-from fvs_client.effects import OpenReply
-from fvs_client.operations.events import MessageDecoder, follow
-from fvs_client.resources import Job, Scene
 from fvs_service.jobs.model import JobError
 
 Play = Callable[[], None]
@@ -198,16 +200,125 @@ def test_events_from_now_on_leave_out_the_past(scene: Scene) -> None:
     assert event.kind == "job.queued"
 
 
-def test_a_stream_that_broke_before_its_first_event_leaves_none_out() -> None:
-    following = follow("scn", None, Retries(first_s=0.0))
-    first = next(following).request
-    assert (first.params, "Last-Event-ID" in first.headers) == ({"tail": "true"}, False)
-    following.send(OpenReply(200, {}, "stream"))
-    following.send(b"retry: 1000\nid: 41\n\n")
-    following.throw(ConnectionFailedError("It broke."))
-    again = following.send(None).request
-    assert (again.params, again.headers["Last-Event-ID"]) == ({}, "41")
-    following.close()
+def event(number: int, **data: object) -> bytes:
+    document = {
+        "number": number,
+        "scene_id": "scn_1",
+        "kind": "job.queued",
+        "data": data,
+        "created_at": "2026-11-21T12:00:00Z",
+    }
+    return f"id: {number}\nevent: job.queued\ndata: {json.dumps(document)}\n\n".encode()
+
+
+class Streaming(httpx2.MockTransport):
+    """A service with one scene, whose streams of events are given; a stream breaks after its last piece."""
+
+    def __init__(self, scene: Scene, streams: list[list[bytes]]) -> None:
+        super().__init__(self._answer)
+        self._scene = scene.model_dump_json(by_alias=True)
+        self._streams = streams
+        self.requests: list[httpx2.Request] = []
+
+    def _answer(self, request: httpx2.Request) -> httpx2.Response:
+        if not request.url.path.endswith("/events"):
+            return httpx2.Response(200, content=self._scene)
+        self.requests.append(request)
+        pieces = self._streams.pop(0)
+
+        def content() -> Iterator[bytes]:
+            yield from pieces
+            raise httpx2.ReadError("cut")
+
+        return httpx2.Response(200, headers={"Content-Type": "text/event-stream"}, content=content())
+
+
+def take(transport: Streaming, count: int, after: int | None = 0) -> list[Event]:
+    with Client("http://service", retries=Retries(attempts=2, first_s=0.0), transport=transport) as client:
+        events = client.scenes.get("scn_1").events(after)
+        return [next(events) for _ in range(count)]
+
+
+def test_a_stream_that_broke_before_its_first_event_leaves_none_out(scene: Scene) -> None:
+    transport = Streaming(scene, [[b"retry: 1000\nid: 41\n\n"], [event(42)]])
+    assert [found.number for found in take(transport, 1, after=None)] == [42]
+    first, again = transport.requests
+    assert (dict(first.url.params), first.headers.get("Last-Event-ID")) == ({"tail": "true"}, None)
+    assert (dict(again.url.params), again.headers["Last-Event-ID"]) == ({}, "41")
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 1000])
+def test_events_are_read_however_they_are_cut(scene: Scene, size: int) -> None:
+    parts = [b": hello\n\nretry: 10\n\n", event(1), b": alive\n\n", event(2, name="zwölf"), event(3)]
+    stream = b"".join([*parts[:3], parts[3].replace(b"\n", b"\r\n"), b"event: unused\n\n", parts[4]])
+    transport = Streaming(scene, [[stream[start : start + size] for start in range(0, len(stream), size)]])
+    found = take(transport, 3)
+    assert [(one.number, one.data) for one in found] == [(1, {}), (2, {"name": "zwölf"}), (3, {})]
+
+
+@pytest.mark.parametrize(
+    "stream",
+    [b"data: no event\n\n", b"data: " + b"x" * (1 << 21)],
+    ids=["malformed", "endless"],
+)
+def test_events_that_make_no_sense_raise(scene: Scene, stream: bytes) -> None:
+    transport = Streaming(scene, [[stream]])
+    with pytest.raises(UnexpectedAnswerError):
+        take(transport, 1)
+    assert len(transport.requests) == 1
+
+
+def test_a_page_in_place_of_events_raises(scene: Scene) -> None:
+    transport = httpx2.MockTransport(
+        lambda request: httpx2.Response(
+            200,
+            content="<html>"
+            if request.url.path.endswith("/events")
+            else scene.model_dump_json(by_alias=True),
+        )
+    )
+    with (
+        Client("http://service", transport=transport) as client,
+        pytest.raises(UnexpectedAnswerError, match="event-stream"),
+    ):
+        next(client.scenes.get("scn_1").events())
+
+
+def test_heartbeats_do_not_outlast_the_deadline(
+    script: Any, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_client._sync.waiting._SILENCE_S", 0.5)
+    job = scene.update()
+
+    def play(handler: Any) -> None:
+        if not handler.path.endswith("/events"):
+            body = job.model_dump_json().encode()
+            handler.send_response(200)
+            handler.send_header("Content-Length", str(len(body)))
+            handler.end_headers()
+            handler.wfile.write(body)
+            return
+        handler.send_response(200)
+        handler.send_header("Content-Type", "text/event-stream")
+        handler.end_headers()
+        handler.close_connection = True
+        try:
+            for _ in range(100):
+                handler.wfile.write(b": nothing new\n\n")
+                handler.wfile.flush()
+                time.sleep(0.1)
+        except OSError:
+            pass
+
+    script.acts = [play]
+    began = time.monotonic()
+    with Client(script.url) as client:
+        elsewhere = job.model_copy()
+        elsewhere._session = client._session
+        with pytest.raises(WaitTimeoutError):
+            elsewhere.wait(timeout_s=1.0)
+    assert time.monotonic() - began < 5.0  # the heartbeats go on for 10 s
+    assert any("/events" in path for _, path, _, _ in script.requests)
 
 
 def test_events_that_cannot_be_had_raise(url: str) -> None:
@@ -218,20 +329,3 @@ def test_events_that_cannot_be_had_raise(url: str) -> None:
         elsewhere._session = client._session
         with pytest.raises(ConnectionFailedError):
             next(iter(elsewhere.events()))
-
-
-STREAM = (
-    ": hello\n\nretry: 10\n\nid: 1\nevent: a\ndata: x\ndata:y\n\ndata: zwölf\r\n\r\nevent: unused\n\ndata\n\n"
-).encode()
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 7, 1000])
-def test_messages_are_read_however_they_are_cut(size: int) -> None:
-    decoder = MessageDecoder()
-    chunks = [STREAM[start : start + size] for start in range(0, len(STREAM), size)]
-    messages = [message for chunk in chunks for message in decoder.feed(chunk)]
-    assert [(message.event, message.data) for message in messages] == [
-        ("a", "x\ny"),
-        ("message", "zwölf"),
-        ("message", ""),
-    ]

@@ -3,9 +3,17 @@
 ``Client`` waits for each answer, ``AsyncClient`` has the same names with ``await``.
 """
 
-from fvs_client.async_client import AsyncClient
-from fvs_client.async_resources import AsyncJob, AsyncRanking, AsyncScene, AsyncSnapshot
-from fvs_client.client import Client
+from fvs_client._async.client import AsyncClient
+from fvs_client._async.jobs import AsyncJob
+from fvs_client._async.rankings import AsyncRanking
+from fvs_client._async.scenes import AsyncScene
+from fvs_client._async.snapshots import AsyncSnapshot
+from fvs_client._sync.client import Client
+from fvs_client._sync.jobs import Job
+from fvs_client._sync.rankings import Ranking
+from fvs_client._sync.scenes import Scene
+from fvs_client._sync.snapshots import Snapshot
+from fvs_client.downloads import DownloadProgress
 from fvs_client.errors import (
     AnswerTimeoutError,
     ApiError,
@@ -64,10 +72,8 @@ from fvs_client.models import (
     VehiclePose,
     Verdict,
 )
-from fvs_client.operations.downloading import DownloadProgress
-from fvs_client.operations.uploading import Outcome, UploadedFile, UploadProgress, UploadReport
-from fvs_client.resources import Job, Ranking, Scene, Snapshot
 from fvs_client.retries import NO_RETRIES, Retries
+from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
 
 __all__ = [
     "NO_RETRIES",

@@ -1,4 +1,4 @@
-"""Where the service is, who asks, and what a failed connection means in words."""
+"""The service's URL and API key, the options of the HTTP client, and the errors of a failed connection."""
 
 import importlib.metadata
 import ipaddress
@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 
 import httpx2
 
-from fvs_client.effects import Request
 from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsError, UnexpectedAnswerError
+from fvs_client.requests import Request
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 _CONNECT_TIMEOUT_S = 10.0
@@ -20,7 +20,7 @@ _CONNECT_TIMEOUT_S = 10.0
 
 @dataclass(frozen=True)
 class Connection:
-    """How to reach the service. What is not given comes from ``FVS_URL`` and ``FVS_API_KEY``."""
+    """How to reach the service."""
 
     url: str
     api_key: str | None
@@ -31,11 +31,14 @@ class Connection:
     def resolve(
         cls, url: str | None, api_key: str | None, timeout_s: float, ssl_context: ssl.SSLContext | None
     ) -> "Connection":
-        """Fill in the environment; raises ``ValueError`` for a URL that is none."""
+        """Take the URL and the key that are None from ``FVS_URL`` and ``FVS_API_KEY``.
+
+        Raises ``ValueError`` for an invalid URL.
+        """
         chosen = (url or os.environ.get("FVS_URL") or DEFAULT_URL).rstrip("/")
         parts = urlsplit(chosen)
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError(f"{chosen!r} is no URL of a service; write for example {DEFAULT_URL}")
+            raise ValueError(f"{chosen!r} is not the URL of a service; an example is {DEFAULT_URL}")
         return cls(chosen, api_key or os.environ.get("FVS_API_KEY") or None, timeout_s, ssl_context)
 
     @property
@@ -49,14 +52,14 @@ class Connection:
             "headers": headers,
             "timeout": httpx2.Timeout(self.timeout_s, connect=min(_CONNECT_TIMEOUT_S, self.timeout_s)),
             "verify": self._trust,
-            "trust_env": not self._loopback,  # no proxy reaches this machine's loopback
+            "trust_env": not self._loopback,  # a proxy cannot reach this machine's loopback
         }
 
     @property
     def _trust(self) -> ssl.SSLContext | bool:
         if self.ssl_context is not None:
             return self.ssl_context
-        # SSL_CERT_FILE counts without trust_env, too.
+        # Honour SSL_CERT_FILE although trust_env is off.
         return ssl.create_default_context() if self._loopback and self.url.startswith("https") else True
 
     @property
@@ -68,8 +71,10 @@ class Connection:
             return host == "localhost"
 
     def request_options(self, request: Request) -> dict[str, Any]:
-        """Arguments of ``build_request``, without the body."""
+        """Arguments of ``build_request`` except the body of a ``FileBody``."""
         options: dict[str, Any] = {"headers": dict(request.headers), "params": dict(request.params)}
+        if isinstance(request.body, bytes):
+            options["content"] = request.body
         if request.document is not None:
             options["json"] = request.document
         if request.read_timeout_s is not None:
@@ -78,28 +83,34 @@ class Connection:
             )
         return options
 
-    def failure(self, error: httpx2.HTTPError) -> FvsError:
-        """What went wrong, in the words of this client."""
+    def failure(self, error: httpx2.HTTPError, request_id: str | None = None) -> FvsError:
+        """The ``FvsError`` for an error of the HTTP client."""
         if isinstance(error, httpx2.ConnectError) and "[SSL" in str(error):
             return ConnectionFailedError(
                 f"There is no secure connection to {self.url}: {error}.",
                 hint="SSL_CERT_FILE names a certificate to trust; a service without TLS is at http://.",
+                request_id=request_id,
             )
         if isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout):
             return ConnectionFailedError(
                 f"There is no answer at {self.url}.",
-                hint="Is the service running? `fvs serve` starts one; FVS_URL says where it is.",
+                hint="Is the service running? `fvs serve` starts one; FVS_URL sets where it is.",
+                request_id=request_id,
             )
         if isinstance(error, httpx2.TimeoutException):
             return AnswerTimeoutError(
                 f"{self.url} did not answer in time.",
                 hint="The link or the service is slow: try again, or give the client a longer timeout_s.",
+                request_id=request_id,
             )
-        if isinstance(error, httpx2.TransportError):
+        if isinstance(error, httpx2.TransportError) and not isinstance(error, httpx2.SSEError):
             return ConnectionFailedError(
-                f"The connection to {self.url} broke: {str(error) or 'no reason known'}."
+                f"The connection to {self.url} broke: {str(error) or 'no reason known'}.",
+                request_id=request_id,
             )
-        return UnexpectedAnswerError(f"The answer of {self.url} cannot be read: {error}")
+        return UnexpectedAnswerError(
+            f"The answer of {self.url} cannot be read: {error}", request_id=request_id
+        )
 
 
 def _user_agent() -> str:

@@ -1,12 +1,13 @@
-"""Every request that the client sends, as data: one place to compare with the service's OpenAPI document."""
+"""Every request that the client sends, as data: the counterpart of the service's OpenAPI document."""
 
 import base64
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from fvs_client.effects import FileBody, Request
 from fvs_client.models.base import Input
 from fvs_client.models.images import ImageMetadata
 from fvs_client.models.jobs import JobKind, JobRequest
@@ -14,21 +15,68 @@ from fvs_client.models.rankings import Candidate, Generator, Pose, RankingReques
 from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneRequest, World
 
 Candidates = Mapping[str, Pose] | Iterable[Candidate]
-"""Poses by their ids, or ``Candidate``s."""
+"""Poses by candidate id, or ``Candidate``s."""
+
+REQUEST_ID = "X-Request-Id"
 
 _RANKING_TIMEOUT_S = 180.0
-"""A cold scene is warmed first, and 2,000 views take their time on a processor."""
+"""A cold scene is warmed first, and 2,000 views take long on a CPU."""
 _EVENTS_TIMEOUT_S = 40.0
-"""The service says every 15 s that it lives."""
+"""The service sends a heartbeat every 15 s."""
+
+
+@dataclass
+class FileBody:
+    """A file as the body of a request, read while it is sent; ``on_bytes`` gets the size of each sent chunk.
+
+    When the request is sent again, ``on_bytes`` first gets minus the number of bytes sent before.
+    """
+
+    path: Path
+    size_bytes: int
+    on_bytes: Callable[[int], None]
+    sent_bytes: int = 0
+
+    def restart(self) -> None:
+        """Begin to send the file from its first byte."""
+        if self.sent_bytes:
+            self.on_bytes(-self.sent_bytes)
+            self.sent_bytes = 0
+
+    def advance(self, size_bytes: int) -> None:
+        """Count a chunk that was sent."""
+        self.sent_bytes += size_bytes
+        self.on_bytes(size_bytes)
+
+
+@dataclass(frozen=True)
+class Request:
+    """One request."""
+
+    method: str
+    path: str
+    params: Mapping[str, Any] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    document: Mapping[str, Any] | None = None
+    """Sent as JSON."""
+    body: bytes | FileBody | None = None
+    repeatable: bool = True
+    """Whether sending it twice has the effect of sending it once."""
+    read_timeout_s: float | None = None
+    """Replaces the client's own read timeout."""
+
+    def identified(self) -> "Request":
+        """The request with an ``X-Request-Id``, by which the service's log can be searched."""
+        return replace(self, headers={REQUEST_ID: f"req_{uuid.uuid4().hex}", **self.headers})
 
 
 def capabilities() -> Request:
-    """What the service can do."""
+    """Get the service's capabilities and limits."""
     return Request("GET", "/v1/capabilities")
 
 
 def health() -> Request:
-    """Whether the service can take what it is sent."""
+    """Check that the service is ready."""
     return Request("GET", "/readyz")
 
 
@@ -39,7 +87,7 @@ def create_scene(
     policy: Policy | None,
     idempotency_key: str | None,
 ) -> Request:
-    """Make a scene."""
+    """Create a scene."""
     request = SceneRequest(
         name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
     )
@@ -47,24 +95,24 @@ def create_scene(
 
 
 def get_scene(scene_id: str) -> Request:
-    """Show a scene."""
+    """Get a scene."""
     return Request("GET", f"/v1/scenes/{_part(scene_id)}")
 
 
 def list_of(path: str, after: str | None, limit: int | None) -> Request:
-    """A page of a list."""
+    """Get a page of a list: at most ``limit`` items after the cursor ``after``."""
     given = {"after": after, "limit": limit}
     return Request("GET", path, {name: value for name, value in given.items() if value is not None})
 
 
 def check_images(scene_id: str, digests: Iterable[str]) -> Request:
-    """Ask which of these images the scene has."""
+    """Ask which of these digests (``sha256:…``) the scene has."""
     path = f"/v1/scenes/{_part(scene_id)}/images:check"
     return Request("POST", path, document={"digests": list(digests)})
 
 
 def put_image(scene_id: str, digest: str, body: bytes | FileBody, metadata: ImageMetadata | None) -> Request:
-    """Send an image's bytes; ``digest`` is ``sha256:…``."""
+    """Upload an image whose ``digest`` is ``sha256:…``."""
     checked = base64.b64encode(bytes.fromhex(digest.removeprefix("sha256:"))).decode()
     return Request(
         "PUT",
@@ -76,12 +124,12 @@ def put_image(scene_id: str, digest: str, body: bytes | FileBody, metadata: Imag
 
 
 def get_image(scene_id: str, digest: str) -> Request:
-    """Show an image."""
+    """Get an image's record."""
     return Request("GET", f"{images_of(scene_id)}/{_part(digest)}")
 
 
 def images_of(scene_id: str) -> str:
-    """Where a scene's images are listed."""
+    """Path of a scene's list of images."""
     return f"/v1/scenes/{_part(scene_id)}/images"
 
 
@@ -93,7 +141,7 @@ def create_job(
     test_every: int | None,
     idempotency_key: str | None,
 ) -> Request:
-    """Queue a job."""
+    """Create a job."""
     request = JobRequest(
         kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px, test_every=test_every
     )
@@ -101,27 +149,27 @@ def create_job(
 
 
 def jobs_of(scene_id: str) -> str:
-    """Where a scene's jobs are listed."""
+    """Path of a scene's list of jobs."""
     return f"/v1/scenes/{_part(scene_id)}/jobs"
 
 
 def get_job(job_id: str) -> Request:
-    """Show a job."""
+    """Get a job."""
     return Request("GET", f"/v1/jobs/{_part(job_id)}")
 
 
 def cancel_job(job_id: str) -> Request:
-    """Stop a job; one that has ended stays as it is, so asking twice does no harm."""
+    """Cancel a job; a job that has ended stays unchanged, so the request is repeatable."""
     return Request("POST", f"/v1/jobs/{_part(job_id)}:cancel")
 
 
 def retry_job(job_id: str) -> Request:
-    """Queue a failed or canceled job again; asked twice, the second is refused."""
+    """Queue a failed or canceled job again; not repeatable: the second request gets a conflict."""
     return Request("POST", f"/v1/jobs/{_part(job_id)}:retry", repeatable=False)
 
 
 def watch_events(scene_id: str, after: int | None, timeout_s: float | None = None) -> Request:
-    """A scene's events after number ``after``; without it those that come from now on."""
+    """Stream a scene's events after number ``after``; None: only new ones."""
     resumed = after is not None and after > 0
     return Request(
         "GET",
@@ -146,7 +194,7 @@ def create_ranking(
     seed: int,
     idempotency_key: str | None,
 ) -> Request:
-    """Rank candidates."""
+    """Create a ranking."""
     if isinstance(candidates, Mapping):
         candidates = [Candidate(id=name, pose=pose) for name, pose in candidates.items()]
     request = RankingRequest(
@@ -165,28 +213,28 @@ def create_ranking(
 
 
 def get_ranking(ranking_id: str) -> Request:
-    """Show a ranking."""
+    """Get a ranking."""
     return Request("GET", f"/v1/rankings/{_part(ranking_id)}")
 
 
-def draw_candidate(ranking_id: str, candidate_id: str, picture: str) -> Request:
-    """A PNG of what a candidate sees (``render``), or of its ``spectrum``."""
-    path = f"/v1/rankings/{_part(ranking_id)}/candidates/{_part(candidate_id)}/{picture}.png"
+def get_candidate_image(ranking_id: str, candidate_id: str, kind: str) -> Request:
+    """Get the PNG of a candidate's ``render`` or ``spectrum``."""
+    path = f"/v1/rankings/{_part(ranking_id)}/candidates/{_part(candidate_id)}/{kind}.png"
     return Request("GET", path, read_timeout_s=_RANKING_TIMEOUT_S)
 
 
 def snapshots_of(scene_id: str) -> str:
-    """Where a scene's snapshots are listed."""
+    """Path of a scene's list of snapshots."""
     return f"/v1/scenes/{_part(scene_id)}/snapshots"
 
 
 def get_snapshot(snapshot_id: str) -> Request:
-    """Show a snapshot."""
+    """Get a snapshot."""
     return Request("GET", f"/v1/snapshots/{_part(snapshot_id)}")
 
 
 def read_artifact(snapshot_id: str, name: str, start: int = 0, tag: str | None = None) -> Request:
-    """A file of a snapshot, from byte ``start`` on if it is still the one that ``tag`` names."""
+    """Get an artifact of a snapshot, from byte ``start`` if its ETag is still ``tag``."""
     headers: dict[str, str] = {"Accept-Encoding": "identity"}
     if start:
         headers["Range"] = f"bytes={start}-"
@@ -198,7 +246,7 @@ def read_artifact(snapshot_id: str, name: str, start: int = 0, tag: str | None =
 def _keyed(
     path: str, content: Input, idempotency_key: str | None, read_timeout_s: float | None = None
 ) -> Request:
-    """A POST that makes its resource once, however often it is sent."""
+    """A POST that creates its resource once, however often it is sent."""
     return Request(
         "POST",
         path,
@@ -209,5 +257,5 @@ def _keyed(
 
 
 def _part(value: Any) -> str:
-    """A segment of a path: an id cannot lead elsewhere."""
+    """Quote a path segment, so that an id cannot change the path."""
     return quote(str(value), safe=":@+~._-") if value not in (".", "..") else "%2E" * len(value)

@@ -1,4 +1,4 @@
-"""When a request is sent again, and after how long."""
+"""When a request is sent again, and after which pause."""
 
 import random
 from collections.abc import Callable
@@ -11,11 +11,10 @@ _TRANSIENT = frozenset({408, 429, 500, 502, 503, 504})
 
 @dataclass(frozen=True)
 class Retries:
-    """Requests that may be repeated are sent up to ``attempts`` times, all within about ``within_s``.
+    """Repeatable requests are sent up to ``attempts`` times, all within about ``within_s``.
 
-    The pauses have full jitter: anything from nothing to ``first_s`` · 2ⁿ, at most ``longest_s``, so that
-    clients that failed together do not come back together. It comes on top of the ``Retry-After`` of the
-    service, if there is one.
+    Pauses have full jitter: uniform between 0 and ``first_s`` · 2ⁿ, at most ``longest_s``, so that clients
+    that failed together do not return together. A ``Retry-After`` of the service is added.
     """
 
     attempts: int = 5
@@ -26,7 +25,7 @@ class Retries:
     """Uniform in [0, 1)."""
 
     def pause_s(self, error: FvsError, attempt: int, elapsed_s: float) -> float | None:
-        """How long to wait after the failed ``attempt`` (the first is 1); None to give up."""
+        """The pause in s after the failed ``attempt`` (the first is 1); None to give up."""
         if attempt >= self.attempts or not _is_transient(error):
             return None
         pause = self.draw() * min(self.longest_s, self.first_s * 2.0 ** (attempt - 1))

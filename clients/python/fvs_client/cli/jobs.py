@@ -6,6 +6,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from fvs_client import Job
 from fvs_client.cli.progress import display, job_progress
 from fvs_client.cli.quality import in_words
 from fvs_client.cli.session import (
@@ -18,7 +19,6 @@ from fvs_client.cli.session import (
     service,
 )
 from fvs_client.models.jobs import JobKind, JobRequest
-from fvs_client.resources import Job
 
 jobs = typer.Typer(help="Show, await, cancel and retry jobs.", no_args_is_help=True)
 

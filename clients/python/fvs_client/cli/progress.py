@@ -21,9 +21,9 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from fvs_client.downloads import DownloadProgress
 from fvs_client.models.jobs import JobData
-from fvs_client.operations.downloading import DownloadProgress
-from fvs_client.operations.uploading import UploadedFile, UploadProgress
+from fvs_client.uploads import UploadedFile, UploadProgress
 
 _LOG_EVERY_S = 10.0
 _JSON_EVERY_S = 0.2

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from fvs_client import Ranking
 from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -20,7 +21,6 @@ from fvs_client.models.rankings import (
     Orbit,
     Pose,
 )
-from fvs_client.resources import Ranking
 
 T = TypeVar("T")
 

@@ -8,10 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from fvs_client import Client, Scene
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE, exit_code_of
-from fvs_client.client import Client
 from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
-from fvs_client.resources import Scene
 from fvs_client.retries import Retries
 
 JsonOption = Annotated[

@@ -6,13 +6,12 @@ from typing import Annotated
 
 import typer
 
+from fvs_client import Client, Snapshot
 from fvs_client.cli.exit_codes import SOME_FILES
 from fvs_client.cli.progress import display, download_progress, upload_progress, verdict_of
 from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
-from fvs_client.client import Client
-from fvs_client.operations.photographs import SUFFIXES, find_photographs
-from fvs_client.operations.uploading import UploadedFile, UploadProgress, UploadReport
-from fvs_client.resources import Snapshot
+from fvs_client.image_files import SUFFIXES, find_image_files
+from fvs_client.uploads import UploadedFile, UploadProgress, UploadReport
 
 
 def upload(
@@ -23,7 +22,7 @@ def upload(
     as_json: JsonOption = False,
 ) -> None:
     """Send photographs. What the scene has already is not sent again, so the same command goes on."""
-    if not any(photograph.readable for photograph in find_photographs(paths)):
+    if not any(photograph.readable for photograph in find_image_files(paths)):
         where = ", ".join(map(str, paths))
         raise typer.BadParameter(
             f"There is no photograph in {where}: no file in {', '.join(sorted(SUFFIXES))}."
@@ -41,7 +40,7 @@ def upload(
                     shown.say(f"{last.path}: {verdict_of(last)}")
 
             told: list[UploadedFile] = []
-            report = images.upload(paths, parallel=parallel, progress=on_progress)
+            report = images.upload(paths, parallel=parallel, on_progress=on_progress)
     if as_json:
         print_json(_document(report))
     else:

@@ -1,4 +1,4 @@
-"""Which files an upload means."""
+"""Find the image files of an upload."""
 
 import re
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from pathlib import Path
 Paths = str | PathLike[str] | Iterable[str | PathLike[str]]
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".mpo", ".bmp"})
-"""What is taken of a folder; a file that is named itself is always sent."""
+"""Files of a folder that are uploaded; a file given by its own path is always uploaded."""
 
 UNREADABLE_SUFFIXES = frozenset(
     {
@@ -28,50 +28,50 @@ UNREADABLE_SUFFIXES = frozenset(
         ".raf",
     }
 )
-"""Photographs of formats that the service does not read: in a folder they are named, not passed over."""
+"""Formats that the service does not read; such files of a folder are reported as failed."""
 
 _LONGEST_NAME = 255
 
 
 @dataclass(frozen=True)
-class Photograph:
-    """A file, and what the service will call it; only what is ``readable`` is worth sending."""
+class ImageFile:
+    """A file and its name in the scene; ``readable``: whether the service reads its format."""
 
     path: Path
     name: str
     readable: bool = True
 
 
-def find_photographs(paths: Paths) -> list[Photograph]:
-    """The photographs that ``paths`` mean, sorted within each folder, each once.
+def find_image_files(paths: Paths) -> list[ImageFile]:
+    """The image files in ``paths``, each once, sorted within each folder.
 
-    A folder means every photograph in and below it, without hidden ones; in its name the folders between are
-    kept (``left_0001.jpg``). Raises ``FileNotFoundError`` for a path that does not exist.
+    A folder means all images in and below it except hidden ones; names keep the folders in between
+    (``left_0001.jpg``). Raises ``FileNotFoundError`` for a path that does not exist.
     """
     listed = [paths] if isinstance(paths, str | PathLike) else list(paths)
-    found: dict[Path, Photograph] = {}
+    found: dict[Path, ImageFile] = {}
     for path in map(Path, listed):
         if not path.exists():
             raise FileNotFoundError(f"{path} does not exist.")
-        for photograph in _files_in(path) if path.is_dir() else [Photograph(path, _sendable(path.name))]:
-            found.setdefault(photograph.path, photograph)
+        for file in _files_in(path) if path.is_dir() else [ImageFile(path, _valid_name(path.name))]:
+            found.setdefault(file.path, file)
     return list(found.values())
 
 
-def _files_in(folder: Path) -> list[Photograph]:
+def _files_in(folder: Path) -> list[ImageFile]:
     inside = sorted(
         file.relative_to(folder)
         for file in folder.rglob("*")
         if file.suffix.lower() in SUFFIXES | UNREADABLE_SUFFIXES and file.is_file()
     )
     return [
-        Photograph(folder / file, _sendable("_".join(file.parts)), file.suffix.lower() in SUFFIXES)
+        ImageFile(folder / file, _valid_name("_".join(file.parts)), file.suffix.lower() in SUFFIXES)
         for file in inside
         if not any(part.startswith(".") for part in file.parts)
     ]
 
 
-def _sendable(name: str) -> str:
-    """A name that the service takes: no control characters, no undecodable bytes, not too long."""
+def _valid_name(name: str) -> str:
+    """A name that the service accepts: no control characters or undecodable bytes, not too long."""
     readable = name.encode("utf-8", errors="replace").decode()
     return re.sub(r"[\x00-\x1f\x7f/\\]", "_", readable)[-_LONGEST_NAME:]

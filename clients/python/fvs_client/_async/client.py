@@ -1,4 +1,4 @@
-"""The client for asyncio."""
+"""The client."""
 
 import ssl
 from types import TracebackType
@@ -7,19 +7,23 @@ from typing import Self
 import httpx2
 
 from fvs_client import requests
-from fvs_client.async_resources import AsyncJobs, AsyncRankings, AsyncScenes, AsyncSnapshots
-from fvs_client.awaiting import AsyncSession
+from fvs_client._async.jobs import AsyncJobs
+from fvs_client._async.rankings import AsyncRankings
+from fvs_client._async.scenes import AsyncScenes
+from fvs_client._async.session import AsyncSession
+from fvs_client._async.snapshots import AsyncSnapshots
 from fvs_client.connection import Connection
 from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
 
 
 class AsyncClient:
-    """The fvs service, as ``Client``, with ``await``.
+    """Connection to an fvs service, with its resources as attributes.
 
+    ``Client`` blocks and may be shared by threads; ``AsyncClient`` has the same methods for ``await``.
     ``url`` and ``api_key`` default to ``FVS_URL`` and ``FVS_API_KEY``, and the URL then to
     ``http://127.0.0.1:8000``. ``ssl_context`` is for certificates of your own; ``transport`` replaces the
-    network, for tests.
+    network in tests. Raises ``ValueError`` for an invalid URL.
     """
 
     def __init__(
@@ -41,11 +45,11 @@ class AsyncClient:
         self.rankings = AsyncRankings(self._session)
 
     async def capabilities(self) -> Capabilities:
-        """What the service can do, and its limits."""
+        """Get the service's capabilities and limits."""
         return await self._session.fetch(Capabilities, requests.capabilities())
 
     async def health(self) -> Health:
-        """That the service is ready; raises when it is not."""
+        """Check that the service is ready; raises ``FvsError`` when it is not."""
         return await self._session.fetch(Health, requests.health())
 
     async def close(self) -> None:

@@ -1,4 +1,5 @@
-"""The client that waits for each answer."""
+# Generated from _async/client.py by `make generate`. Do not edit.
+"""The client."""
 
 import ssl
 from types import TracebackType
@@ -7,19 +8,23 @@ from typing import Self
 import httpx2
 
 from fvs_client import requests
-from fvs_client.blocking import Session
+from fvs_client._sync.jobs import Jobs
+from fvs_client._sync.rankings import Rankings
+from fvs_client._sync.scenes import Scenes
+from fvs_client._sync.session import Session
+from fvs_client._sync.snapshots import Snapshots
 from fvs_client.connection import Connection
 from fvs_client.models.service import Capabilities, Health
-from fvs_client.resources import Jobs, Rankings, Scenes, Snapshots
 from fvs_client.retries import Retries
 
 
 class Client:
-    """The fvs service; safe to be used from several threads.
+    """Connection to an fvs service, with its resources as attributes.
 
+    ``Client`` blocks and may be shared by threads; ``AsyncClient`` has the same methods for ``await``.
     ``url`` and ``api_key`` default to ``FVS_URL`` and ``FVS_API_KEY``, and the URL then to
     ``http://127.0.0.1:8000``. ``ssl_context`` is for certificates of your own; ``transport`` replaces the
-    network, for tests.
+    network in tests. Raises ``ValueError`` for an invalid URL.
     """
 
     def __init__(
@@ -41,11 +46,11 @@ class Client:
         self.rankings = Rankings(self._session)
 
     def capabilities(self) -> Capabilities:
-        """What the service can do, and its limits."""
+        """Get the service's capabilities and limits."""
         return self._session.fetch(Capabilities, requests.capabilities())
 
     def health(self) -> Health:
-        """That the service is ready; raises when it is not."""
+        """Check that the service is ready; raises ``FvsError`` when it is not."""
         return self._session.fetch(Health, requests.health())
 
     def close(self) -> None:

@@ -1,0 +1,37 @@
+"""A scene's events, as server-sent events (WHATWG HTML, section 9.2)."""
+
+from collections.abc import AsyncIterator
+
+import httpx2
+
+from fvs_client import requests
+from fvs_client._async.concurrency import sleep
+from fvs_client._async.session import AsyncSession
+from fvs_client.answers import event_number, parse_event
+from fvs_client.errors import FvsError
+from fvs_client.models.events import Event
+
+
+async def follow(session: AsyncSession, scene_id: str, after: int | None) -> AsyncIterator[Event]:
+    """A scene's events after number ``after`` (None: only new ones), without end.
+
+    Resumes a broken stream after the last event, so that no event is lost or repeated. Raises when this fails
+    as often in a row as the session's retries allow.
+    """
+    failures = 0
+    while True:
+        try:
+            async with session.open(requests.watch_events(scene_id, after)) as response:
+                async for message in httpx2.EventSource(response):
+                    failures = 0
+                    after = event_number(message, after)
+                    if message.data:
+                        yield parse_event(message)
+            pause = session.retries.first_s  # the service closed the stream: it stops or restarts
+        except FvsError as error:
+            failures += 1
+            again = session.retries.pause_s(error, failures, 0.0)
+            if again is None:
+                raise
+            pause = again
+        await sleep(pause)

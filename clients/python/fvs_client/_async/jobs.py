@@ -1,0 +1,88 @@
+"""Jobs."""
+
+from collections.abc import AsyncIterator, Callable
+from typing import Self
+
+from fvs_client import requests
+from fvs_client._async import waiting
+from fvs_client._async.session import AsyncResource, AsyncSession
+from fvs_client._async.snapshots import AsyncSnapshot
+from fvs_client.models.jobs import JobData, JobKind
+
+
+class AsyncJob(AsyncResource, JobData):
+    """A job as it was when it was fetched; ``refresh`` and ``wait`` return its current state."""
+
+    async def refresh(self) -> Self:
+        """Get the job's current state."""
+        return await self._session.fetch(type(self), requests.get_job(self.id))
+
+    async def wait(
+        self, *, timeout_s: float | None = None, on_progress: Callable[[Self], object] | None = None
+    ) -> Self:
+        """Return the job once it has succeeded; ``on_progress`` gets the job at every change.
+
+        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
+        """
+        return await waiting.wait(
+            self._session,
+            type(self),
+            self.id,
+            self.scene_id,
+            timeout_s=timeout_s,
+            on_progress=on_progress,
+        )
+
+    async def cancel(self) -> Self:
+        """Cancel the job; one that has ended stays unchanged."""
+        return await self._session.fetch(type(self), requests.cancel_job(self.id))
+
+    async def retry(self) -> Self:
+        """Queue a failed or canceled job again; finished stages are not repeated."""
+        return await self._session.fetch(type(self), requests.retry_job(self.id))
+
+    async def snapshot(self) -> AsyncSnapshot | None:
+        """Get the latest snapshot of this job."""
+        if self.snapshot_id is None:
+            return None
+        return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(self.snapshot_id))
+
+
+class AsyncJobs:
+    """Jobs by id."""
+
+    def __init__(self, session: AsyncSession) -> None:
+        self._session = session
+
+    async def get(self, job_id: str) -> AsyncJob:
+        """Get a job."""
+        return await self._session.fetch(AsyncJob, requests.get_job(job_id))
+
+
+class AsyncSceneJobs:
+    """The jobs of a scene."""
+
+    def __init__(self, session: AsyncSession, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    async def create(
+        self,
+        kind: JobKind | str,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> AsyncJob:
+        """Queue a job; a queued job with the same settings is returned instead.
+
+        Raises ``ConflictError`` when a queued job has other settings.
+        """
+        request = requests.create_job(
+            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        )
+        return await self._session.fetch(AsyncJob, request)
+
+    def list(self) -> AsyncIterator[AsyncJob]:
+        """All jobs, oldest first."""
+        return self._session.items(AsyncJob, requests.jobs_of(self._scene_id))

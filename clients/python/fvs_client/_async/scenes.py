@@ -1,0 +1,131 @@
+"""Scenes."""
+
+from collections.abc import AsyncIterator
+from typing import Self
+
+from fvs_client import requests
+from fvs_client._async.events import follow
+from fvs_client._async.images import AsyncSceneImages
+from fvs_client._async.jobs import AsyncJob, AsyncSceneJobs
+from fvs_client._async.rankings import AsyncRanking
+from fvs_client._async.session import AsyncResource, AsyncSession
+from fvs_client._async.snapshots import AsyncSceneSnapshots
+from fvs_client.models.events import Event
+from fvs_client.models.jobs import JobKind
+from fvs_client.models.rankings import Generator, Pose
+from fvs_client.models.scenes import CameraPrior, Policy, SceneData, World
+from fvs_client.requests import Candidates
+
+
+class AsyncScene(AsyncResource, SceneData):
+    """A scene as it was when it was fetched; ``refresh`` returns its current state."""
+
+    @property
+    def images(self) -> AsyncSceneImages:
+        """The scene's images (``image_counts`` has their numbers)."""
+        return AsyncSceneImages(self._session, self.id)
+
+    @property
+    def jobs(self) -> AsyncSceneJobs:
+        """The scene's jobs."""
+        return AsyncSceneJobs(self._session, self.id)
+
+    @property
+    def snapshots(self) -> AsyncSceneSnapshots:
+        """The scene's snapshots."""
+        return AsyncSceneSnapshots(self._session, self.id)
+
+    async def refresh(self) -> Self:
+        """Get the scene's current state."""
+        return await self._session.fetch(type(self), requests.get_scene(self.id))
+
+    async def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> AsyncJob:
+        """Queue an update: register all pending images and train the model further."""
+        return await self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
+
+    async def fine(
+        self,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+    ) -> AsyncJob:
+        """Queue a fine job: train the final model; with ``test_every``, every Nth image is held out."""
+        return await self.jobs.create(
+            JobKind.FINE, iterations=iterations, long_side_px=long_side_px, test_every=test_every
+        )
+
+    async def rank(
+        self,
+        candidates: Candidates | None = None,
+        *,
+        generator: Generator | None = None,
+        current_pose: Pose | None = None,
+        radius_m: float | None = None,
+        top_k: int | None = None,
+        method: str = "median-frequency",
+        snapshot_id: str | None = None,
+        budget: int = 1,
+        seed: int = 0,
+        idempotency_key: str | None = None,
+    ) -> AsyncRanking:
+        """Rank the views that could be photographed next; answered at once, also while a job runs.
+
+        ``candidates`` are poses by candidate id, or made by a ``generator``. With ``radius_m``, only
+        candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
+        scene has no model.
+        """
+        request = requests.create_ranking(
+            self.id,
+            candidates=candidates,
+            generator=generator,
+            current_pose=current_pose,
+            radius_m=radius_m,
+            top_k=top_k,
+            method=method,
+            snapshot_id=snapshot_id,
+            budget=budget,
+            seed=seed,
+            idempotency_key=idempotency_key,
+        )
+        return await self._session.fetch(AsyncRanking, request)
+
+    def events(self, after: int | None = 0) -> AsyncIterator[Event]:
+        """The scene's events after number ``after`` (None: only new ones), without end.
+
+        Resumes after a broken connection; no event is lost or repeated.
+        """
+        return follow(self._session, self.id, after)
+
+
+class AsyncScenes:
+    """All scenes."""
+
+    def __init__(self, session: AsyncSession) -> None:
+        self._session = session
+
+    async def create(
+        self,
+        name: str,
+        *,
+        world: World | None = None,
+        camera: CameraPrior | None = None,
+        policy: Policy | None = None,
+        idempotency_key: str | None = None,
+    ) -> AsyncScene:
+        """Create a scene; by default its world comes from the GPS positions of its images."""
+        return await self._session.fetch(
+            AsyncScene, requests.create_scene(name, world, camera, policy, idempotency_key)
+        )
+
+    async def get(self, scene_id: str) -> AsyncScene:
+        """Get a scene."""
+        return await self._session.fetch(AsyncScene, requests.get_scene(scene_id))
+
+    def images(self, scene_id: str) -> AsyncSceneImages:
+        """The images of a scene, without fetching the scene: for a device whose API key may only upload."""
+        return AsyncSceneImages(self._session, scene_id)
+
+    def list(self) -> AsyncIterator[AsyncScene]:
+        """All scenes, oldest first."""
+        return self._session.items(AsyncScene, "/v1/scenes")

@@ -1,0 +1,126 @@
+"""HTTP with authentication, retries and typed errors."""
+
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, Generic, TypeVar
+
+import httpx2
+import pydantic
+from pydantic import PrivateAttr
+
+from fvs_client import requests
+from fvs_client._async.concurrency import run_blocking, sleep
+from fvs_client.answers import parse, refusal
+from fvs_client.connection import Connection
+from fvs_client.errors import FvsError
+from fvs_client.models.base import Answer
+from fvs_client.requests import REQUEST_ID, FileBody, Request
+from fvs_client.retries import Retries
+
+M = TypeVar("M", bound=pydantic.BaseModel)
+
+_CHUNK_BYTES = 1 << 18
+
+
+class AsyncSession:
+    """Sends requests over one connection pool."""
+
+    def __init__(
+        self, connection: Connection, retries: Retries, transport: httpx2.AsyncBaseTransport | None
+    ) -> None:
+        self.retries = retries
+        self._connection = connection
+        self._http = httpx2.AsyncClient(transport=transport, **connection.options)
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def fetch(self, kind: type[M], request: Request) -> M:
+        """Send ``request``, with retries, and parse the answer."""
+        return parse(kind, await self.content(request), self)
+
+    async def content(self, request: Request) -> bytes:
+        """Send ``request`` until it succeeds or ``retries`` are used up, and return the answer's content."""
+        request = request.identified()
+        began, attempt = time.monotonic(), 0
+        while True:
+            attempt += 1
+            try:
+                async with self.open(request) as response:
+                    return await response.aread()
+            except FvsError as error:
+                pause = self.retries.pause_s(error, attempt, time.monotonic() - began)
+                if pause is None or not request.repeatable:
+                    raise
+            await sleep(pause)
+
+    @asynccontextmanager
+    async def open(self, request: Request) -> AsyncIterator[httpx2.Response]:
+        """Send ``request`` once; the content of the response is read inside the block.
+
+        Raises ``FvsError``, also for what breaks while the content is read.
+        """
+        request = request.identified()
+        request_id = request.headers[REQUEST_ID]
+        try:
+            response = await self._http.send(self._build(request), stream=True)
+            try:
+                if response.is_error:
+                    await response.aread()
+                    raise refusal(response, request_id)
+                yield response
+            finally:
+                await response.aclose()
+        except httpx2.HTTPError as error:
+            raise self._connection.failure(error, request_id) from error
+
+    async def items(self, kind: type[M], path: str, limit: int | None = None) -> AsyncIterator[M]:
+        """The items of a list; pages of ``limit`` items are requested as they are needed."""
+        page_of: type[_Page[M]] = _Page[kind]  # type: ignore[valid-type]
+        after: str | None = None
+        while True:
+            page = await self.fetch(page_of, requests.list_of(path, after, limit))
+            for item in page.items:
+                yield item
+            if page.next is None:
+                return
+            after = page.next
+
+    def _build(self, request: Request) -> httpx2.Request:
+        options = self._connection.request_options(request)
+        if isinstance(request.body, FileBody):
+            options["content"] = _chunks(request.body)
+            options["headers"]["Content-Length"] = str(request.body.size_bytes)
+        return self._http.build_request(request.method, request.path, **options)
+
+
+class AsyncResource(Answer):
+    """Base of answers that can send requests of their own."""
+
+    _session: AsyncSession = PrivateAttr()
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Keep the session that fetched the answer."""
+        self._session = context["session"]
+
+
+class _Page(Answer, Generic[M]):
+    """A part of a list; ``next`` is the cursor of the rest."""
+
+    items: tuple[M, ...]
+    next: str | None
+
+
+async def _chunks(body: FileBody) -> AsyncIterator[bytes]:
+    """The content of a file; raises ``OSError`` when the file no longer has ``size_bytes``."""
+    body.restart()
+    with await run_blocking(body.path.open, "rb") as file:
+        while chunk := await run_blocking(file.read, _CHUNK_BYTES):
+            if body.sent_bytes + len(chunk) > body.size_bytes:
+                break
+            yield chunk
+            body.advance(len(chunk))
+    if chunk or body.sent_bytes != body.size_bytes:
+        raise OSError(f"{body.path} changed while it was sent.")

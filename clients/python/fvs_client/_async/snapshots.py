@@ -1,0 +1,64 @@
+"""Snapshots and their artifacts."""
+
+from collections.abc import AsyncIterator, Callable
+from os import PathLike
+from pathlib import Path
+
+from fvs_client import requests
+from fvs_client._async import downloading
+from fvs_client._async.session import AsyncResource, AsyncSession
+from fvs_client.downloads import DownloadProgress, artifact_named, target_path
+from fvs_client.models.scenes import SceneData
+from fvs_client.models.snapshots import SnapshotCameras, SnapshotData
+
+
+class AsyncSnapshot(AsyncResource, SnapshotData):
+    """An immutable model and its artifacts."""
+
+    async def download(
+        self,
+        name: str,
+        path: str | PathLike[str] = ".",
+        *,
+        on_progress: Callable[[DownloadProgress], object] | None = None,
+    ) -> Path:
+        """Write the artifact ``name`` to ``path`` (or into that folder), verified; return where it is.
+
+        An interrupted download resumes where it ended. Raises ``DamagedDownloadError``.
+        """
+        artifact, target = artifact_named(self, name), target_path(path, name)
+        return await downloading.download(self._session, self.id, artifact, target, on_progress)
+
+    async def cameras(self) -> SnapshotCameras:
+        """The cameras of the registered images, in the model's frame."""
+        content = await downloading.read(self._session, self.id, artifact_named(self, "cameras.json"))
+        return SnapshotCameras.model_validate_json(content)
+
+
+class AsyncSnapshots:
+    """Snapshots by id."""
+
+    def __init__(self, session: AsyncSession) -> None:
+        self._session = session
+
+    async def get(self, snapshot_id: str) -> AsyncSnapshot:
+        """Get a snapshot."""
+        return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(snapshot_id))
+
+
+class AsyncSceneSnapshots:
+    """The snapshots of a scene."""
+
+    def __init__(self, session: AsyncSession, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    async def latest(self) -> AsyncSnapshot | None:
+        """Get the latest snapshot; None when the scene has no model."""
+        scene = await self._session.fetch(SceneData, requests.get_scene(self._scene_id))
+        if scene.snapshot_id is None:
+            return None
+        return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(scene.snapshot_id))
+
+    def list(self) -> AsyncIterator[AsyncSnapshot]:
+        """All snapshots, oldest first."""
+        return self._session.items(AsyncSnapshot, requests.snapshots_of(self._scene_id))

@@ -1,0 +1,89 @@
+# Generated from _async/jobs.py by `make generate`. Do not edit.
+"""Jobs."""
+
+from collections.abc import Callable, Iterator
+from typing import Self
+
+from fvs_client import requests
+from fvs_client._sync import waiting
+from fvs_client._sync.session import Resource, Session
+from fvs_client._sync.snapshots import Snapshot
+from fvs_client.models.jobs import JobData, JobKind
+
+
+class Job(Resource, JobData):
+    """A job as it was when it was fetched; ``refresh`` and ``wait`` return its current state."""
+
+    def refresh(self) -> Self:
+        """Get the job's current state."""
+        return self._session.fetch(type(self), requests.get_job(self.id))
+
+    def wait(
+        self, *, timeout_s: float | None = None, on_progress: Callable[[Self], object] | None = None
+    ) -> Self:
+        """Return the job once it has succeeded; ``on_progress`` gets the job at every change.
+
+        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
+        """
+        return waiting.wait(
+            self._session,
+            type(self),
+            self.id,
+            self.scene_id,
+            timeout_s=timeout_s,
+            on_progress=on_progress,
+        )
+
+    def cancel(self) -> Self:
+        """Cancel the job; one that has ended stays unchanged."""
+        return self._session.fetch(type(self), requests.cancel_job(self.id))
+
+    def retry(self) -> Self:
+        """Queue a failed or canceled job again; finished stages are not repeated."""
+        return self._session.fetch(type(self), requests.retry_job(self.id))
+
+    def snapshot(self) -> Snapshot | None:
+        """Get the latest snapshot of this job."""
+        if self.snapshot_id is None:
+            return None
+        return self._session.fetch(Snapshot, requests.get_snapshot(self.snapshot_id))
+
+
+class Jobs:
+    """Jobs by id."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def get(self, job_id: str) -> Job:
+        """Get a job."""
+        return self._session.fetch(Job, requests.get_job(job_id))
+
+
+class SceneJobs:
+    """The jobs of a scene."""
+
+    def __init__(self, session: Session, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    def create(
+        self,
+        kind: JobKind | str,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Queue a job; a queued job with the same settings is returned instead.
+
+        Raises ``ConflictError`` when a queued job has other settings.
+        """
+        request = requests.create_job(
+            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        )
+        return self._session.fetch(Job, request)
+
+    def list(self) -> Iterator[Job]:
+        """All jobs, oldest first."""
+        return self._session.items(Job, requests.jobs_of(self._scene_id))

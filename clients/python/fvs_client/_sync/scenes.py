@@ -1,0 +1,130 @@
+# Generated from _async/scenes.py by `make generate`. Do not edit.
+"""Scenes."""
+
+from collections.abc import Iterator
+from typing import Self
+
+from fvs_client import requests
+from fvs_client._sync.events import follow
+from fvs_client._sync.images import SceneImages
+from fvs_client._sync.jobs import Job, SceneJobs
+from fvs_client._sync.rankings import Ranking
+from fvs_client._sync.session import Resource, Session
+from fvs_client._sync.snapshots import SceneSnapshots
+from fvs_client.models.events import Event
+from fvs_client.models.jobs import JobKind
+from fvs_client.models.rankings import Generator, Pose
+from fvs_client.models.scenes import CameraPrior, Policy, SceneData, World
+from fvs_client.requests import Candidates
+
+
+class Scene(Resource, SceneData):
+    """A scene as it was when it was fetched; ``refresh`` returns its current state."""
+
+    @property
+    def images(self) -> SceneImages:
+        """The scene's images (``image_counts`` has their numbers)."""
+        return SceneImages(self._session, self.id)
+
+    @property
+    def jobs(self) -> SceneJobs:
+        """The scene's jobs."""
+        return SceneJobs(self._session, self.id)
+
+    @property
+    def snapshots(self) -> SceneSnapshots:
+        """The scene's snapshots."""
+        return SceneSnapshots(self._session, self.id)
+
+    def refresh(self) -> Self:
+        """Get the scene's current state."""
+        return self._session.fetch(type(self), requests.get_scene(self.id))
+
+    def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> Job:
+        """Queue an update: register all pending images and train the model further."""
+        return self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
+
+    def fine(
+        self,
+        *,
+        iterations: int | None = None,
+        long_side_px: int | None = None,
+        test_every: int | None = None,
+    ) -> Job:
+        """Queue a fine job: train the final model; with ``test_every``, every Nth image is held out."""
+        return self.jobs.create(
+            JobKind.FINE, iterations=iterations, long_side_px=long_side_px, test_every=test_every
+        )
+
+    def rank(
+        self,
+        candidates: Candidates | None = None,
+        *,
+        generator: Generator | None = None,
+        current_pose: Pose | None = None,
+        radius_m: float | None = None,
+        top_k: int | None = None,
+        method: str = "median-frequency",
+        snapshot_id: str | None = None,
+        budget: int = 1,
+        seed: int = 0,
+        idempotency_key: str | None = None,
+    ) -> Ranking:
+        """Rank the views that could be photographed next; answered at once, also while a job runs.
+
+        ``candidates`` are poses by candidate id, or made by a ``generator``. With ``radius_m``, only
+        candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
+        scene has no model.
+        """
+        request = requests.create_ranking(
+            self.id,
+            candidates=candidates,
+            generator=generator,
+            current_pose=current_pose,
+            radius_m=radius_m,
+            top_k=top_k,
+            method=method,
+            snapshot_id=snapshot_id,
+            budget=budget,
+            seed=seed,
+            idempotency_key=idempotency_key,
+        )
+        return self._session.fetch(Ranking, request)
+
+    def events(self, after: int | None = 0) -> Iterator[Event]:
+        """The scene's events after number ``after`` (None: only new ones), without end.
+
+        Resumes after a broken connection; no event is lost or repeated.
+        """
+        return follow(self._session, self.id, after)
+
+
+class Scenes:
+    """All scenes."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def create(
+        self,
+        name: str,
+        *,
+        world: World | None = None,
+        camera: CameraPrior | None = None,
+        policy: Policy | None = None,
+        idempotency_key: str | None = None,
+    ) -> Scene:
+        """Create a scene; by default its world comes from the GPS positions of its images."""
+        return self._session.fetch(Scene, requests.create_scene(name, world, camera, policy, idempotency_key))
+
+    def get(self, scene_id: str) -> Scene:
+        """Get a scene."""
+        return self._session.fetch(Scene, requests.get_scene(scene_id))
+
+    def images(self, scene_id: str) -> SceneImages:
+        """The images of a scene, without fetching the scene: for a device whose API key may only upload."""
+        return SceneImages(self._session, scene_id)
+
+    def list(self) -> Iterator[Scene]:
+        """All scenes, oldest first."""
+        return self._session.items(Scene, "/v1/scenes")

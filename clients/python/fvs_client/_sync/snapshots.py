@@ -1,0 +1,65 @@
+# Generated from _async/snapshots.py by `make generate`. Do not edit.
+"""Snapshots and their artifacts."""
+
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+
+from fvs_client import requests
+from fvs_client._sync import downloading
+from fvs_client._sync.session import Resource, Session
+from fvs_client.downloads import DownloadProgress, artifact_named, target_path
+from fvs_client.models.scenes import SceneData
+from fvs_client.models.snapshots import SnapshotCameras, SnapshotData
+
+
+class Snapshot(Resource, SnapshotData):
+    """An immutable model and its artifacts."""
+
+    def download(
+        self,
+        name: str,
+        path: str | PathLike[str] = ".",
+        *,
+        on_progress: Callable[[DownloadProgress], object] | None = None,
+    ) -> Path:
+        """Write the artifact ``name`` to ``path`` (or into that folder), verified; return where it is.
+
+        An interrupted download resumes where it ended. Raises ``DamagedDownloadError``.
+        """
+        artifact, target = artifact_named(self, name), target_path(path, name)
+        return downloading.download(self._session, self.id, artifact, target, on_progress)
+
+    def cameras(self) -> SnapshotCameras:
+        """The cameras of the registered images, in the model's frame."""
+        content = downloading.read(self._session, self.id, artifact_named(self, "cameras.json"))
+        return SnapshotCameras.model_validate_json(content)
+
+
+class Snapshots:
+    """Snapshots by id."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def get(self, snapshot_id: str) -> Snapshot:
+        """Get a snapshot."""
+        return self._session.fetch(Snapshot, requests.get_snapshot(snapshot_id))
+
+
+class SceneSnapshots:
+    """The snapshots of a scene."""
+
+    def __init__(self, session: Session, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    def latest(self) -> Snapshot | None:
+        """Get the latest snapshot; None when the scene has no model."""
+        scene = self._session.fetch(SceneData, requests.get_scene(self._scene_id))
+        if scene.snapshot_id is None:
+            return None
+        return self._session.fetch(Snapshot, requests.get_snapshot(scene.snapshot_id))
+
+    def list(self) -> Iterator[Snapshot]:
+        """All snapshots, oldest first."""
+        return self._session.items(Snapshot, requests.snapshots_of(self._scene_id))

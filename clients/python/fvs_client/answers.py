@@ -1,0 +1,76 @@
+"""Parse the service's answers: models from 2xx, typed errors from the rest."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from typing import TypeVar
+
+import httpx2
+import pydantic
+
+from fvs_client.errors import ApiError, Problem, UnexpectedAnswerError, error_of
+from fvs_client.models.events import Event
+
+M = TypeVar("M", bound=pydantic.BaseModel)
+
+
+def parse(kind: type[M], content: bytes, session: object = None) -> M:
+    """Parse an answer; resources (a scene, a job, …) in it keep ``session`` for their own requests.
+
+    Raises ``UnexpectedAnswerError``.
+    """
+    try:
+        return kind.model_validate_json(content, context={"session": session})
+    except pydantic.ValidationError as error:
+        raise UnexpectedAnswerError(
+            f"The answer is not what this client expects of {kind.__name__}: {error.errors()[0]['msg']}",
+            hint="Is the URL that of an fvs service, of a version that this client knows?",
+        ) from error
+
+
+def refusal(response: httpx2.Response, request_id: str) -> ApiError:
+    """The error for a response of 400 or more whose content has been read."""
+    try:
+        problem = Problem.model_validate_json(response.content)
+    except pydantic.ValidationError:  # a proxy's page, or another program
+        problem = Problem(
+            status=response.status_code,
+            code="",
+            detail=f"The answer is {response.status_code}, and not from an fvs service.",
+            hint="Is the URL right? Is there a proxy in between?",
+            retryable=response.status_code in (408, 429, 502, 503, 504),
+            request_id=response.headers.get("x-request-id", ""),
+        )
+    error = error_of(problem, _retry_after_s(response.headers))
+    error.request_id = error.request_id or request_id
+    return error
+
+
+def _retry_after_s(headers: Mapping[str, str]) -> float | None:
+    """``Retry-After`` (RFC 9110, section 10.2.3): seconds, or a date."""
+    value = headers.get("retry-after", "").strip()
+    if value.isascii() and value.isdigit():
+        return float(value)
+    try:
+        moment = parsedate_to_datetime(value)
+    except ValueError:
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    return max(0.0, (moment - datetime.now(UTC)).total_seconds())
+
+
+def event_number(message: httpx2.ServerSentEvent, default: int | None) -> int | None:
+    """The event number from which a stream resumes after ``message``; ``default`` when it names none.
+
+    The stream begins with a message that has a number and no event.
+    """
+    return int(message.id) if message.id.isascii() and message.id.isdigit() else default
+
+
+def parse_event(message: httpx2.ServerSentEvent) -> Event:
+    """Parse an event of a scene; raises ``UnexpectedAnswerError``."""
+    try:
+        return Event.model_validate_json(message.data)
+    except pydantic.ValidationError as error:
+        raise UnexpectedAnswerError(f"An event cannot be read: {message.data[:200]!r}") from error

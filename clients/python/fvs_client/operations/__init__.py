@@ -1,1 +1,0 @@
-"""What takes more than one request, written once for both clients (see ``fvs_client.effects``)."""
