@@ -27,14 +27,15 @@ from typing import Any
 import numpy as np
 from measurement import Timing, report
 
+from fvs_engine.geometry.alignment.dataset import align_dataset
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.select import scene_settings
+from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.score import Candidate, MedianFrequency, rank
+from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord
-from fvs_engine.select.model_alignment import align_to_model
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.views import PinholeView
 
 INITIAL = 10
 TIMED = 3
@@ -51,7 +52,7 @@ class Step:
 
     @property
     def seconds(self) -> float:
-        return self.ranking_s + self.record.seconds.add + self.record.seconds.train + self.record.seconds.save
+        return self.ranking_s + self.seconds.add + self.seconds.train + self.seconds.save
 
 
 @dataclass(frozen=True)
@@ -125,15 +126,15 @@ def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again
         return Again(sfm, train, score, processor_s() - worked, len(scene.views))
 
 
-def in_model(names: list[str], scene: GrowingScene) -> list[Candidate]:
+def in_model(names: list[str], scene: GrowingScene) -> list[PinholeView]:
     """Views of the dataset as candidates in the frame of the scene's model."""
     worlds = {name: scene.dataset.by_name[name].camera_from_model.inverse() for name in scene.dataset.names}
-    alignment = align_to_model(
+    alignment = align_dataset(
         [worlds[view.name] for view in scene.views],
         [view.camera_from_model.inverse() for view in scene.views],
     )
     return [
-        Candidate(
+        PinholeView(
             name,
             scene.expected_camera(name),
             alignment.model_from_world.move_camera(worlds[name]).inverse(),
@@ -144,9 +145,9 @@ def in_model(names: list[str], scene: GrowingScene) -> list[Candidate]:
 
 def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int) -> dict[str, Any]:
     """A row of the table: the step that begins with ``views`` views, and everything again."""
-    (middle,) = (index for index, step in enumerate(steps) if step.record.views == views + 1)
+    (middle,) = (index for index, step in enumerate(steps) if step.views == views + 1)
     around = steps[max(middle - TIMED // 2, 0) : middle + TIMED // 2 + 1]
-    parts = [step.record.seconds for step in around]
+    parts = [step.seconds for step in around]
     totals = [step.seconds for step in around]
     worked = median(step.processor_s for step in around)
     again = everything_again(loop, steps[middle].record, candidates)
@@ -160,7 +161,7 @@ def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int)
         "again, s": again.total,
         "SfM": again.sfm,
         "all training": again.train,
-        "stand": f"{steps[middle].record.registered} / {again.registered}",
+        "stand": f"{steps[middle].registered} / {again.registered}",
         "× faster": again.total / median(totals),
         "processor, s": worked,
         "again, processor": again.processor_s,
@@ -184,7 +185,7 @@ def main() -> None:
 
     dataset = open_dataset(options.dataset)
     settings = LoopSettings(
-        scene=scene_settings(poses="sfm", long_side_px=options.long_side, threads=options.threads),
+        scene=SelectionRequest(long_side_px=options.long_side, threads=options.threads).scene_settings(),
         initial=INITIAL,
         budget=max(options.counts) + TIMED // 2 + 1,
         method="nearest",

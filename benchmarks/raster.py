@@ -19,11 +19,11 @@ import torch
 from measurement import Timing, measure_side_by_side, report
 from room import candidates, scene
 
-from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.raster import cpu as cpu_rasterizer
 from fvs_engine.splat.raster.kernels import binning, blending
+from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
 FEW_GAUSSIANS = 13_000
@@ -32,7 +32,7 @@ FEW_GAUSSIANS = 13_000
 class Passes:
     """``forward`` and ``whole`` (forward and backward) passes of one backend over one view."""
 
-    def __init__(self, rasterizer: Rasterizer, gaussians: Gaussians, view: Candidate) -> None:
+    def __init__(self, rasterizer: Rasterizer, gaussians: Gaussians, view: PinholeView) -> None:
         self.rasterizer, self.view = rasterizer, view
         self.gaussians = Gaussians(**{k: t.clone().requires_grad_() for k, t in gaussians.tensors().items()})
         size = (view.camera.height, view.camera.width, 3)
@@ -52,8 +52,8 @@ class Passes:
 class Kernels:
     """The blending kernels ``forward`` and ``backward`` by themselves, on one view's binned splats."""
 
-    def __init__(self, gaussians: Gaussians, view: Candidate) -> None:
-        one_view = cpu_rasterizer.View(view.camera, view.camera_from_model, 0)
+    def __init__(self, gaussians: Gaussians, view: PinholeView) -> None:
+        one_view = cpu_rasterizer.PackedView(view.camera, view.camera_from_model, 0)
         arrays = [cpu_rasterizer.as_floats(tensor) for tensor in gaussians.tensors().values()]
         self.state = cpu_rasterizer.rasterize(one_view, np.zeros(3, np.float32), arrays)
         rng = np.random.default_rng(0)

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.views import PinholeView
 
 
 def scene(count: int, seed: int = 0) -> Gaussians:
@@ -32,12 +32,12 @@ def scene(count: int, seed: int = 0) -> Gaussians:
     )
 
 
-def candidates(count: int, width: int, height: int) -> list[Candidate]:
+def candidates(count: int, width: int, height: int) -> list[PinholeView]:
     """Cameras on a circle in the room that look across it."""
     camera = PinholeCamera(width, height, 0.8 * width, 0.8 * width, width / 2, height / 2)
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     return [
-        Candidate(
+        PinholeView(
             f"view {i}",
             camera,
             look_at([3.5 * np.cos(a), 3.5 * np.sin(a), 0.5], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]).inverse(),

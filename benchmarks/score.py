@@ -20,17 +20,18 @@ import torch
 from measurement import measure, measure_side_by_side, report
 from room import candidates, scene
 
-from fvs_engine.score import Candidate, MedianFrequency, median_log_magnitude
+from fvs_engine.score import MedianFrequency, median_log_magnitude
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
 FEW_GAUSSIANS = 13_000
 """As many as structure from motion gives points for a small scene: the score's share is largest then."""
 
 
-def score_naively(gaussians: Gaussians, views: list[Candidate], rasterizer: Rasterizer) -> list[float]:
+def score_naively(gaussians: Gaussians, views: list[PinholeView], rasterizer: Rasterizer) -> list[float]:
     """The definition as one would first write it."""
     scores = []
     for view in views:
@@ -50,7 +51,7 @@ def shares(
         gaussians = scene(gaussians_count).to(rasterizer.device)
         (view,) = candidates(1, width, height)
 
-        def render(gaussians: Gaussians = gaussians, view: Candidate = view) -> torch.Tensor:
+        def render(gaussians: Gaussians = gaussians, view: PinholeView = view) -> torch.Tensor:
             with torch.no_grad():
                 return rasterizer.render(gaussians, view.camera, view.camera_from_model).color
 

@@ -18,11 +18,11 @@ import torch
 from measurement import measure_side_by_side, report
 from room import candidates, scene
 
-from fvs_engine.score import Candidate
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import SELECTORS, create_selector
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.views import PinholeView
 
 SIZE = (256, 170)
 
@@ -30,7 +30,7 @@ SIZE = (256, 170)
 def context(gaussians: Gaussians, rasterizer: Rasterizer, visited: int, count: int) -> SelectionContext:
     """So many views visited and so many to choose from, dealt at random over the room."""
     views = candidates(visited + count, *SIZE)
-    order = {view.id: place for place, view in enumerate(views)}
+    order = {view.name: place for place, view in enumerate(views)}
     random.Random(0).shuffle(views)
     return SelectionContext(
         gaussians=gaussians,
@@ -45,7 +45,7 @@ def context(gaussians: Gaussians, rasterizer: Rasterizer, visited: int, count: i
     )
 
 
-def render_all(views: tuple[Candidate, ...], gaussians: Gaussians, rasterizer: Rasterizer) -> None:
+def render_all(views: tuple[PinholeView, ...], gaussians: Gaussians, rasterizer: Rasterizer) -> None:
     """What no selector that looks at the candidates can do without."""
     with torch.no_grad():
         for view in views:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.geometry import SimilarityTransform, matrix_from_quaternion
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
-from fvs_engine.score import CandidateStatus, RankedCandidate
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def draw_contact_sheet(path: Path, ranking: Ranking) -> None:
             np.asarray(Image.open(io.BytesIO(ranking.render(item))).convert("RGB"), dtype=np.float64) / 255
         )
         place = RankedCandidate(
-            id=item.id,
+            name=item.id,
             rank=item.rank,
             score=item.score,
             status=CandidateStatus(item.status.value),

@@ -1,6 +1,6 @@
-"""Candidates in order: the one type of a ranked candidate, without the scorers that make it.
+"""Ranked candidates: the one type for them in the engine, apart from the scorers that make them.
 
-It is apart from ``fvs_engine.score`` because the service's gateway passes rankings on and needs no torch.
+The service's gateway passes rankings on and needs no torch.
 """
 
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ class RankedCandidate:
     """
 
     rank: int | None
-    id: str
+    name: str
     score: float | None
     status: CandidateStatus
     coverage: float | None
-    distance: float | None
+    distance: float | None = None

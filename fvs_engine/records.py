@@ -9,8 +9,8 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-def first_error(error: ValidationError) -> str:
-    """The first thing wrong with a record, as ``where: what``."""
+def first_error(error: ValidationError, whole: str = "the file") -> str:
+    """The first thing wrong with a record, as ``where: what``; ``whole`` names the record itself."""
     first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "the file"
-    return f"{where}: {first['msg']}"
+    where = ".".join(str(part) for part in first["loc"]) or whole
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"

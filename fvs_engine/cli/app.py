@@ -1,31 +1,24 @@
 """The commands of ``fvs``: each reads its arguments, runs one job of the engine and prints the result.
 
-The engine is imported inside the commands: torch, Numba and pycolmap take seconds that ``--help`` and
-mistakes in the arguments must not wait for.
+The engine is imported inside the commands: torch, Numba and pycolmap take seconds to load, for which
+``--help`` and mistakes in the arguments need not wait.
 """
 
 import importlib.metadata
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvs_engine.choices import CameraModel, Quality, ViewGroup
 from fvs_engine.cli.evaluate import evaluate
-from fvs_engine.cli.options import (
-    Backend,
-    BackendOption,
-    JsonOption,
-    OutOption,
-    Quality,
-    ThreadsOption,
-    limit_threads,
-)
+from fvs_engine.cli.option_groups import with_option_groups
+from fvs_engine.cli.options import JsonOption, OutOption, RunOptions
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Say
+    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
     from fvs_engine.pipeline.rank import Ranking
 
@@ -40,24 +33,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-class CameraModel(StrEnum):
-    """The lenses that can be estimated."""
-
-    SIMPLE_PINHOLE = "SIMPLE_PINHOLE"
-    SIMPLE_RADIAL = "SIMPLE_RADIAL"
-    RADIAL = "RADIAL"
-    OPENCV = "OPENCV"
-
-
-class Views(StrEnum):
-    """What `fvs render` can render by name."""
-
-    HELD_OUT = "held-out"
-    TRAINING = "training"
-    ALL = "all"
-    PATH = "path"
 
 
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")]
@@ -83,12 +58,14 @@ def _fvs(
 
 
 @app.command()
+@with_option_groups()
 def reconstruct(
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
     out: OutOption,
+    run: RunOptions,
     quality: Annotated[
         Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
-    ] = Quality.COARSE,
+    ] = "coarse",
     iterations: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Training iterations.", show_default="the preset's")
     ] = None,
@@ -124,49 +101,48 @@ def reconstruct(
     test_every: Annotated[
         int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
     ] = 8,
-    backend: BackendOption = Backend.AUTO,
     seed: Annotated[
         int, typer.Option(min=0, help="The same cameras and seed train the same model on the CPU.")
     ] = 0,
-    threads: ThreadsOption = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
     ] = False,
-    as_json: JsonOption = False,
 ) -> None:
     """Photographs in; cameras and a trained splat out. After a stop, the same command goes on."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", say: "Say") -> None:
-        limit_threads(threads)
+    def job(monitor: "Monitor", warn: "Warn") -> None:
+        run.limit_threads()
         from fvs_engine.pipeline.manifest import ReconstructionSettings
         from fvs_engine.pipeline.reconstruct import reconstruct_folder
         from fvs_engine.sfm.colmap.intrinsics import read_intrinsics
 
         settings = ReconstructionSettings(
-            quality=quality.value,
+            quality=quality,
             iterations=iterations,
             long_side_px=long_side,
             test_every=test_every,
             seed=seed,
-            backend=backend.value,
+            backend=run.backend,
             colmap=str(colmap.absolute()) if colmap else None,
             transforms=str(transforms.absolute()) if transforms else None,
-            camera_model=camera_model.value if camera_model else None,
+            camera_model=camera_model,
             intrinsics=read_intrinsics(intrinsics) if intrinsics else None,
         )
         reconstruct_folder(
-            images, out, settings, overwrite=overwrite, monitor=monitor, warn=say, threads=threads
+            images, out, settings, overwrite=overwrite, monitor=monitor, warn=warn, threads=run.threads
         )
 
-    run_job(job, machine=as_json)
-    report.show_folder(out, machine=as_json)
+    run_job(job, machine=run.as_json)
+    report.show_folder(out, machine=run.as_json)
 
 
 @app.command()
+@with_option_groups()
 def rank(
     folder: _Folder,
+    run: RunOptions,
     candidates: _Candidates = None,
     top: Annotated[
         int | None, typer.Option(min=1, metavar="K", help="Show only the first K.", show_default="all")
@@ -175,11 +151,8 @@ def rank(
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
     ] = None,
-    backend: BackendOption = Backend.AUTO,
-    threads: ThreadsOption = None,
-    as_json: JsonOption = False,
 ) -> None:
-    """Rank candidate poses: the lowest median frequency, the least well known view, comes first.
+    """Rank candidate poses: the lowest median frequency first.
 
     Without --candidates: the held-out views, and poses halfway between neighbouring training views.
     Writes ranking.json (all candidates) and contact_sheet.png (the first K, or 12; at most 48).
@@ -187,49 +160,48 @@ def rank(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", say: "Say") -> "tuple[Ranking, Path]":  # noqa: ARG001
-        limit_threads(threads)
+    def job(monitor: "Monitor", warn: "Warn") -> "tuple[Ranking, Path]":  # noqa: ARG001
+        run.limit_threads()
         from fvs_engine.pipeline.rank import rank_candidates
 
-        return rank_candidates(folder, candidates, out=out, top=top, backend=backend.value, monitor=monitor)
+        return rank_candidates(folder, candidates, out=out, top=top, backend=run.backend, monitor=monitor)
 
-    report.show_ranking(*run_job(job, machine=as_json), top=top, machine=as_json)
+    report.show_ranking(*run_job(job, machine=run.as_json), top=top, machine=run.as_json)
 
 
 @app.command()
+@with_option_groups()
 def render(
     folder: _Folder,
-    views: Annotated[Views, typer.Option(help="Which views; path: a smooth flight through them.")] = (
-        Views.HELD_OUT
-    ),
+    run: RunOptions,
+    views: Annotated[
+        ViewGroup, typer.Option(help="Which views; path: a smooth flight through them.")
+    ] = "held-out",
     candidates: _Candidates = None,
     frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames of a path.")] = 120,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
     ] = None,
-    backend: BackendOption = Backend.AUTO,
-    threads: ThreadsOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Render views of the model, candidates or a path through the views to PNG files."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
-        limit_threads(threads)
-        from fvs_engine.pipeline.render import ViewGroup, render_views
+    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
+        run.limit_threads()
+        from fvs_engine.pipeline.render import render_views
 
         return render_views(
             folder,
-            group=ViewGroup(views.value),
+            group=views,
             candidates_file=candidates,
             frames=frames,
             out=out,
-            backend=backend.value,
+            backend=run.backend,
             monitor=monitor,
         )
 
-    report.show_files(run_job(job, machine=as_json), machine=as_json)
+    report.show_files(run_job(job, machine=run.as_json), machine=run.as_json)
 
 
 @app.command()

@@ -21,20 +21,20 @@ from fvs_engine.monitor import Monitor
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _SHOW_CURSOR = b"\x1b[?25h\n"
-"""The bars hide it, and a process that ends at once has no time to tidy up."""
+"""The bars hide the cursor, and a process that ends at once does not restore it."""
 
 _Result = TypeVar("_Result")
-Say = Callable[[str], None]
-"""Shows a sentence to the user."""
+Warn = Callable[[str], None]
+"""Shows the user a warning, a sentence."""
 
 
-def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result:
-    """Run ``job(monitor, say)`` with progress on stderr, and return what it returns.
+def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Result:
+    """Run ``job(monitor, warn)`` with progress on stderr, and return what it returns.
 
-    The job gets a thread of its own, so that the main thread is free to hear signals while native code
-    runs. The first SIGINT or SIGTERM asks the job to stop, the second ends the process at once. An
-    ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
-    JSON on stdout). What the engine logs as a warning is said like everything else.
+    The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
+    The first SIGINT or SIGTERM asks the job to stop, the second ends the process at once. An ``EngineError``
+    ends the program with its exit status and one clear message (with ``machine``, also as JSON on stdout).
+    Warnings that the engine logs are shown as well.
     """
     outcome: list[_Result] = []
     failure: list[BaseException] = []
@@ -43,16 +43,16 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
 
         def run() -> None:
             try:
-                outcome.append(job(monitor, display.say))
-            except BaseException as error:  # it is raised again in the main thread
+                outcome.append(job(monitor, display.show))
+            except BaseException as error:  # raised again in the main thread
                 failure.append(error)
 
         thread = threading.Thread(target=run, name="job", daemon=True)
-        with _said_by_log(display), _stop_on_signals(monitor) as attend:
+        with _logged_warnings(display), _stop_on_signals(monitor) as watch:
             thread.start()
             while thread.is_alive():
                 thread.join(0.1)
-                attend(display)
+                watch(display)
     if not failure:
         return outcome[0]
     error = failure[0]
@@ -62,9 +62,9 @@ def run_job(job: Callable[[Monitor, Say], _Result], *, machine: bool) -> _Result
 
 
 def fail(error: EngineError, *, machine: bool) -> NoReturn:
-    """Say what went wrong and end the program with the error's exit status.
+    """Print the error and end the program with its exit status.
 
-    With ``machine`` it is said in JSON, on stderr as a message like all others there, and on stdout.
+    With ``machine`` it is JSON, on stderr as a message like all others there, and on stdout.
     """
     if machine:
         document = {"code": error.code, "message": error.message, "hint": error.hint}
@@ -75,21 +75,21 @@ def fail(error: EngineError, *, machine: bool) -> NoReturn:
     raise typer.Exit(exit_code_of(error)) from error
 
 
-class _Saying(logging.Handler):
-    """Passes what is logged on to ``say``."""
+class _Shown(logging.Handler):
+    """Forwards logged warnings to ``show``."""
 
-    def __init__(self, say: Say) -> None:
+    def __init__(self, show: Warn) -> None:
         super().__init__(logging.WARNING)
-        self._say = say
+        self._show = show
 
     def emit(self, record: logging.LogRecord) -> None:
         """See ``logging.Handler``."""
-        self._say(record.getMessage())
+        self._show(record.getMessage())
 
 
 @contextlib.contextmanager
-def _said_by_log(display: Display) -> Iterator[None]:
-    engine, handler = logging.getLogger("fvs_engine"), _Saying(display.say)
+def _logged_warnings(display: Display) -> Iterator[None]:
+    engine, handler = logging.getLogger("fvs_engine"), _Shown(display.show)
     engine.addHandler(handler)
     try:
         yield
@@ -99,27 +99,27 @@ def _said_by_log(display: Display) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _stop_on_signals(monitor: Monitor) -> Iterator[Callable[[Display], None]]:
-    asked = threading.Event()
+    requested = threading.Event()
     announced = threading.Event()
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
-        if asked.is_set():
+        if requested.is_set():
             if sys.stderr.isatty():
                 os.write(sys.stderr.fileno(), _SHOW_CURSOR)
             os._exit(INTERRUPTED)
-        asked.set()
+        requested.set()
         monitor.cancel()
 
-    def attend(display: Display) -> None:
-        for number in _SIGNALS:  # importing pycolmap puts glog's own handler in the place of ours
+    def watch(display: Display) -> None:
+        for number in _SIGNALS:  # importing pycolmap replaces them by glog's
             signal.signal(number, on_signal)
-        if asked.is_set() and not announced.is_set():
+        if requested.is_set() and not announced.is_set():
             announced.set()
-            display.say("Stopping at the next safe point. Press Ctrl-C again to stop at once.")
+            display.show("Stopping at the next safe point. Press Ctrl-C again to stop at once.")
 
     before = {number: signal.signal(number, on_signal) for number in _SIGNALS}
     try:
-        yield attend
+        yield watch
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

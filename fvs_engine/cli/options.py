@@ -1,50 +1,94 @@
-"""Arguments that several commands share."""
+"""Options that several commands share."""
 
 import os
-from enum import StrEnum
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from fvs_engine.choices import Backend, Poses
 
-class Quality(StrEnum):
-    """The training presets."""
-
-    COARSE = "coarse"
-    FINE = "fine"
-
-
-class Backend(StrEnum):
-    """The rasterisers."""
-
-    AUTO = "auto"
-    CPU = "cpu"
-    CUDA = "cuda"
-    REFERENCE = "reference"
-
-
-DatasetArgument = Annotated[
-    Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
-]
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
-DatasetColmapOption = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="The COLMAP model with the dataset's poses.")
-]
-DatasetTransformsOption = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="The transforms.json with the dataset's poses.")
-]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="The result as JSON on stdout, progress as JSON lines on stderr.")
 ]
-ThreadsOption = Annotated[
-    int | None, typer.Option(min=1, help="Threads to compute with.", show_default="one per core")
-]
-BackendOption = Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")]
 
 
-def limit_threads(threads: int | None) -> None:
-    """Give the process's pools their budget, before the libraries that own them are imported."""
-    if threads is not None:
-        for pool in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ[pool] = str(threads)
+@dataclass(frozen=True)
+class RunOptions:
+    """What a computation runs on, and how it reports."""
+
+    backend: Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")] = (
+        "auto"
+    )
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads to compute with.", show_default="one per core")
+    ] = None
+    as_json: JsonOption = False
+
+    def limit_threads(self) -> None:
+        """Set the size of the process's thread pools; call it before the libraries that own them load."""
+        if self.threads is not None:
+            for pool in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+                os.environ[pool] = str(self.threads)
+
+
+@dataclass(frozen=True)
+class DatasetOptions:
+    """A dataset and where its poses are."""
+
+    dataset: Annotated[
+        Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
+    ]
+    colmap: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The COLMAP model with the dataset's poses.")
+    ] = None
+    transforms: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The transforms.json with the dataset's poses.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class LoopOptions:
+    """The loop that chooses views; None leaves a value to the command or its preset."""
+
+    poses: Annotated[
+        Poses | None,
+        typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
+    ] = None
+    initial: Annotated[int | None, typer.Option(min=2, metavar="M", help="Views to begin with.")] = None
+    radius: Annotated[
+        float | None,
+        typer.Option(metavar="R", help="How far the camera flies in one step, in the dataset's unit."),
+    ] = None
+    nearest: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="K", help="Choose among the K nearest views instead of a radius."),
+    ] = None
+    initial_iterations: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Training iterations on the initial views.", show_default="1000"
+        ),
+    ] = None
+    iterations_per_view: Annotated[
+        int | None,
+        typer.Option(min=0, metavar="N", help="Further iterations for every view added.", show_default="100"),
+    ] = None
+    long_side_px: Annotated[
+        int | None,
+        typer.Option("--long-side", min=64, metavar="PX", help="Train on images reduced to this long side."),
+    ] = None
+    max_gaussians: Annotated[
+        int | None, typer.Option(min=1_000, metavar="N", help="Upper limit of the number of Gaussians.")
+    ] = None
+    time_limit_s: Annotated[
+        float | None,
+        typer.Option("--time-limit", metavar="S", help="Begin no step that would end later than S seconds."),
+    ] = None
+
+    def given(self) -> dict[str, Any]:
+        """The options that were given, by name."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}

@@ -4,9 +4,8 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Mapping
 from types import TracebackType
-from typing import IO, Protocol
+from typing import IO, Protocol, Self
 
 from rich.console import Console
 from rich.progress import (
@@ -66,8 +65,8 @@ class Display(Protocol):
         """Show one report."""
         ...
 
-    def say(self, message: str) -> None:
-        """Show a sentence."""
+    def show(self, message: str) -> None:
+        """Show a message."""
         ...
 
 
@@ -81,7 +80,7 @@ def create_display(*, machine: bool) -> Display:
 
 
 def label_of(stage: str) -> str:
-    """What people call a stage."""
+    """The name of a stage for people."""
     return _LABELS.get(stage) or stage.replace("-", " ").replace("_", " ").capitalize()
 
 
@@ -162,7 +161,7 @@ class BarDisplay:
                 detail=_details(progress),
             )
 
-    def say(self, message: str) -> None:
+    def show(self, message: str) -> None:
         """Print above the bars."""
         self._console.print(message, markup=False, highlight=False)
 
@@ -172,24 +171,35 @@ class BarDisplay:
             self._bars.update(task, total=max(state.completed, 1), completed=max(state.completed, 1))
 
 
-class LogDisplay:
-    """A line when a stage begins, every ten seconds, and when it ends."""
+class _StreamDisplay:
+    """Writes to a stream, from any thread."""
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
         self._lock = threading.Lock()
         self._stage = ""
-        self._began = (0.0, 0)
         self._shown = 0.0
-        self._ended = False
 
-    def __enter__(self) -> "LogDisplay":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stream.flush()
+
+    def _write(self, line: str) -> None:
+        self._stream.write(line + "\n")
+        self._stream.flush()
+
+
+class LogDisplay(_StreamDisplay):
+    """A line when a stage begins, every ten seconds, and when it ends."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        super().__init__(stream)
+        self._began = (0.0, 0)
+        self._ended = False
 
     def update(self, progress: Progress) -> None:
         """Write a line if one is due."""
@@ -213,32 +223,16 @@ class LogDisplay:
                 if progress.total and not ends:
                     line += f", {(progress.total - progress.done) * seconds / done:,.0f} s left"
             details = _details(progress)
-            self._stream.write(f"{line}, {details}\n" if details else f"{line}\n")
-            self._stream.flush()
+            self._write(f"{line}, {details}" if details else line)
 
-    def say(self, message: str) -> None:
+    def show(self, message: str) -> None:
         """Write a line."""
         with self._lock:
-            self._stream.write(message + "\n")
-            self._stream.flush()
+            self._write(message)
 
 
-class JsonDisplay:
+class JsonDisplay(_StreamDisplay):
     """One JSON object per line: ``{"stage", "done", "total", …}`` or ``{"message"}``."""
-
-    def __init__(self, stream: IO[str]) -> None:
-        self._stream = stream
-        self._lock = threading.Lock()
-        self._stage = ""
-        self._shown = 0.0
-
-    def __enter__(self) -> "JsonDisplay":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stream.flush()
 
     def update(self, progress: Progress) -> None:
         """Write the report unless the last one was written a moment ago."""
@@ -254,13 +248,9 @@ class JsonDisplay:
                 "done": progress.done,
                 "total": progress.total,
             }
-            self._write(report)
+            self._write(json.dumps(report))
 
-    def say(self, message: str) -> None:
+    def show(self, message: str) -> None:
         """Write the message."""
         with self._lock:
-            self._write({"message": message})
-
-    def _write(self, document: Mapping[str, object]) -> None:
-        self._stream.write(json.dumps(document) + "\n")
-        self._stream.flush()
+            self._write(json.dumps({"message": message}))

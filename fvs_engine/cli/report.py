@@ -67,7 +67,7 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
     for place in shown:
         table.add_row(
             "" if place.rank is None else str(place.rank),
-            Text(place.id),
+            Text(place.name),
             "" if place.score is None else f"{place.score:.3f}",
             "" if place.coverage is None else f"{place.coverage:.0%}",
             place.status.value,

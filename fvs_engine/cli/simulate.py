@@ -9,7 +9,7 @@ import typer
 from fvs_engine.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Say
+    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
 
 
@@ -37,7 +37,7 @@ def simulate(
             param_hint="--size",
         )
 
-    def job(monitor: "Monitor", say: "Say") -> tuple[Path, ...]:  # noqa: ARG001
+    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
         from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
         camera = SimulatedCamera.like_a_drone(int(shape[1]), int(shape[2]), exposure_ev=exposure, noise=noise)

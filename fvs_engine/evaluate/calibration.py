@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.evaluate.held_out import aligned_views, rendered
 from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.trainer import torch_threads_for
@@ -54,7 +55,7 @@ def rank_correlation(
     whatever its score. ``in_reach`` is left out where it holds all candidates.
     """
     scored = {
-        score.id: score.score
+        score.name: score.score
         for score in scores
         if score.score is not None and score.status is CandidateStatus.RANKED
     }

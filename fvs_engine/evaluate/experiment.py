@@ -56,7 +56,7 @@ class ExperimentFolder:
 
     def finished(self) -> tuple[Run, ...]:
         """All finished runs, by seed and in the order of the table of selectors."""
-        order = {method: place for place, method in enumerate(SELECTORS)}
+        order: dict[str, int] = {method: index for index, method in enumerate(SELECTORS)}
         found = (read_result(path, Run) for path in self.root.glob("runs/*/run.json"))
         runs = [run for run in found if run is not None]
         return tuple(sorted(runs, key=lambda run: (run.seed, order.get(run.method, len(order)), run.method)))

@@ -2,12 +2,14 @@
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from fvs_engine.choices import InitialChoice, Poses, ProtocolName
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.records import Record, first_error
 
 
-class Protocol(BaseModel):
+class Protocol(Record):
     """The rules of a comparison; frozen, and stored beside its results.
 
     ``initial`` views are given: the ``first`` of the capture, ``consecutive`` ones from a place that the
@@ -26,13 +28,11 @@ class Protocol(BaseModel):
     one seed differ by the selector alone.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     name: str
     initial: int = Field(ge=2)
-    initial_choice: Literal["first", "consecutive", "farthest"]
+    initial_choice: InitialChoice
     view_counts: tuple[int, ...] = Field(min_length=1)
-    poses: Literal["sfm", "known"]
+    poses: Poses
     reach: Literal["all", "radius", "nearest"]
     radius: float | None = Field(default=None, gt=0)
     nearest: int | None = Field(default=None, ge=1)
@@ -72,7 +72,7 @@ class Protocol(BaseModel):
         return self.view_counts[-1]
 
 
-PRESETS: dict[str, Protocol] = {
+PRESETS: dict[ProtocolName, Protocol] = {
     "paper": Protocol(
         name="paper",
         initial=10,
@@ -110,7 +110,8 @@ def protocol_from_preset(preset: str, **changes: object) -> Protocol:
     ``radius`` or ``nearest`` also set the ``reach``. Raises ``InvalidInputError`` for an unknown preset and
     for numbers that are out of range or contradict each other.
     """
-    if preset not in PRESETS:
+    found = next((protocol for name, protocol in PRESETS.items() if name == preset), None)
+    if found is None:
         raise InvalidInputError(
             f"There is no preset {preset!r}.", hint=f"Choose one of {', '.join(PRESETS)}."
         )
@@ -120,9 +121,6 @@ def protocol_from_preset(preset: str, **changes: object) -> Protocol:
         if limit in given:
             reach = {"radius": None, "nearest": None, "reach": limit}
     try:
-        return Protocol.model_validate({**PRESETS[preset].model_dump(), **reach, **given})
+        return Protocol.model_validate({**found.model_dump(), **reach, **given})
     except ValidationError as error:
-        first = error.errors()[0]
-        place = "".join(f"{part}: " for part in first["loc"])
-        reason = first["msg"].removeprefix("Value error, ")
-        raise InvalidInputError(f"These settings cannot be used: {place}{reason}.") from error
+        raise InvalidInputError(f"{first_error(error, 'These settings cannot be used')}.") from error

@@ -6,8 +6,9 @@ from fvs_engine.geometry.alignment.similarity import (
     robust_umeyama,
     umeyama,
 )
-from fvs_engine.geometry.camera_paths import OPENGL_FROM_OPENCV, interpolate, look_at, smooth_path
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
+from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at
+from fvs_engine.geometry.paths import interpolate, smooth_path
 from fvs_engine.geometry.rotations import (
     angle_between,
     matrix_from_quaternion,

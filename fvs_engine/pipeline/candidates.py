@@ -19,10 +19,10 @@ from fvs_engine.geometry import (
 )
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.pipeline.names import match_names
-from fvs_engine.pipeline.views import ModelView, usual_camera
-from fvs_engine.records import Record
-from fvs_engine.score.interface import Candidate
+from fvs_engine.pipeline.views import usual_camera
+from fvs_engine.records import Record, first_error
 from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.views import PinholeView
 
 _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3
@@ -49,7 +49,7 @@ class PoseInput(Record):
     Without ``camera`` it sees with the camera that most photographs have.
     """
 
-    id: str = Field(min_length=1)
+    name: str = Field(min_length=1)
     position: tuple[float, float, float]
     orientation_wxyz: tuple[float, float, float, float]
     camera: CameraInput | None = None
@@ -58,13 +58,13 @@ class PoseInput(Record):
 class ViewInput(Record):
     """A candidate where a photograph of the model was taken, seen with the camera that most have."""
 
-    id: str = Field(min_length=1)
+    name: str = Field(min_length=1)
     view: str
 
 
 def read_candidates(
-    path: Path, views: Sequence[ModelView], aliases: Mapping[str, str]
-) -> tuple[Candidate, ...]:
+    path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str]
+) -> tuple[PinholeView, ...]:
     """Read a candidates file: a JSON list of ``PoseInput`` and ``ViewInput``, or a transforms.json.
 
     ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
@@ -72,7 +72,7 @@ def read_candidates(
     place it in the model frame, unless they are too few, stand on a line or contradict it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
-    are not finite, quaternions that are not unit, ids that occur twice, unknown views and empty lists.
+    are not finite, quaternions that are not unit, names that occur twice, unknown views and empty lists.
     """
     document = _read_json(path)
     if isinstance(document, dict) and "frames" in document:
@@ -85,27 +85,27 @@ def read_candidates(
     else:
         raise InvalidInputError(
             f"{path} is neither a list of candidates nor a transforms.json.",
-            hint='Write [{"id": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
+            hint='Write [{"name": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
         )
     if not candidates:
         raise InvalidInputError(f"{path} holds no candidate.", hint="List at least one pose.")
     seen: set[str] = set()
     for candidate in candidates:
-        if candidate.id in seen:
+        if candidate.name in seen:
             raise InvalidInputError(
-                f"{path} holds two candidates with the id {candidate.id!r}.", hint="Give each its own id."
+                f"{path} holds two candidates called {candidate.name!r}.", hint="Give each its own name."
             )
-        seen.add(candidate.id)
+        seen.add(candidate.name)
     return tuple(candidates)
 
 
-def candidates_between(views: Sequence[ModelView]) -> tuple[Candidate, ...]:
+def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
     """Poses halfway between neighbouring views, for whoever has no candidates at hand.
 
     Every view is paired with the two that stand nearest to it; each pair gives one candidate, which is
     named after both.
     """
-    centres = np.stack([_model_from_camera(view).translation for view in views])
+    centres = np.stack([view.centre for view in views])
     camera = usual_camera(views)
     names = _short_names(views)
     pairs: set[tuple[int, int]] = set()
@@ -115,17 +115,19 @@ def candidates_between(views: Sequence[ModelView]) -> tuple[Candidate, ...]:
             pairs.add((min(index, other), max(index, other)))
     candidates = []
     for first, second in sorted(pairs):
-        between = interpolate(_model_from_camera(views[first]), _model_from_camera(views[second]), 0.5)
-        candidates.append(Candidate(f"{names[first]}–{names[second]}", camera, between.inverse()))
+        between = interpolate(
+            views[first].camera_from_model.inverse(), views[second].camera_from_model.inverse(), 0.5
+        )
+        candidates.append(PinholeView(f"{names[first]}–{names[second]}", camera, between.inverse()))
     return tuple(candidates)
 
 
-def candidates_at(views: Sequence[ModelView], camera: PinholeCamera) -> tuple[Candidate, ...]:
+def candidates_at(views: Sequence[PinholeView], camera: PinholeCamera) -> tuple[PinholeView, ...]:
     """One candidate where each of ``views`` was taken, named after it.
 
     All see with ``camera``, whatever took the photograph: only scores of one image size can be compared.
     """
-    return tuple(Candidate(view.name, camera, view.camera_from_model) for view in views)
+    return tuple(PinholeView(view.name, camera, view.camera_from_model) for view in views)
 
 
 def _read_json(path: Path) -> Any:
@@ -138,24 +140,22 @@ def _read_json(path: Path) -> Any:
 
 
 def _parse(
-    path: Path, index: int, entry: Any, by_name: Mapping[str, ModelView], camera: PinholeCamera
-) -> Candidate:
+    path: Path, index: int, entry: Any, by_name: Mapping[str, PinholeView], camera: PinholeCamera
+) -> PinholeView:
     where = f"{path}, candidate {index}"
     kind = ViewInput if isinstance(entry, dict) and "view" in entry else PoseInput
     try:
         # Through JSON, because only there strict means what it says for arrays.
         parsed = kind.model_validate_json(json.dumps(entry), strict=True)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise InvalidInputError(f"{where}{f', {field}' if field else ''}: {first['msg']}.") from error
+        raise InvalidInputError(f"{where}, {first_error(error, 'the entry')}.") from error
     if isinstance(parsed, ViewInput):
         view = by_name.get(parsed.view)
         if view is None:
             raise InvalidInputError(
                 f"{where}: the model has no view {parsed.view!r}.", hint="`fvs info DIR --json` lists them."
             )
-        return Candidate(parsed.id, camera, view.camera_from_model)
+        return PinholeView(parsed.name, camera, view.camera_from_model)
     if parsed.camera is not None:
         camera = PinholeCamera(**parsed.camera.model_dump())
     quaternion = np.array(parsed.orientation_wxyz)
@@ -165,10 +165,12 @@ def _parse(
             hint="Give a unit quaternion, w first.",
         )
     model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), np.array(parsed.position))
-    return Candidate(parsed.id, camera, model_from_camera.inverse())
+    return PinholeView(parsed.name, camera, model_from_camera.inverse())
 
 
-def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[str, str]) -> list[Candidate]:
+def _from_transforms(
+    path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str]
+) -> list[PinholeView]:
     frames = {view.name: view.camera_from_model.inverse() for view in import_transforms_json(path).views}
     by_name = {view.name: view for view in views}
     known = {name: name for name in by_name}
@@ -180,7 +182,7 @@ def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[st
             hint="Give a transforms.json that lists the photographs of the model too.",
         )
     source = np.stack([frames[name].translation for name in shared])
-    target = np.stack([_model_from_camera(by_name[own]).translation for own in shared.values()])
+    target = np.stack([by_name[own].centre for own in shared.values()])
     alignment = robust_umeyama(source, target)
     misfit = alignment.rms > _MAX_MISFIT * centre_spread(target)
     if misfit or alignment.ill_conditioned:
@@ -192,7 +194,7 @@ def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[st
     moved = {name: alignment.transform.move_camera(camera) for name, camera in frames.items()}
     turns = angle_between(
         np.stack([moved[name].rotation for name in shared]),
-        np.stack([_model_from_camera(by_name[own]).rotation for own in shared.values()]),
+        np.stack([by_name[own].camera_from_model.inverse().rotation for own in shared.values()]),
     )
     turn_deg = float(np.degrees(np.median(turns)))
     if turn_deg > _MAX_ATTITUDE_DEG:
@@ -207,16 +209,12 @@ def _from_transforms(path: Path, views: Sequence[ModelView], aliases: Mapping[st
             hint="List poses that were not photographed as well.",
         )
     camera = usual_camera(views)
-    return [Candidate(name, camera, moved[name].inverse()) for name in frames if name not in shared]
+    return [PinholeView(name, camera, moved[name].inverse()) for name in frames if name not in shared]
 
 
-def _short_names(views: Sequence[ModelView]) -> list[str]:
+def _short_names(views: Sequence[PinholeView]) -> list[str]:
     """Names without folder and suffix, or in full where that would make two of them one."""
     stems = [Path(view.name).stem for view in views]
     if len(set(stems)) == len(stems):
         return stems
     return [view.name for view in views]
-
-
-def _model_from_camera(view: ModelView) -> RigidTransform:
-    return view.camera_from_model.inverse()

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_bytes_atomically
-from fvs_engine.score import CandidateStatus, RankedCandidate
 
 _TILE_AREA_PX = 320 * 214
 _SHEET_WIDTH_PX = 1800
@@ -170,7 +170,7 @@ def _draw_caption(
 
     start = left + draw.textlength(rank, _font(28, bold=True)) + 14
     room = left + width - draw.textlength(score, _font(19, bold=True)) - 14 - start
-    name = _shortened(draw, candidate.id, room, _font(15))
+    name = _shortened(draw, candidate.name, room, _font(15))
     draw.text((start, middle - 10), name, _TEXT, _font(15), anchor="lm")
     ranked = candidate.status is CandidateStatus.RANKED
     share = "" if candidate.coverage is None else f"{candidate.coverage:.0%} "

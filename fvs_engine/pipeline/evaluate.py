@@ -3,15 +3,12 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from fvs_engine.errors import InvalidInputError
 from fvs_engine.evaluate.experiment import run_experiment
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import Summary
-from fvs_engine.files.lock import locked_folder
-from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.pipeline.output import locked_output, open_outside
 from fvs_engine.splat.raster import create_rasterizer
 
 
@@ -36,20 +33,11 @@ def evaluate_selectors(
     there. Raises what ``open_dataset`` and ``run_experiment`` raise.
     """
     monitor = monitor or Monitor()
-    for given in (folder, colmap, transforms):
-        if given is not None and given.resolve().is_relative_to(out.resolve()):
-            raise InvalidInputError(
-                f"{given} lies inside the output folder {out}.", hint="Choose an output folder outside."
-            )
-    dataset = open_dataset(folder, colmap, transforms)
-    for warning in dataset.warnings:
-        warn(warning)
+    dataset = open_outside(out, folder, colmap, transforms, warn)
     if not (out / "experiment.json").exists():  # one that is cut off would end its runs half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
-    with storage_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
-    with locked_folder(out), storage_errors(out):
+    with locked_output(out):
         return run_experiment(
             out,
             dataset,

@@ -6,10 +6,11 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
+from fvs_engine.choices import CameraModel, Quality
 from fvs_engine.records import Record
-from fvs_engine.sfm.settings import CameraModel, KnownIntrinsics
+from fvs_engine.sfm.settings import KnownIntrinsics
 
-DEFAULT_LONG_SIDE_PX = {"coarse": 640, "fine": 1600}
+DEFAULT_LONG_SIDE_PX: dict[Quality, int] = {"coarse": 640, "fine": 1600}
 """``fine`` is the 3DGS release's; ``coarse`` keeps a step on two CPU cores well under a second."""
 
 
@@ -26,7 +27,7 @@ class ReconstructionSettings(Record):
     motion: ``camera_model`` is the lens to estimate, None the usual one; ``intrinsics`` are known and kept.
     """
 
-    quality: Literal["coarse", "fine"] = "coarse"
+    quality: Quality = "coarse"
     iterations: int | None = Field(default=None, gt=0)
     long_side_px: int | None = Field(default=None, ge=64)
     test_every: int = Field(default=8, ge=0)

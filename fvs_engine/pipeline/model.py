@@ -7,10 +7,11 @@ from pathlib import Path
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.pipeline.manifest import Manifest, TrainingRecord
-from fvs_engine.pipeline.views import ModelView, model_views, read_undistorted, usual_camera
+from fvs_engine.pipeline.views import model_views, read_undistorted, usual_camera
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
+from fvs_engine.views import PinholeView
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,7 @@ class TrainedModel:
     manifest: Manifest
     training: TrainingRecord
     gaussians: Gaussians
-    views: tuple[ModelView, ...]
+    views: tuple[PinholeView, ...]
 
     @property
     def aliases(self) -> Mapping[str, str]:
@@ -29,12 +30,12 @@ class TrainedModel:
         return {record.name: record.normalised_name for record in self.manifest.images.photographs}
 
     @property
-    def training_views(self) -> tuple[ModelView, ...]:
+    def training_views(self) -> tuple[PinholeView, ...]:
         """The views that the Gaussians were trained on."""
         return tuple(view for view in self.views if view.name in self.training.train_views)
 
     @property
-    def held_out_views(self) -> tuple[ModelView, ...]:
+    def held_out_views(self) -> tuple[PinholeView, ...]:
         """The views that training never saw."""
         return tuple(view for view in self.views if view.name in self.training.test_views)
 
@@ -55,9 +56,5 @@ def open_model(root: Path) -> TrainedModel:
         raise InvalidInputError(
             f"{root} holds no trained model yet.", hint="Run the same `fvs reconstruct` again to go on."
         )
-    views = model_views(
-        read_undistorted(workspace),
-        workspace.undistorted / "images",
-        manifest.settings.training_long_side_px,
-    )
+    views = model_views(read_undistorted(workspace), manifest.settings.training_long_side_px)
     return TrainedModel(workspace, manifest, manifest.training, read_ply(workspace.point_cloud), views)

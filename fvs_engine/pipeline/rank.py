@@ -1,11 +1,13 @@
 """Ranking candidate views of a trained model: which pose should be photographed next."""
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from pydantic import AwareDatetime, Field
 
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
@@ -15,9 +17,10 @@ from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.render import render_color
 from fvs_engine.records import Record
-from fvs_engine.score import Candidate, CandidateStatus, MedianFrequency, RankedCandidate, rank
+from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.views import PinholeView
 
 SHEET_CANDIDATES = 12
 """How many candidates the contact sheet shows when nobody says."""
@@ -25,14 +28,10 @@ MOST_ON_SHEET = 48
 """More are not drawn: a sheet is there to be looked at, and every render of it is in memory at once."""
 
 
-class RankedPose(Record):
-    """One candidate's place and pose (model_from_camera); ``rank`` is None for what cannot be compared."""
+@dataclass(frozen=True, kw_only=True)
+class RankedPose(RankedCandidate):
+    """A ranked candidate with its pose, model_from_camera."""
 
-    rank: int | None
-    id: str
-    score: float | None
-    status: CandidateStatus
-    coverage: float | None
     position: tuple[float, float, float]
     orientation_wxyz: tuple[float, float, float, float]
 
@@ -74,14 +73,14 @@ def rank_candidates(
     scorer = MedianFrequency()
     with torch_threads_for(rasterizer.device):
         ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
-    by_id = {candidate.id: candidate for candidate in candidates}
+    by_name = {candidate.name: candidate for candidate in candidates}
     ranking = Ranking(
         method=scorer.name,
         iterations=model.training.iterations,
         gaussians=len(gaussians),
         width_px=candidates[0].camera.width,
         height_px=candidates[0].camera.height,
-        candidates=tuple(_ranked_pose(place, by_id[place.id]) for place in ranked),
+        candidates=tuple(_ranked_pose(item, by_name[item.name]) for item in ranked),
     )
     folder = out or model.workspace.ranking
     with storage_errors(folder):
@@ -89,28 +88,24 @@ def rank_candidates(
     write_record(folder / "ranking.json", ranking)
     first = ranked[: min(top or SHEET_CANDIDATES, MOST_ON_SHEET)]
     shown = []
-    for done, place in enumerate(first, start=1):
+    for done, item in enumerate(first, start=1):
         monitor.check()
-        shown.append(SheetEntry(place, render_color(gaussians, by_id[place.id], rasterizer)))
+        shown.append(SheetEntry(item, render_color(gaussians, by_name[item.name], rasterizer)))
         monitor.report("contact-sheet", done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
 
 
-def _candidates(model: TrainedModel, path: Path | None) -> Sequence[Candidate]:
+def _candidates(model: TrainedModel, path: Path | None) -> Sequence[PinholeView]:
     if path is not None:
         return read_candidates(path, model.views, model.aliases)
     return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
 
 
-def _ranked_pose(place: RankedCandidate, candidate: Candidate) -> RankedPose:
-    model_from_camera = candidate.camera_from_model.inverse()
+def _ranked_pose(ranked: RankedCandidate, view: PinholeView) -> RankedPose:
+    model_from_camera = view.camera_from_model.inverse()
     return RankedPose(
-        rank=place.rank,
-        id=place.id,
-        score=place.score,
-        status=place.status,
-        coverage=place.coverage,
+        **asdict(ranked),
         position=tuple(model_from_camera.translation.tolist()),
         orientation_wxyz=tuple(quaternion_from_matrix(model_from_camera.rotation).tolist()),
     )

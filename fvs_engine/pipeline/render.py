@@ -1,54 +1,29 @@
 """Rendering a trained model to PNG files: known views, candidates, or a path through the views."""
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from fvs_engine.choices import ViewGroup
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.storage import storage_errors
-from fvs_engine.geometry import PinholeCamera, RigidTransform, smooth_path
+from fvs_engine.geometry import smooth_path
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
-from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-
-
-class Posed(Protocol):
-    """Anything with a camera and a place: a candidate, a training view."""
-
-    @property
-    def camera(self) -> PinholeCamera:
-        """What it sees with."""
-        ...
-
-    @property
-    def camera_from_model(self) -> RigidTransform:
-        """Where it is."""
-        ...
-
-
-class ViewGroup(StrEnum):
-    """Views of the model that can be asked for together."""
-
-    HELD_OUT = "held-out"
-    TRAINING = "training"
-    ALL = "all"
-    PATH = "path"
-    """Not views but a smooth path through the training views in the order of their names."""
+from fvs_engine.views import PinholeView
 
 
 def render_views(
     root: Path,
     *,
-    group: ViewGroup = ViewGroup.HELD_OUT,
+    group: ViewGroup = "held-out",
     candidates_file: Path | None = None,
     frames: int = 120,
     out: Path | None = None,
@@ -64,22 +39,22 @@ def render_views(
     monitor = monitor or Monitor()
     model = open_model(root)
     if candidates_file is not None:
-        wanted: Sequence[Candidate] = read_candidates(candidates_file, model.views, model.aliases)
+        wanted: Sequence[PinholeView] = read_candidates(candidates_file, model.views, model.aliases)
         folder = out or model.workspace.renders / "candidates"
     else:
         wanted = _members(model, group, frames)
-        folder = out or model.workspace.renders / f"{group.value}-views"
+        folder = out or model.workspace.renders / f"{group}-views"
     if not wanted:
         raise InvalidInputError(
-            f"{root} has no {group.value} views.", hint="Choose another group with --views, or --candidates."
+            f"{root} has no {group} views.", hint="Choose another group with --views, or --candidates."
         )
     rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     paths = []
     for done, view in enumerate(wanted, start=1):
         pixels = np.round(render_color(gaussians, view, rasterizer) * 255.0).astype(np.uint8)
-        # The names of views are those of files already, the ids of candidates can be anything.
-        name = view.id if candidates_file is None else _file_name(view.id)
+        # Views are named after files; the names of candidates can be anything.
+        name = view.name if candidates_file is None else _file_name(view.name)
         path = folder / f"{name}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,31 +65,30 @@ def render_views(
     return tuple(paths)
 
 
-def render_color(gaussians: Gaussians, view: Posed, rasterizer: Rasterizer) -> NDArray[np.float32]:
+def render_color(gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer) -> NDArray[np.float32]:
     """What a view sees of the model on black: [H, W, 3] in [0, 1]."""
     with torch.no_grad():
         rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model)
     return np.asarray(rendering.color.clamp(0.0, 1.0).cpu().numpy(), dtype=np.float32)
 
 
-def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[Candidate]:
-    if group is ViewGroup.PATH:
+def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[PinholeView]:
+    if group == "path":
         keys = [view.camera_from_model.inverse() for view in model.training_views]
         camera = model.camera
         return [
-            Candidate(f"{index:05d}", camera, model_from_camera.inverse())
+            PinholeView(f"{index:05d}", camera, model_from_camera.inverse())
             for index, model_from_camera in enumerate(smooth_path(keys, frames))
         ]
-    views = {
-        ViewGroup.HELD_OUT: model.held_out_views,
-        ViewGroup.TRAINING: model.training_views,
-        ViewGroup.ALL: model.views,
+    return {
+        "held-out": model.held_out_views,
+        "training": model.training_views,
+        "all": model.views,
     }[group]
-    return [Candidate(view.name, view.camera, view.camera_from_model) for view in views]
 
 
-def _file_name(candidate_id: str) -> str:
-    """An id as a file name that stays in its folder; different ids have different ones."""
+def _file_name(name: str) -> str:
+    """A candidate's name as a file name that stays in its folder; different names give different files."""
     return "".join(
-        letter if letter.isalnum() or letter in "._-– " else f"%{ord(letter):02X}" for letter in candidate_id
+        letter if letter.isalnum() or letter in "._-– " else f"%{ord(letter):02X}" for letter in name
     )

@@ -10,31 +10,19 @@ point_cloud.ply   the Gaussians, in the layout that splat viewers read
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
 
-from pydantic import ValidationError
-
-from fvs_engine.errors import InvalidInputError
-from fvs_engine.files.lock import locked_folder
+from fvs_engine.choices import Poses
 from fvs_engine.files.record import write_record
-from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
+from fvs_engine.pipeline.output import locked_output, open_outside
+from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.records import Record
-from fvs_engine.scene.dataset import Dataset, split_test
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
-from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord, StopReason
+from fvs_engine.select.distances import path_length
+from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.select.trajectory import draw_trajectory
-from fvs_engine.select.travel import path_length
-from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.settings import PRESETS, TrainingSettings
-
-DEFAULT_BUDGET = 100
-"""The paper's."""
 
 
 class SelectedView(Record):
@@ -62,7 +50,7 @@ class SelectionResult(Record):
 
     dataset: str
     method: str
-    poses: Literal["sfm", "known"]
+    poses: Poses
     views: tuple[SelectedView, ...]
     test: tuple[str, ...]
     stop: StopReason
@@ -76,71 +64,10 @@ class SelectionResult(Record):
     seconds: float
 
 
-def scene_settings(
-    *,
-    poses: Literal["sfm", "known"],
-    quality: Literal["coarse", "fine"] = "coarse",
-    long_side_px: int | None = None,
-    initial_iterations: int = 1_000,
-    iterations_per_view: int = 100,
-    max_gaussians: int | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-) -> SceneSettings:
-    """How a selection learns: the coarse or fine preset on the paper's growing schedule.
-
-    Structure from motion works in one thread unless ``threads`` says otherwise: only then are the cameras,
-    and with them all choices, the same in every run.
-    """
-    preset = PRESETS[quality]
-    training = GROWING_TRAINING.model_dump() | {
-        "sh_degree": preset.sh_degree,
-        "max_gaussians": max_gaussians or preset.max_gaussians,
-    }
-    return SceneSettings(
-        poses=poses,
-        long_side_px=long_side_px or DEFAULT_LONG_SIDE_PX[quality],
-        initial_iterations=initial_iterations,
-        iterations_per_view=iterations_per_view,
-        training=TrainingSettings.model_validate(training),
-        sfm=SfmSettings(seed=seed, threads=threads or 1),
-        seed=seed,
-    )
-
-
-def loop_settings(
-    dataset: Dataset, *, budget: int | None, initial: int, test_every: int, **others: Any
-) -> LoopSettings:
-    """``LoopSettings`` for ``dataset``.
-
-    A ``budget`` of None is the paper's, or all views where there are fewer. Raises ``InvalidInputError`` for
-    settings that contradict each other or are out of range.
-    """
-    if test_every == 1:
-        raise InvalidInputError(
-            "Every view would be held out (--test-every 1), and none be left to visit.",
-            hint="Hold out every 8th, or none with 0.",
-        )
-    pool, _ = split_test(dataset.names, test_every)
-    if len(pool) < initial:
-        raise InvalidInputError(
-            f"{dataset.name} has only {len(pool)} views to visit, and the selection begins with {initial}.",
-            hint="Begin with fewer (--initial), or hold out fewer for testing (--test-every).",
-        )
-    views = budget or max(initial, min(DEFAULT_BUDGET, len(pool)))
-    try:
-        return LoopSettings(budget=views, initial=initial, test_every=test_every, **others)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = " ".join(str(part) for part in first["loc"])
-        problem = first["msg"].removeprefix("Value error, ")
-        raise InvalidInputError(f"{where}: {problem}." if where else f"{problem.capitalize()}.") from error
-
-
 def select_views(
     folder: Path,
     out: Path,
-    settings: Callable[[Dataset], LoopSettings],
+    request: SelectionRequest,
     *,
     colmap: Path | None = None,
     transforms: Path | None = None,
@@ -150,27 +77,17 @@ def select_views(
 ) -> SelectionResult:
     """Choose views of the dataset in ``folder`` until the selection ends; results go to the folder ``out``.
 
-    ``settings`` are made for the dataset once it is read. The same call on the same ``out`` goes on where an
-    earlier one stopped. Raises what ``open_dataset``, ``SelectionLoop`` and the parts below them raise;
-    ``out`` then holds the last good state.
+    The same call on the same ``out`` goes on where an earlier one stopped. Raises what ``open_dataset``,
+    ``SelectionLoop`` and the parts below them raise; ``out`` then holds the last good state.
     """
     monitor = monitor or Monitor()
-    for given in (folder, colmap, transforms):
-        if given is not None and given.resolve().is_relative_to(out.resolve()):
-            raise InvalidInputError(
-                f"{given} lies inside the output folder {out}.", hint="Choose an output folder outside."
-            )
-    dataset = open_dataset(folder, colmap, transforms)
-    for warning in dataset.warnings:
-        warn(warning)
-    chosen_settings = settings(dataset)
+    dataset = open_outside(out, folder, colmap, transforms, warn)
+    settings = request.loop_settings(dataset)
     if not (out / "selection.json").exists():  # one that is cut off would end the selection half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
-    with storage_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
-    with locked_folder(out), storage_errors(out):
-        loop = SelectionLoop.open(out, dataset, chosen_settings, rasterizer, monitor)
+    with locked_output(out):
+        loop = SelectionLoop.open(out, dataset, settings, rasterizer, monitor)
         return _run(loop, out, monitor, warn)
 
 

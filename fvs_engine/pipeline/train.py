@@ -9,10 +9,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from PIL import Image
 
-from fvs_engine.errors import Cancelled
 from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.files.storage import require_free_bytes, storage_errors
-from fvs_engine.monitor import Monitor, SavingMonitor
+from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import (
     Manifest,
     Metrics,
@@ -22,7 +21,6 @@ from fvs_engine.pipeline.manifest import (
 )
 from fvs_engine.pipeline.render import render_color
 from fvs_engine.pipeline.views import (
-    ModelView,
     load_views,
     model_views,
     read_undistorted,
@@ -33,9 +31,11 @@ from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
 from fvs_engine.splat.trainer import Trainer, torch_threads_for
 from fvs_engine.splat.views import TrainingView
+from fvs_engine.views import PinholeView
 
 _CHECKPOINT_EVERY_S = 60.0
 _BYTES_PER_GAUSSIAN = 1_000
@@ -69,47 +69,44 @@ def train(
 
     long_side_px = manifest.settings.training_long_side_px
     reconstruction = read_undistorted(workspace)
-    views = model_views(reconstruction, workspace.undistorted / "images", long_side_px)
+    views = model_views(reconstruction, long_side_px)
     training, held_out = split_views(views, manifest.settings.test_every)
     if not held_out and manifest.settings.test_every:
         warn(f"No view is held out: {len(views)} are too few to spare one.")
     rasterizer = create_rasterizer(manifest.settings.backend, monitor)
-    loaded = load_views(training, long_side_px, monitor)
-    if workspace.checkpoint.exists():
-        trainer = Trainer.resume(workspace.checkpoint, loaded, rasterizer)
-        # The same settings resume to the same result; a longer run goes on by the longer run's schedule.
-        trainer.settings = settings
-    else:
+    loaded = load_views(training, workspace.undistorted_images, long_side_px, monitor)
+    if not workspace.checkpoint.exists():
         require_free_bytes(workspace.root, disk_need_bytes(manifest.settings))
-        gaussians = initialise_from_points(
+    trainer = open_trainer(
+        workspace.checkpoint,
+        loaded,
+        settings,
+        lambda: initialise_from_points(
             reconstruction.points, reconstruction.point_colors, settings.sh_degree
-        )
-        trainer = Trainer(loaded, gaussians, settings, rasterizer, seed=manifest.settings.seed)
-
+        ),
+        rasterizer,
+        manifest.settings.seed,
+    )
     _warn_of_memory(settings, loaded, warn)
-    session = _Session(workspace, manifest, trainer, training, held_out)
-    try:
-        trainer.train(settings.iterations, SavingMonitor(monitor, session.save, _CHECKPOINT_EVERY_S))
-    except Cancelled:
-        session.save()
-        raise
-    session.save()
+    state = _State(workspace, manifest, trainer, training, held_out)
+    train_saving(trainer, settings.iterations, monitor, state.save, _CHECKPOINT_EVERY_S)
+    state.save()
     with torch_threads_for(rasterizer.device):
-        metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, session.seconds, monitor)
+        metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, state.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
 
 
-class _Session:
-    """One run of the trainer, and how its state gets on disk."""
+class _State:
+    """What a run of the trainer writes: the checkpoint, the point cloud and the manifest."""
 
     def __init__(
         self,
         workspace: Workspace,
         manifest: Manifest,
         trainer: Trainer,
-        training: tuple[ModelView, ...],
-        held_out: tuple[ModelView, ...],
+        training: tuple[PinholeView, ...],
+        held_out: tuple[PinholeView, ...],
     ) -> None:
         self._workspace = workspace
         self._manifest = manifest
@@ -122,7 +119,7 @@ class _Session:
         """Seconds of training up to the last save, those of earlier runs included."""
 
     def save(self) -> None:
-        """Write the checkpoint, then the point cloud, then the manifest that speaks of them."""
+        """Write the checkpoint, then the point cloud, then the manifest that describes them."""
         self.seconds = self._seconds_before + time.monotonic() - self._began
         camera = usual_camera(self._training)
         with storage_errors(self._workspace.checkpoint):
@@ -162,7 +159,7 @@ def _evaluate(
     workspace: Workspace,
     trainer: Trainer,
     rasterizer: Rasterizer,
-    held_out: tuple[ModelView, ...],
+    held_out: tuple[PinholeView, ...],
     long_side_px: int,
     training_seconds: float,
     monitor: Monitor,
@@ -170,7 +167,9 @@ def _evaluate(
     """Render the held-out views, compare, and keep each beside its photograph. Stage ``evaluate``."""
     results = []
     folder = workspace.renders / "held-out"
-    for done, view in enumerate(load_views(held_out, long_side_px, monitor), start=1):
+    for done, view in enumerate(
+        load_views(held_out, workspace.undistorted_images, long_side_px, monitor), start=1
+    ):
         rendered = render_color(trainer.gaussians, view, rasterizer)
         photograph = view.image.astype(np.float32) / 255.0
         results.append(

@@ -2,27 +2,17 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.errors import StorageError, TrainingError
-from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.geometry import PinholeCamera
 from fvs_engine.images.pixels import load_rgb, reduced_size
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.splat.views import TrainingView
-
-
-@dataclass(frozen=True)
-class ModelView:
-    """A photograph that has its place in the model; the camera is at training resolution."""
-
-    name: str
-    camera: PinholeCamera
-    camera_from_model: RigidTransform
-    image_path: Path
+from fvs_engine.views import PinholeView
 
 
 def read_undistorted(workspace: Workspace) -> Reconstruction:
@@ -30,24 +20,24 @@ def read_undistorted(workspace: Workspace) -> Reconstruction:
     return read_colmap(workspace.undistorted / "sparse")
 
 
-def model_views(reconstruction: Reconstruction, image_dir: Path, long_side_px: int) -> tuple[ModelView, ...]:
+def model_views(reconstruction: Reconstruction, long_side_px: int) -> tuple[PinholeView, ...]:
     """The views sorted by name, their cameras reduced to ``long_side_px``."""
     views = []
     for view in sorted(reconstruction.views, key=lambda view: view.name):
         camera = view.camera
         if not isinstance(camera, PinholeCamera):
             raise StorageError(
-                f"The camera of {view.name} in {image_dir.parent} still has distortion.",
+                f"The camera of {view.name} still has distortion.",
                 hint="Start again with --overwrite.",
             )
         reduced = camera.resized(*reduced_size(camera.width, camera.height, long_side_px))
-        views.append(ModelView(view.name, reduced, view.camera_from_model, image_dir / view.name))
+        views.append(PinholeView(view.name, reduced, view.camera_from_model))
     return tuple(views)
 
 
 def split_views(
-    views: Sequence[ModelView], test_every: int
-) -> tuple[tuple[ModelView, ...], tuple[ModelView, ...]]:
+    views: Sequence[PinholeView], test_every: int
+) -> tuple[tuple[PinholeView, ...], tuple[PinholeView, ...]]:
     """Training and held-out views: of the views sorted by name, index % ``test_every`` == 0 is held out.
 
     Nothing is held out when ``test_every`` is 0 or there are fewer views than that: too few to spare one.
@@ -59,14 +49,16 @@ def split_views(
     return tuple(view for view in views if view.name not in names), test
 
 
-def load_views(views: Sequence[ModelView], long_side_px: int, monitor: Monitor) -> list[TrainingView]:
-    """Read the photographs of ``views`` at training resolution. Stage ``load``."""
+def load_views(
+    views: Sequence[PinholeView], image_dir: Path, long_side_px: int, monitor: Monitor
+) -> list[TrainingView]:
+    """Read the photographs of ``views`` from ``image_dir`` at training resolution. Stage ``load``."""
     loaded = []
     for done, view in enumerate(views, start=1):
-        image = load_rgb(view.image_path, long_side_px)
+        image = load_rgb(image_dir / view.name, long_side_px)
         if image.shape[:2] != (view.camera.height, view.camera.width):
             raise TrainingError(
-                f"{view.image_path} has {image.shape[1]}×{image.shape[0]} px, "
+                f"{image_dir / view.name} has {image.shape[1]}×{image.shape[0]} px, "
                 f"its camera {view.camera.width}×{view.camera.height} px.",
                 hint="The cameras belong to other images: give the images that they were computed from.",
             )
@@ -76,6 +68,6 @@ def load_views(views: Sequence[ModelView], long_side_px: int, monitor: Monitor) 
     return loaded
 
 
-def usual_camera(views: Sequence[ModelView]) -> PinholeCamera:
+def usual_camera(views: Sequence[PinholeView]) -> PinholeCamera:
     """The camera that most views have; of equally frequent ones the first by name."""
     return Counter(view.camera for view in views).most_common(1)[0][0]

@@ -65,6 +65,11 @@ class Workspace:
         return self.root / "undistorted"
 
     @property
+    def undistorted_images(self) -> Path:
+        """The images of the pinhole cameras."""
+        return self.undistorted / "images"
+
+    @property
     def checkpoint(self) -> Path:
         """The training state."""
         return self.root / "splat" / "checkpoint.safetensors"

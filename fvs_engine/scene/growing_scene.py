@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fvs_engine.errors import Cancelled, InvalidInputError, TrainingError
+from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
-from fvs_engine.monitor import Monitor, SavingMonitor
+from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.photographs import Photographs
@@ -25,6 +25,7 @@ from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.session import train_saving
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
@@ -222,11 +223,7 @@ class GrowingScene:
         if trainer.iteration >= self.target_iteration:
             return
         self._dirty = True
-        try:
-            trainer.train(self.target_iteration, SavingMonitor(monitor, self.save, _SAVE_EVERY_S))
-        except Cancelled:
-            self.save()
-            raise
+        train_saving(trainer, self.target_iteration, monitor, self.save, _SAVE_EVERY_S)
 
     def save(self) -> None:
         """Commit the state: whatever was done since the last time is on disk, whole, or not at all."""

@@ -1,8 +1,7 @@
 """Scores of candidate views: which one should be photographed next."""
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.score.information import ViewInformation, estimated_information, view_information
-from fvs_engine.score.interface import Candidate, CandidateScore, Scorer
+from fvs_engine.score.interface import CandidateScore, Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
 from fvs_engine.score.rank import rank
 from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged
@@ -10,11 +9,8 @@ from fvs_engine.score.spectral_median import SpectralMedian, spectral_median_fre
 
 __all__ = [
     "MIN_COVERAGE",
-    "Candidate",
     "CandidateScore",
-    "CandidateStatus",
     "MedianFrequency",
-    "RankedCandidate",
     "Scorer",
     "SpectralMedian",
     "ViewInformation",

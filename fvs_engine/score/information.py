@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from fvs_engine.score.interface import Candidate
-from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
+from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, SquaringRasterizer
+from fvs_engine.splat.settings import sh_coefficient_count
+from fvs_engine.views import PinholeView
 
 PROBES = 4
 """Backward passes per view where the diagonal is estimated; see ``estimated_information``."""
@@ -29,7 +30,7 @@ class ViewInformation:
 
 def view_information(
     gaussians: Gaussians,
-    view: Candidate,
+    view: PinholeView,
     rasterizer: Rasterizer,
     *,
     sh_degree: int | None = None,
@@ -52,7 +53,7 @@ def view_information(
 
 def estimated_information(
     gaussians: Gaussians,
-    view: Candidate,
+    view: PinholeView,
     rasterizer: Rasterizer,
     *,
     sh_degree: int | None = None,

@@ -1,4 +1,4 @@
-"""What every scorer takes and gives, so that one can stand in for another."""
+"""The interface of scorers: candidates in, one score for each out."""
 
 import math
 from collections.abc import Sequence
@@ -7,42 +7,35 @@ from typing import Protocol
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A view that could be photographed next."""
-
-    id: str
-    camera: PinholeCamera
-    camera_from_model: RigidTransform
+from fvs_engine.views import PinholeView
 
 
 @dataclass(frozen=True)
 class CandidateScore:
-    """What a scorer says of one candidate: the lower the ``score``, the sooner it should be photographed.
+    """The score of one candidate: the lower the ``score``, the sooner it should be photographed.
 
     ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
-    the mean alpha of the view: the share of it that the model fills; None where nothing was rendered to
-    know it. Raises ``InvalidInputError`` otherwise.
+    the mean alpha of the view: the share of it that the model fills; None where nothing was rendered.
+    Raises ``InvalidInputError`` otherwise.
     """
 
-    id: str
+    name: str
     score: float | None
     status: CandidateStatus
     coverage: float | None
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status is CandidateStatus.OUT_OF_MODEL):
-            raise InvalidInputError(f"Candidate {self.id}: no score if and only if it is out of the model.")
+            raise InvalidInputError(f"Candidate {self.name}: no score if and only if it is out of the model.")
         if self.score is not None and not math.isfinite(self.score):
-            raise InvalidInputError(f"Candidate {self.id}: a score must be finite, not {self.score}.")
+            raise InvalidInputError(f"Candidate {self.name}: a score must be finite, not {self.score}.")
         if self.coverage is not None and not 0.0 <= self.coverage <= 1.0:
-            raise InvalidInputError(f"Candidate {self.id}: coverage must be in [0, 1], not {self.coverage}.")
+            raise InvalidInputError(
+                f"Candidate {self.name}: coverage must be in [0, 1], not {self.coverage}."
+            )
 
 
 class Scorer(Protocol):
@@ -50,13 +43,13 @@ class Scorer(Protocol):
 
     @property
     def name(self) -> str:
-        """What the method is called in results."""
+        """The method's name in results."""
         ...
 
     def score(
         self,
         gaussians: Gaussians,
-        candidates: Sequence[Candidate],
+        candidates: Sequence[PinholeView],
         rasterizer: Rasterizer,
         *,
         sh_degree: int | None = None,

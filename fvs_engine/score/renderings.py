@@ -1,7 +1,9 @@
-"""Scores of what the model shows at candidates: render, measure the images, judge what was measured."""
+"""Scores of what the model shows at candidates: render, measure the images, decide what can be compared."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import torch
@@ -10,9 +12,10 @@ from torch import Tensor
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score.interface import Candidate, CandidateScore
+from fvs_engine.score.interface import CandidateScore
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.views import PinholeView
 
 MIN_COVERAGE = 0.1
 """Share of a view that the model must fill for its score to be compared with others'."""
@@ -21,50 +24,78 @@ _BATCH_PIXELS = 1 << 23
 """Pixels whose spectra a GPU computes at once; a CPU is busy with one image at a time."""
 
 
-def score_renderings(
-    measure: Callable[[Tensor], Tensor],
-    gaussians: Gaussians,
-    candidates: Sequence[Candidate],
-    rasterizer: Rasterizer,
-    *,
-    min_coverage: float,
-    sh_degree: int | None = None,
-    monitor: Monitor | None = None,
-) -> tuple[CandidateScore, ...]:
-    """One score per candidate: ``measure`` of its render on black.
+@dataclass(frozen=True)
+class RenderingScorer(ABC):
+    """Scores a candidate by a measure of what the model shows there, on black.
 
-    ``measure`` maps images [B, H, W, 3] to values [B]; what it cannot measure is not finite. Raises
-    ``InvalidInputError`` for images of different sizes, ``Cancelled`` when the monitor says so.
+    A view that the model fills by less than ``min_coverage`` is reported as ``low-coverage``, not ranked.
     """
-    monitor = monitor or Monitor()
-    scores: list[CandidateScore] = []
-    for batch in _batches(candidates, rasterizer.device):
-        colors, alphas = [], []
-        for candidate in batch:
-            monitor.check()
-            with torch.no_grad():
-                rendering = rasterizer.render(
-                    gaussians, candidate.camera, candidate.camera_from_model, sh_degree=sh_degree
-                )
-            colors.append(rendering.color)
-            alphas.append(rendering.alpha.mean())
-        values = measure(torch.stack(colors)).tolist()
-        for candidate, value, alpha in zip(batch, values, torch.stack(alphas).tolist(), strict=True):
-            scores.append(judged(candidate.id, value, alpha, min_coverage))
-        monitor.report("score", len(scores), len(candidates))
-    return tuple(scores)
+
+    min_coverage: float = MIN_COVERAGE
+
+    def __post_init__(self) -> None:
+        check_min_coverage(self.min_coverage)
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """See ``Scorer``."""
+
+    @abstractmethod
+    def measure(self, images: Tensor) -> Tensor:
+        """The score [B] of images [B, H, W, 3]; not finite where an image cannot be measured."""
+
+    def prepare(self, device: torch.device, monitor: Monitor) -> None:  # noqa: B027 - most need nothing
+        """Make ready for scoring on ``device``."""
+
+    def score(
+        self,
+        gaussians: Gaussians,
+        candidates: Sequence[PinholeView],
+        rasterizer: Rasterizer,
+        *,
+        sh_degree: int | None = None,
+        monitor: Monitor | None = None,
+    ) -> tuple[CandidateScore, ...]:
+        """See ``Scorer``."""
+        monitor = monitor or Monitor()
+        self.prepare(rasterizer.device, monitor)
+        scores: list[CandidateScore] = []
+        for batch in _batches(candidates, rasterizer.device):
+            colors, alphas = [], []
+            for candidate in batch:
+                monitor.check()
+                with torch.no_grad():
+                    rendering = rasterizer.render(
+                        gaussians, candidate.camera, candidate.camera_from_model, sh_degree=sh_degree
+                    )
+                colors.append(rendering.color)
+                alphas.append(rendering.alpha.mean())
+            values = self.measure(torch.stack(colors)).tolist()
+            for candidate, value, alpha in zip(batch, values, torch.stack(alphas).tolist(), strict=True):
+                scores.append(judged(candidate.name, value, alpha, self.min_coverage))
+            monitor.report("score", len(scores), len(candidates))
+        return tuple(scores)
 
 
-def judged(candidate_id: str, value: float, coverage: float, min_coverage: float) -> CandidateScore:
+def require_images(images: Tensor) -> None:
+    """Raise ``InvalidInputError`` for what is no batch of images [B, H, W, 3] of floating-point colours."""
+    if images.ndim != 4 or images.shape[-1] != 3 or images.numel() == 0:
+        raise InvalidInputError(f"Images must have shape [B, H, W, 3], not {list(images.shape)}.")
+    if images.dtype not in {torch.float32, torch.float64}:
+        raise InvalidInputError("Images must be float32 or float64, with colours in [0, 1].")
+
+
+def judged(name: str, value: float, coverage: float, min_coverage: float) -> CandidateScore:
     """The score with its status: out of the model where nothing is in view or ``value`` is not finite.
 
     A ``coverage`` outside of [0, 1] is brought into it; one that is no number counts as 0.
     """
     coverage = 0.0 if math.isnan(coverage) else min(max(coverage, 0.0), 1.0)
     if coverage == 0.0 or not math.isfinite(value):
-        return CandidateScore(candidate_id, None, CandidateStatus.OUT_OF_MODEL, coverage)
+        return CandidateScore(name, None, CandidateStatus.OUT_OF_MODEL, coverage)
     status = CandidateStatus.RANKED if coverage >= min_coverage else CandidateStatus.LOW_COVERAGE
-    return CandidateScore(candidate_id, value, status, coverage)
+    return CandidateScore(name, value, status, coverage)
 
 
 def check_min_coverage(min_coverage: float) -> None:
@@ -73,7 +104,7 @@ def check_min_coverage(min_coverage: float) -> None:
         raise InvalidInputError(f"min_coverage must be in [0, 1], not {min_coverage}.")
 
 
-def _batches(candidates: Sequence[Candidate], device: torch.device) -> Iterator[tuple[Candidate, ...]]:
+def _batches(candidates: Sequence[PinholeView], device: torch.device) -> Iterator[tuple[PinholeView, ...]]:
     """Candidates in groups that the device can take at once; refuses images of different sizes."""
     sizes = {(candidate.camera.width, candidate.camera.height) for candidate in candidates}
     if len(sizes) > 1:

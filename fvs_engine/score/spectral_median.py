@@ -5,18 +5,11 @@ What signal processing calls the median frequency. Not the paper's score, which 
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from fvs_engine.errors import InvalidInputError
-from fvs_engine.monitor import Monitor
-from fvs_engine.score.interface import Candidate, CandidateScore
-from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, score_renderings
-from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.score.renderings import RenderingScorer, require_images
 
 _ROUNDING = 1e-12
 """Mean square of the windowed colours under which an image has no structure but rounding (8 bits: 1e-6)."""
@@ -32,10 +25,7 @@ def spectral_median_frequency(images: Tensor) -> Tensor:
     √½. NaN for images without structure (blank) or with a NaN. Raises ``InvalidInputError`` for another
     shape or type.
     """
-    if images.ndim != 4 or images.shape[-1] != 3 or images.numel() == 0:
-        raise InvalidInputError(f"Images must have shape [B, H, W, 3], not {list(images.shape)}.")
-    if images.dtype not in {torch.float32, torch.float64}:
-        raise InvalidInputError("Images must be float32 or float64, with colours in [0, 1].")
+    require_images(images)
     height, width = images.shape[1:3]
     planes = images.movedim(-1, 1).to(torch.float64).clamp(0.0, 1.0)
     window = torch.outer(_hann(height, images.device), _hann(width, images.device))
@@ -54,43 +44,18 @@ def spectral_median_frequency(images: Tensor) -> Tensor:
     return frequencies[reached[:, 0]].where(structured, math.nan)
 
 
-@dataclass(frozen=True)
-class SpectralMedian:
+class SpectralMedian(RenderingScorer):
     """Scores a candidate by the spectral median of what the model shows there, on black.
 
     A blurred render keeps its energy at low frequencies: the lower, the sooner. A view that the model
     fills by less than ``min_coverage`` is reported as ``low-coverage``: its energy is that of an outline.
     """
 
-    min_coverage: float = MIN_COVERAGE
+    name = "spectral-median"
 
-    def __post_init__(self) -> None:
-        check_min_coverage(self.min_coverage)
-
-    @property
-    def name(self) -> str:
-        """See ``Scorer``."""
-        return "spectral-median"
-
-    def score(
-        self,
-        gaussians: Gaussians,
-        candidates: Sequence[Candidate],
-        rasterizer: Rasterizer,
-        *,
-        sh_degree: int | None = None,
-        monitor: Monitor | None = None,
-    ) -> tuple[CandidateScore, ...]:
-        """See ``Scorer``."""
-        return score_renderings(
-            spectral_median_frequency,
-            gaussians,
-            candidates,
-            rasterizer,
-            min_coverage=self.min_coverage,
-            sh_degree=sh_degree,
-            monitor=monitor,
-        )
+    def measure(self, images: Tensor) -> Tensor:
+        """See ``spectral_median_frequency``."""
+        return spectral_median_frequency(images)
 
 
 def _hann(size: int, device: torch.device) -> Tensor:

@@ -1,17 +1,13 @@
 """Which views a selection begins with."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
+from fvs_engine.choices import InitialChoice
 from fvs_engine.geometry import PinholeCamera
-from fvs_engine.score import Candidate
-from fvs_engine.select.view_distance import view_distances
-from fvs_engine.views import AnyView
-
-InitialChoice = Literal["first", "consecutive", "farthest"]
-"""The ways to begin, see ``initial_views``."""
+from fvs_engine.select.distances import view_distances
+from fvs_engine.views import AnyView, PinholeView
 
 
 def initial_views(views: Sequence[AnyView], count: int, choice: InitialChoice, seed: int) -> tuple[str, ...]:
@@ -41,8 +37,8 @@ def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
     return chosen
 
 
-def _as_candidate(view: AnyView) -> Candidate:
+def _as_candidate(view: AnyView) -> PinholeView:
     """The view in the dataset's frame; ``view_distances`` looks at nothing but its pose."""
     camera = view.camera
     plain = PinholeCamera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return Candidate(view.name, plain, view.camera_from_model)
+    return PinholeView(view.name, plain, view.camera_from_model)

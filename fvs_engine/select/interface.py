@@ -4,13 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import Candidate, CandidateScore, CandidateStatus, RankedCandidate, rank
-from fvs_engine.select.view_distance import view_distances
+from fvs_engine.score import CandidateScore, rank
+from fvs_engine.select.distances import view_distances
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.views import PinholeView
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +32,8 @@ class SelectionContext:
     gaussians: Gaussians
     rasterizer: Rasterizer
     sh_degree: int | None
-    visited: tuple[Candidate, ...]
-    candidates: tuple[Candidate, ...]
+    visited: tuple[PinholeView, ...]
+    candidates: tuple[PinholeView, ...]
     order: Mapping[str, int]
     budget: int
     seed: int
@@ -40,11 +42,13 @@ class SelectionContext:
     def __post_init__(self) -> None:
         known: set[str] = set()
         for view in (*self.visited, *self.candidates):
-            if view.id in known:
-                raise InvalidInputError(f"View {view.id} occurs more than once among visited and candidates.")
-            if view.id not in self.order:
-                raise InvalidInputError(f"View {view.id} has no place in the order of capture.")
-            known.add(view.id)
+            if view.name in known:
+                raise InvalidInputError(
+                    f"View {view.name} occurs more than once among visited and candidates."
+                )
+            if view.name not in self.order:
+                raise InvalidInputError(f"View {view.name} has no place in the order of capture.")
+            known.add(view.name)
 
 
 class Selector(Protocol):
@@ -106,11 +110,11 @@ def _first(context: SelectionContext, ranked: tuple[RankedCandidate, ...]) -> tu
     """The candidate to take, and which fallback led to it."""
     best = ranked[0]
     if best.status is CandidateStatus.RANKED:
-        return best.id, None
+        return best.name, None
     if best.status is CandidateStatus.LOW_COVERAGE:
-        return best.id, CandidateStatus.LOW_COVERAGE.value
+        return best.name, CandidateStatus.LOW_COVERAGE.value
     separation = view_distances(context.candidates, context.visited).min(axis=1, initial=float("inf"))
     farthest = separation.max()
     # As in a ranking, ties go to the smaller id, whatever the order of the candidates.
-    ids = (c.id for c, value in zip(context.candidates, separation, strict=True) if value == farthest)
+    ids = (c.name for c, value in zip(context.candidates, separation, strict=True) if value == farthest)
     return min(ids), "farthest"

@@ -9,34 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
+from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_dataset, same_frame
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.score import Candidate
+from fvs_engine.select.distances import path_length
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
 from fvs_engine.select.loop_records import (
     AlignmentRecord,
     Choice,
-    RankedRecord,
     StepRecord,
     StepSeconds,
     StopReason,
 )
 from fvs_engine.select.loop_settings import LoopSettings
-from fvs_engine.select.model_alignment import ModelAlignment, align_to_model, same_frame
 from fvs_engine.select.reach import Reach, default_radius
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
-from fvs_engine.select.travel import path_length
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.views import PinholeView
 
 __all__ = [
     "AlignmentRecord",
     "Choice",
     "LoopSettings",
-    "RankedRecord",
     "SelectionLoop",
     "StepRecord",
     "StepSeconds",
@@ -45,15 +43,20 @@ __all__ = [
 
 STAGE = "select"
 
+_ALIGNMENT_HINT = (
+    "Check that the poses belong to these photographs and which axes they use; `--poses known` takes them as "
+    "they are."
+)
+
 
 class SelectionLoop:
     """A selection of views of one dataset; on disk after every step, and resumed by opening it again.
 
-    Positions and distances are camera centres in the dataset's frame; candidates are rendered in the model's,
-    where ``ModelAlignment`` takes them. Held-out views are never visited and never candidates. Only what was
-    visited is learned, whatever the dataset knows of the rest.
+    Positions and distances are camera centres in the dataset's frame; candidates are rendered in the
+    model's, by ``DatasetAlignment``. Held-out views are never visited and never candidates. The model is
+    trained on visited views alone, whatever else the dataset holds.
 
-    A selection that was killed at any moment goes on as one that was not (on the CPU; see ``GrowingScene``).
+    A selection that was killed at any moment continues identically (on the CPU; see ``GrowingScene``).
     """
 
     def __init__(
@@ -182,31 +185,32 @@ class SelectionLoop:
         monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
         return record
 
-    def align(self) -> ModelAlignment:
+    def align(self) -> DatasetAlignment:
         """Where the dataset's frame lies in the model; raises ``InvalidInputError`` when they disagree."""
         if self.settings.scene.poses == "known":
             return same_frame(len(self.scene.views))
         names = [view.name for view in self.scene.views]
-        return align_to_model(
-            [self.dataset.by_name[name].camera_from_model.inverse() for name in names],
-            [view.camera_from_model.inverse() for view in self.scene.views],
-        )
+        try:
+            return align_dataset(
+                [self.dataset.by_name[name].camera_from_model.inverse() for name in names],
+                [view.camera_from_model.inverse() for view in self.scene.views],
+            )
+        except InvalidInputError as error:
+            raise InvalidInputError(error.message, hint=_ALIGNMENT_HINT) from error
 
-    def context(self, candidates: Iterable[str], alignment: ModelAlignment) -> SelectionContext:
+    def context(self, candidates: Iterable[str], alignment: DatasetAlignment) -> SelectionContext:
         """What a selector may know now, about ``candidates`` (names of views of the dataset).
 
         Visited views that could not be registered yet stand where the alignment puts them: they were flown
         to, and a method that spreads views must not go there again.
         """
-        registered = {
-            view.name: Candidate(view.name, view.camera, view.camera_from_model) for view in self.scene.views
-        }
+        registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
         return SelectionContext(
             gaussians=self.scene.gaussians,
             rasterizer=self.scene.rasterizer,
             sh_degree=self.scene.sh_degree,
             visited=tuple(
-                registered.get(view.id, view) for view in self._candidates(self.visited, alignment)
+                registered.get(view.name, view) for view in self._candidates(self.visited, alignment)
             ),
             candidates=self._candidates(candidates, alignment),
             order={name: index for index, name in enumerate(self.train_names)},
@@ -215,7 +219,7 @@ class SelectionLoop:
             step=len(self._records),
         )
 
-    def _candidates(self, names: Iterable[str], alignment: ModelAlignment) -> tuple[Candidate, ...]:
+    def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:
         """Views of the dataset in the model frame.
 
         Scores of different image sizes cannot be compared, so that a view of another size than most have sees
@@ -232,7 +236,7 @@ class SelectionLoop:
             world_from_camera = self.dataset.by_name[name].camera_from_model.inverse()
             model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
             comparable = camera if (camera.width, camera.height) == size else usual
-            candidates.append(Candidate(name, comparable, model_from_camera.inverse()))
+            candidates.append(PinholeView(name, comparable, model_from_camera.inverse()))
         return tuple(candidates)
 
     def _stop_reason(self) -> StopReason | None:
@@ -258,22 +262,12 @@ class SelectionLoop:
             step=len(self._records) + 1,
             method=self.settings.method,
             chosen=chosen,
-            score=next(place.score for place in selection.ranked if place.id == chosen),
-            ranked=tuple(
-                RankedRecord(
-                    rank=place.rank,
-                    id=place.id,
-                    score=place.score,
-                    status=place.status,
-                    coverage=place.coverage,
-                    distance=distances[place.id],
-                )
-                for place in selection.ranked
-            ),
+            score=next(item.score for item in selection.ranked if item.name == chosen),
+            ranked=selection.ranked,
             fallback=selection.fallback,
             distance=distances[chosen],
             travel=self.travel + distances[chosen],
-            alignment=alignment.record,
+            alignment=AlignmentRecord.of(alignment),
             seconds=time.monotonic() - began,
         )
 

@@ -2,31 +2,15 @@
 
 from typing import Literal
 
-from fvs_engine.candidates import CandidateStatus
+from fvs_engine.candidates import RankedCandidate
+from fvs_engine.geometry.alignment.dataset import DatasetAlignment
 from fvs_engine.records import Record
 
 
-class RankedRecord(Record):
-    """One candidate's place; ``distance`` from the current camera centre, in the dataset's unit.
-
-    ``coverage`` is None where the method does not render.
-    """
-
-    rank: int | None
-    id: str
-    score: float | None
-    status: CandidateStatus
-    coverage: float | None
-    distance: float
-
-
 class AlignmentRecord(Record):
-    """How the dataset's frame was taken into the model's: ``model_from_world``.
+    """The alignment of the dataset with the model, see ``DatasetAlignment``.
 
-    ``source``: ``known`` when they are one frame; ``centres`` when the visited cameras' centres fixed the
-    similarity; ``attitudes`` when they stand on a line, and the cameras' attitudes fixed its rotation.
-    ``scale``: model units per unit of the dataset. ``rms``: of the inliers' centres, in the dataset's unit.
-    ``attitude_deg``: median angle between the attitudes that the dataset and the model give a view.
+    ``scale``: model units per unit of the dataset.
     """
 
     source: Literal["known", "centres", "attitudes"]
@@ -35,6 +19,18 @@ class AlignmentRecord(Record):
     attitude_deg: float
     views: int
     inliers: int
+
+    @classmethod
+    def of(cls, alignment: DatasetAlignment) -> "AlignmentRecord":
+        """The record of an alignment."""
+        return cls(
+            source=alignment.source,
+            scale=alignment.model_from_world.scale,
+            rms=alignment.rms,
+            attitude_deg=alignment.attitude_deg,
+            views=alignment.views,
+            inliers=alignment.inliers,
+        )
 
 
 class Choice(Record):
@@ -50,7 +46,7 @@ class Choice(Record):
     method: str
     chosen: str
     score: float | None
-    ranked: tuple[RankedRecord, ...]
+    ranked: tuple[RankedCandidate, ...]
     fallback: str | None
     distance: float
     travel: float

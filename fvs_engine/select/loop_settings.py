@@ -2,13 +2,14 @@
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from fvs_engine.choices import InitialChoice
+from fvs_engine.records import Record
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.select.initial_views import InitialChoice
 
 
-class LoopSettings(BaseModel):
+class LoopSettings(Record):
     """How to choose views of a dataset; frozen, and stored with the selection.
 
     ``budget`` counts all views, the ``initial`` ones included. Candidates are the unvisited views within
@@ -20,8 +21,6 @@ class LoopSettings(BaseModel):
     draws; or those ``farthest`` from one another, beginning with one that it draws. ``time_limit_s`` bounds
     one run, not a selection that is resumed.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     scene: SceneSettings
     method: str = "median-frequency"

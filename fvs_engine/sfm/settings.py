@@ -4,11 +4,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from fvs_engine.choices import CameraModel
 from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.records import Record
-
-CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
-"""Lenses that structure from motion can estimate: COLMAP's names. Only OPENCV lets pixels not be square."""
 
 MapperName = Literal["incremental", "global"]
 """COLMAP's two ways from two-view geometries to a model."""

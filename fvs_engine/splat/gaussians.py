@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from fvs_engine.splat.degrees import sh_coefficient_count as sh_coefficient_count
-
 
 @dataclass
 class Gaussians:

@@ -7,7 +7,8 @@ from scipy.spatial import cKDTree
 from scipy.special import logit
 
 from fvs_engine.errors import TrainingError
-from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.settings import sh_coefficient_count
 from fvs_engine.splat.spherical_harmonics import dc_from_color
 
 INITIAL_OPACITY = 0.1

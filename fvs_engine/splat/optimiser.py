@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fvs_engine.compilation.kernels import kernel, parallel_kernel
-from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
-from fvs_engine.splat.settings import LearningRates
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.settings import LearningRates, sh_coefficient_count
 
 BETA_FIRST = 0.9
 BETA_SECOND = 0.999

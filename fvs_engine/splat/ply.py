@@ -13,7 +13,8 @@ from plyfile import PlyData, PlyElement, PlyParseError
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import replacing
-from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.settings import sh_coefficient_count
 
 _MEANS = ("x", "y", "z")
 _NORMALS = ("nx", "ny", "nz")

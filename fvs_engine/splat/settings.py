@@ -2,18 +2,17 @@
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from fvs_engine.splat.degrees import sh_coefficient_count
+from fvs_engine.choices import Quality
+from fvs_engine.records import Record
 
 
-class LearningRates(BaseModel):
+class LearningRates(Record):
     """Adam's step sizes per parameter; those of ``means`` are multiplied by the scene's extent.
 
     Source: Kerbl et al., 2023, and their published defaults.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     means_first: float = Field(default=1.6e-4, gt=0)
     means_last: float = Field(default=1.6e-6, gt=0)
@@ -24,7 +23,7 @@ class LearningRates(BaseModel):
     sh_rest: float = Field(default=2.5e-3 / 20, gt=0)
 
 
-class Densification(BaseModel):
+class Densification(Record):
     """When and how Gaussians are added and removed; every interval is in iterations.
 
     It happens at iterations that leave the remainder ``phase`` when divided by ``interval``.
@@ -33,8 +32,6 @@ class Densification(BaseModel):
     ``prune_extent`` are shares of the scene's extent: smaller Gaussians are cloned and larger ones split;
     those above the latter are removed once opacities were reset.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     first_iteration: int = Field(default=500, ge=0)
     last_iteration: int = Field(default=15_000, ge=0)
@@ -47,14 +44,12 @@ class Densification(BaseModel):
     prune_opacity: float = Field(default=0.005, gt=0, lt=1)
 
 
-class TrainingSettings(BaseModel):
+class TrainingSettings(Record):
     """How to train; frozen, and stored with every checkpoint.
 
     The defaults are those of the 3DGS paper for 30,000 iterations. ``max_gaussians`` is a hard cap:
     densification that would exceed it takes the Gaussians with the largest gradients.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     iterations: int = Field(default=30_000, gt=0)
     sh_degree: int = Field(default=3, ge=0, le=3)
@@ -92,7 +87,7 @@ class TrainingSettings(BaseModel):
         )
 
 
-PRESETS: dict[str, TrainingSettings] = {
+PRESETS: dict[Quality, TrainingSettings] = {
     "coarse": TrainingSettings(sh_degree=0, max_gaussians=300_000).with_iterations(1_000),
     "fine": TrainingSettings(sh_degree=3),
 }
@@ -126,3 +121,8 @@ def memory_need_bytes(gaussians: int, sh_degree: int, views: int, width_px: int,
     pixels = width_px * height_px
     images = views * 3 * pixels + _FLOAT_BYTES * _PIXEL_FLOATS * pixels
     return round(_GROWTH_FACTOR * gaussians * per_gaussian) + images
+
+
+def sh_coefficient_count(degree: int) -> int:
+    """Number of spherical-harmonics coefficients per colour channel up to ``degree``."""
+    return (degree + 1) ** 2

@@ -1,4 +1,4 @@
-"""What the trainer learns from: photographs with the cameras that took them."""
+"""Training views: photographs with the cameras that took them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,21 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.views import View
 
 EXTENT_MARGIN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingView:
-    """A photograph without distortion: ``image`` [H, W, 3] uint8, of exactly the camera's size.
+class TrainingView(View[PinholeCamera]):
+    """A view with its undistorted photograph: ``image`` [H, W, 3] uint8, of exactly the camera's size.
 
     Raises ``InvalidInputError`` when image and camera do not fit.
     """
 
-    name: str
-    camera: PinholeCamera
-    camera_from_model: RigidTransform
     image: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
@@ -33,17 +31,12 @@ class TrainingView:
                 hint="Resize the image and its camera together.",
             )
 
-    @property
-    def centre(self) -> NDArray[np.float64]:
-        """The camera's centre [3] in the model frame."""
-        return self.camera_from_model.inverse().translation
-
 
 def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:
     """The length by which learning rates and size limits scale: how far the cameras spread.
 
-    1.1 × the greatest distance of a camera from their mean (3DGS's "camera extent"). Cameras that all
-    stand in one place have no spread; then it is the median distance of the ``points`` [N, 3] to them.
+    1.1 × the greatest distance of a camera from their mean (3DGS's "camera extent"). Where all centres
+    coincide, it is the median distance of the ``points`` [N, 3] to them.
     """
     centres = np.stack([view.centre for view in views])
     centre = centres.mean(axis=0)

@@ -7,9 +7,9 @@ import torch
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
-from fvs_engine.splat.gaussians import Gaussians, sh_coefficient_count
+from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.cpu import CpuRasterizer
-from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.settings import TrainingSettings, sh_coefficient_count
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 

@@ -1,7 +1,8 @@
 import pytest
 
 from fvs_engine.errors import Cancelled
-from fvs_engine.monitor import Monitor, Progress, SavingMonitor
+from fvs_engine.monitor import Monitor, Progress
+from fvs_engine.splat.session import SavingMonitor
 
 
 def test_a_saving_monitor_passes_on_and_saves_when_it_is_time() -> None:

@@ -7,12 +7,12 @@ from torch import Tensor
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import MIN_COVERAGE, Candidate, CandidateScore, check_min_coverage, judged
+from fvs_engine.score import MIN_COVERAGE, CandidateScore, check_min_coverage, judged
 from fvs_engine.select.interface import SelectionContext
-from fvs_engine.select.view_distance import centre
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color
+from fvs_engine.views import PinholeView
 
 SEEN_PX = 0.5
 """What a Gaussian must contribute to a visited view to count as seen: the sum of its blending weights, px."""
@@ -64,7 +64,7 @@ class Coverage:
                 rendering = rasterizer.render(shown, view.camera, view.camera_from_model)
             alpha = float(rendering.alpha.mean())
             value = float(rendering.color[..., 0].mean()) + self.empty_coverage * (1 - alpha)
-            scores.append(judged(view.id, value, alpha, self.min_coverage))
+            scores.append(judged(view.name, value, alpha, self.min_coverage))
             monitor.report("coverage", done, total)
         return tuple(scores)
 
@@ -83,14 +83,14 @@ def directional_coverage(seen_from: Tensor, directions: Tensor) -> Tensor:
     return (0.5 + 0.5 * best).clamp_(0.0, 1.0)
 
 
-def _directions(gaussians: Gaussians, view: Candidate) -> Tensor:
+def _directions(gaussians: Gaussians, view: PinholeView) -> Tensor:
     """Unit vectors [3, N] from every Gaussian to the camera's centre."""
     means = gaussians.means.detach()
-    here = torch.as_tensor(centre(view), dtype=means.dtype, device=means.device)
+    here = torch.as_tensor(view.centre, dtype=means.dtype, device=means.device)
     return torch.nn.functional.normalize(here - means, dim=1).T.contiguous()
 
 
-def _weights_px(gaussians: Gaussians, view: Candidate, rasterizer: Rasterizer) -> Tensor:
+def _weights_px(gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer) -> Tensor:
     """The sum over pixels of every Gaussian's blending weight [N], on any rasteriser.
 
     It is what the image's colours depend on its own colour by: one gradient.

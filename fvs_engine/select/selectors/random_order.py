@@ -2,8 +2,9 @@
 
 import hashlib
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
 
 
@@ -24,8 +25,8 @@ class RandomOrder:
         """See ``Selector``."""
         return tuple(
             CandidateScore(
-                candidate.id,
-                _fraction(f"{context.seed}/{context.step}/{candidate.id}"),
+                candidate.name,
+                _fraction(f"{context.seed}/{context.step}/{candidate.name}"),
                 CandidateStatus.RANKED,
                 None,
             )

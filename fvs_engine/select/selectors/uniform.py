@@ -5,8 +5,9 @@ import itertools
 import math
 from collections.abc import Sequence
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
 
 
@@ -27,13 +28,13 @@ class Uniform:
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``. A budget that is used up is taken to leave one view."""
-        visited = [context.order[view.id] for view in context.visited]
+        visited = [context.order[view.name] for view in context.visited]
         remaining = max(1, context.budget - len(visited))
         planned = planned_places(visited, max(context.order.values(), default=0) + 1, remaining)
         return tuple(
             CandidateScore(
-                candidate.id,
-                min(abs(context.order[candidate.id] - place) for place in planned),
+                candidate.name,
+                min(abs(context.order[candidate.name] - place) for place in planned),
                 CandidateStatus.RANKED,
                 None,
             )

@@ -12,8 +12,8 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.geometry.camera_paths import OPENGL_FROM_OPENCV
 from fvs_engine.geometry.cameras import Camera, DistortedCamera
+from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV
 from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model, open_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView, View

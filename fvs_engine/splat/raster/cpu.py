@@ -52,7 +52,7 @@ class CpuRasterizer:
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
         # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
         screen_means = torch.zeros((len(gaussians), 2), requires_grad=True) if differentiable else None
-        view = View(camera, camera_from_model, degree)
+        view = PackedView(camera, camera_from_model, degree)
         behind = torch.zeros(3) if background is None else background.detach()
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
             view, behind, screen_means, *tensors.values()
@@ -69,15 +69,15 @@ class CpuRasterizer:
     ) -> SquaredJacobian:
         """See ``SquaringRasterizer``: exact, for about the price of a gradient (``kernels.squares``)."""
         degree = gaussians.degree_in_use(sh_degree)
-        view = View(camera, camera_from_model, degree)
+        view = PackedView(camera, camera_from_model, degree)
         parameters = [as_floats(tensor) for tensor in gaussians.tensors().values()]
         forward = rasterize(view, np.zeros(3, np.float32), parameters)
         found = (*square(forward, view, parameters), forward.alpha)
         return SquaredJacobian(*(torch.from_numpy(values) for values in found))
 
 
-class View:
-    """A camera as the kernels take it."""
+class PackedView:
+    """A camera and its pose in the layout of the kernels."""
 
     def __init__(self, camera: PinholeCamera, camera_from_model: RigidTransform, degree: int) -> None:
         self.size = (camera.width, camera.height)
@@ -119,7 +119,7 @@ def as_floats(tensor: Tensor) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
 
 
-def rasterize(view: View, background: Floats, parameters: list[Floats]) -> Forward:
+def rasterize(view: PackedView, background: Floats, parameters: list[Floats]) -> Forward:
     """Project, bin and blend; ``parameters`` are those of ``Gaussians.tensors``, in that order."""
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     records = np.empty((len(means), RECORD_SIZE), np.float32)
@@ -146,7 +146,7 @@ def rasterize(view: View, background: Floats, parameters: list[Floats]) -> Forwa
 
 
 def differentiate(
-    forward: Forward, view: View, parameters: list[Floats], image_gradients: list[Floats | None]
+    forward: Forward, view: PackedView, parameters: list[Floats], image_gradients: list[Floats | None]
 ) -> tuple[Floats, list[Floats]]:
     """Gradients of the projected centres [N, 2] and of the parameters."""
     means, log_scales, quaternions, _, _, sh_rest = parameters
@@ -170,7 +170,7 @@ def differentiate(
     return gradients[:, CENTER_X : CENTER_X + 2], outputs
 
 
-def square(forward: Forward, view: View, parameters: list[Floats]) -> tuple[Floats, ...]:
+def square(forward: Forward, view: PackedView, parameters: list[Floats]) -> tuple[Floats, ...]:
     """The squared Jacobian of an image on black, in the order of ``SquaredJacobian``."""
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     count = len(means)
@@ -211,7 +211,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any,
-        view: View,
+        view: PackedView,
         background: Tensor,
         screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is of interest
         *parameters: Tensor,

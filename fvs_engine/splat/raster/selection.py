@@ -1,14 +1,15 @@
 """Which rasteriser runs here."""
 
 import logging
+from typing import get_args
 
 import torch
 
+from fvs_engine.choices import Backend
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster.interface import Rasterizer
 
-BACKENDS = ("auto", "reference", "cpu", "cuda")
 _log = logging.getLogger(__name__)
 
 
@@ -44,4 +45,6 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
         from fvs_engine.splat.raster.cuda import CudaRasterizer
 
         return CudaRasterizer()
-    raise InvalidInputError(f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(BACKENDS)}.")
+    raise InvalidInputError(
+        f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(get_args(Backend))}."
+    )

@@ -285,14 +285,14 @@ def test_ranking_of_a_file_where_one_view_sees_nothing(
     training = run.document["manifest"]["training"]
     known = training["test_views"][0]
     centre = np.mean([camera.projection_center() for camera in _images(out)], axis=0)
-    away = {"id": "away", "position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}
+    away = {"name": "away", "position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}
     candidates = tmp_path / "candidates.json"
-    candidates.write_text(json.dumps([away, {"id": "known", "view": known}]))
+    candidates.write_text(json.dumps([away, {"name": "known", "view": known}]))
     ranked = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking", "--json")
     assert ranked.status == 0, ranked.stderr
     first, last = ranked.document["candidates"]
-    assert (first["id"], first["rank"], first["status"]) == ("known", 1, "ranked")
-    assert (last["id"], last["rank"], last["score"], last["status"]) == ("away", None, None, "out-of-model")
+    assert (first["name"], first["rank"], first["status"]) == ("known", 1, "ranked")
+    assert (last["name"], last["rank"], last["score"], last["status"]) == ("away", None, None, "out-of-model")
 
     table = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking")
     assert "known" in table.stdout
@@ -301,7 +301,7 @@ def test_ranking_of_a_file_where_one_view_sees_nothing(
 
 def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
     candidates = tmp_path / "candidates.json"
-    candidates.write_text('[{"id": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
+    candidates.write_text('[{"name": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
     run = fvs("rank", first_run[0], "--candidates", candidates)
     assert run.status == EXIT_CODES["invalid-input"]
     assert "candidates.json, candidate 0, orientation_wxyz: its length is 2, not 1." in run.stderr
@@ -313,7 +313,7 @@ def test_candidates_of_two_sizes_cannot_be_compared(
     pose = {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}
     camera = {"width": 64, "height": 48, "fx": 70, "fy": 70, "cx": 32, "cy": 24}
     candidates = tmp_path / "candidates.json"
-    candidates.write_text(json.dumps([{"id": "a", **pose}, {"id": "b", **pose, "camera": camera}]))
+    candidates.write_text(json.dumps([{"name": "a", **pose}, {"name": "b", **pose, "camera": camera}]))
     run = fvs("rank", first_run[0], "--candidates", candidates, "--out", tmp_path / "ranking")
     assert run.status == EXIT_CODES["invalid-input"]
     assert "64 × 48" in run.stderr

@@ -13,7 +13,7 @@ def test_machines_get_json_lines() -> None:
         display.update(Progress("train", 1, 3, {"loss": 0.5}))
         display.update(Progress("train", 2, 3, {"loss": 0.4}))
         display.update(Progress("train", 3, 3, {"loss": 0.3}))
-        display.say("done")
+        display.show("done")
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     # The second report follows the first within the interval and is left out; the last one never is.
     assert lines == [
@@ -44,7 +44,7 @@ def test_people_get_a_bar_per_stage() -> None:
         for done in range(3):
             display.update(Progress("images", done + 1, 3))
         display.update(Progress("train", 500, 1000, {"loss": 0.123456}))
-        display.say("[a.jpg] was left out")
+        display.show("[a.jpg] was left out")
     shown = stream.getvalue()
     for text in (
         "Checking photographs",

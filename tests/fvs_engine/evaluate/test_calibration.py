@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.evaluate.calibration import calibrate, rank_correlation
 from fvs_engine.evaluate.held_out import evaluate
 from fvs_engine.evaluate.metrics import psnr
@@ -12,7 +13,7 @@ from fvs_engine.evaluate.run import Laboratory
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.raster import create_rasterizer
 

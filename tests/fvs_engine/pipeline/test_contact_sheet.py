@@ -2,20 +2,29 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet, log_magnitude
-from fvs_engine.score import CandidateStatus, RankedCandidate
 
 
 def entry(number: int, image: np.ndarray, name: str | None = None) -> SheetEntry:
     return SheetEntry(
-        RankedCandidate(number, name or f"view {number}", -1.5, CandidateStatus.RANKED, 0.8, None), image
+        RankedCandidate(
+            rank=number,
+            name=name or f"view {number}",
+            score=-1.5,
+            status=CandidateStatus.RANKED,
+            coverage=0.8,
+        ),
+        image,
     )
 
 
 def blank(shape=(60, 90, 3)) -> SheetEntry:
     status = CandidateStatus.OUT_OF_MODEL
-    return SheetEntry(RankedCandidate(None, "void", None, status, 0.0, None), np.zeros(shape))
+    return SheetEntry(
+        RankedCandidate(rank=None, name="void", score=None, status=status, coverage=0.0), np.zeros(shape)
+    )
 
 
 def flat(color, shape=(60, 90)) -> np.ndarray:

@@ -9,17 +9,12 @@ from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.evaluate.protocol import PRESETS
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.evaluate import evaluate_selectors
-from fvs_engine.pipeline.select import loop_settings, scene_settings, select_views
+from fvs_engine.pipeline.select import select_views
+from fvs_engine.pipeline.selection_request import SelectionRequest
 
 
 def _select(dataset: Path, out: Path, monitor: Monitor) -> None:
-    scene = scene_settings(poses="known")
-    select_views(
-        dataset,
-        out,
-        lambda found: loop_settings(found, scene=scene, budget=None, initial=4, test_every=8),
-        monitor=monitor,
-    )
+    select_views(dataset, out, SelectionRequest(poses="known", initial=4), monitor=monitor)
 
 
 def _evaluate(dataset: Path, out: Path, monitor: Monitor) -> None:

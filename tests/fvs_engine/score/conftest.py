@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.views import PinholeView
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def candidate_at():
     """Make a candidate: ``candidate_at(id, centre, target=(0, 0, 0))``."""
     camera = PinholeCamera(48, 36, 40.0, 40.0, 24.0, 18.0)
 
-    def make(name, centre, target=(0.0, 0.0, 0.0), camera=camera) -> Candidate:
-        return Candidate(name, camera, look_at(centre, target, (0.0, 0.0, 1.0)).inverse())
+    def make(name, centre, target=(0.0, 0.0, 0.0), camera=camera) -> PinholeView:
+        return PinholeView(name, camera, look_at(centre, target, (0.0, 0.0, 1.0)).inverse())
 
     return make

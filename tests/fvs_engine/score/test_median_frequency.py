@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore, CandidateStatus, MedianFrequency, rank
+from fvs_engine.score import CandidateScore, MedianFrequency, rank
 from fvs_engine.splat.raster import Rendering, create_rasterizer
 
 
@@ -43,7 +44,7 @@ def test_a_score_is_the_definition_applied_to_the_render(ball, candidate_at, ras
         rendering = rasterizer.render(ball, candidate.camera, candidate.camera_from_model)
         image = rendering.color.clamp(0, 1).double().numpy()
         expected = np.median(np.log(np.abs(np.fft.fft2(image, axes=(0, 1)))))
-        assert found.id == candidate.id
+        assert found.name == candidate.name
         assert found.score == pytest.approx(expected, abs=1e-5)
         assert found.coverage == pytest.approx(float(rendering.alpha.mean()))
         assert found.status is CandidateStatus.RANKED
@@ -59,7 +60,11 @@ def test_looking_away_is_out_of_the_model_and_far_away_is_low_coverage(ball, can
     assert scores[0].coverage == 0
     assert math.isfinite(scores[1].score)
     assert scores[1].coverage < 0.1
-    assert [(place.id, place.rank) for place in rank(scores)] == [("near", 1), ("far", None), ("away", None)]
+    assert [(place.name, place.rank) for place in rank(scores)] == [
+        ("near", 1),
+        ("far", None),
+        ("away", None),
+    ]
 
 
 @pytest.mark.parametrize(

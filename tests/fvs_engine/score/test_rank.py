@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.score import CandidateScore, CandidateStatus, rank
+from fvs_engine.score import CandidateScore, rank
 
 
 def ranked(name: str, score: float) -> CandidateScore:
@@ -13,7 +14,7 @@ def ranked(name: str, score: float) -> CandidateScore:
 
 
 def ids(places):
-    return [place.id for place in places]
+    return [place.name for place in places]
 
 
 @given(values=st.lists(st.floats(-10, 10), max_size=20))

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.score import Candidate
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.views import PinholeView
 
 CAMERA = PinholeCamera(32, 24, 28.0, 28.0, 16.0, 12.0)
 
@@ -41,8 +41,8 @@ def ball() -> Gaussians:
 def view_at():
     """Make a view: ``view_at(id, centre, target=(0, 0, 0))``."""
 
-    def make(name, centre, target=(0.0, 0.0, 0.0), camera=CAMERA) -> Candidate:
-        return Candidate(name, camera, look_at(centre, target, (0.0, 0.0, 1.0)).inverse())
+    def make(name, centre, target=(0.0, 0.0, 0.0), camera=CAMERA) -> PinholeView:
+        return PinholeView(name, camera, look_at(centre, target, (0.0, 0.0, 1.0)).inverse())
 
     return make
 
@@ -51,7 +51,7 @@ def view_at():
 def ring(view_at):
     """Views around the ball, by angle in degrees: ``ring(0, 90)``."""
 
-    def make(*angles_deg) -> tuple[Candidate, ...]:
+    def make(*angles_deg) -> tuple[PinholeView, ...]:
         angles = np.radians(angles_deg)
         return tuple(
             view_at(f"{degrees:03d}", (3 * np.cos(a), 3 * np.sin(a), 0.3))
@@ -71,7 +71,7 @@ def context(ball, cpu):
     """Make a context: ``context(visited, candidates, budget=…)``; captured in the order given."""
 
     def make(visited, candidates, *, gaussians=ball, rasterizer=cpu, **changes) -> SelectionContext:
-        order = {view.id: place for place, view in enumerate([*visited, *candidates])}
+        order = {view.name: place for place, view in enumerate([*visited, *candidates])}
         values = {"order": order, "budget": 20, "seed": 0, "step": 0, "sh_degree": None, **changes}
         return SelectionContext(
             gaussians=gaussians,
@@ -92,7 +92,7 @@ def chosen_in_turn():
         chosen = []
         for _ in range(count):
             chosen.append(select(context, selector, {}).chosen)
-            left = tuple(view for view in context.candidates if view.id != chosen[-1])
+            left = tuple(view for view in context.candidates if view.name != chosen[-1])
             (there,) = set(context.candidates) - set(left)
             visited = (*context.visited, there)
             context = replace(context, visited=visited, candidates=left, step=context.step + 1)

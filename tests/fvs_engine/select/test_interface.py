@@ -3,8 +3,9 @@ from dataclasses import dataclass
 import pytest
 import torch
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
-from fvs_engine.score import CandidateScore, CandidateStatus
+from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import select
 from fvs_engine.select.selectors import SELECTORS, create_selector
 from fvs_engine.splat.raster import create_rasterizer
@@ -18,7 +19,7 @@ class Told:
     name: str = "told"
 
     def score(self, context, monitor=None):  # noqa: ARG002 - what every selector takes
-        return tuple(CandidateScore(c.id, *self.answers[c.id], 0.5) for c in context.candidates)
+        return tuple(CandidateScore(c.name, *self.answers[c.name], 0.5) for c in context.candidates)
 
 
 def ranked(**scores):
@@ -35,7 +36,7 @@ def test_the_lowest_score_is_chosen_and_ties_go_to_the_nearest(context, views):
     selection = select(here, Told(ranked(b=1.0, c=0.5, d=0.5)), {"b": 1.0, "c": 9.0, "d": 2.0})
     assert selection.chosen == "d"
     assert selection.fallback is None
-    assert [place.id for place in selection.ranked] == ["d", "c", "b"]
+    assert [place.name for place in selection.ranked] == ["d", "c", "b"]
 
 
 def test_low_coverage_is_taken_only_when_nothing_is_ranked(context, views):
@@ -97,11 +98,11 @@ def test_the_table_knows_all_names_and_says_so():
 @pytest.mark.parametrize("name", SELECTORS)
 def test_all_selectors_repeat_themselves_whatever_the_order_of_the_candidates(context, ring, ball, name):
     visited, candidates = ring(0, 20), ring(60, 100, 180, 250)
-    order = {view.id: place for place, view in enumerate([*visited, *candidates])}
+    order = {view.name: place for place, view in enumerate([*visited, *candidates])}
     scores = create_selector(name).score(context(visited, candidates, order=order))
     again = create_selector(name).score(context(visited, candidates[::-1], order=order))
     assert scores == again[::-1]
-    assert [score.id for score in scores] == [view.id for view in candidates]
+    assert [score.name for score in scores] == [view.name for view in candidates]
     assert all(score.status is CandidateStatus.RANKED for score in scores)
     assert all(tensor.grad is None and not tensor.requires_grad for tensor in ball.tensors().values())
 

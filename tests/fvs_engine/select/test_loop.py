@@ -73,7 +73,7 @@ def test_test_views_are_neither_visited_nor_candidates(clean_run: SelectionLoop)
     assert set(clean_run.test_names) == held_out
     assert not held_out & set(clean_run.visited)
     for record in clean_run.records:
-        assert not held_out & {place.id for place in record.choice.ranked}
+        assert not held_out & {place.name for place in record.choice.ranked}
 
 
 def test_candidates_are_the_unvisited_views_in_reach_of_the_camera(clean_run: SelectionLoop) -> None:
@@ -86,7 +86,7 @@ def test_candidates_are_the_unvisited_views_in_reach_of_the_camera(clean_run: Se
             if name not in visited
         }
         nearest = sorted(lengths.values())[:6]
-        found = {place.id: place.distance for place in record.choice.ranked}
+        found = {place.name: place.distance for place in record.choice.ranked}
         assert sorted(found.values()) == pytest.approx(nearest)
         assert found == pytest.approx({name: lengths[name] for name in found})
         visited.append(record.chosen)
@@ -97,7 +97,7 @@ def test_the_lowest_score_is_chosen(clean_run: SelectionLoop) -> None:
         ranked = [place for place in record.choice.ranked if place.rank is not None]
         assert record.choice.fallback is None
         assert record.choice.score == min(place.score for place in ranked if place.score is not None)
-        assert record.chosen == ranked[0].id
+        assert record.chosen == ranked[0].name
 
 
 def test_travel_is_the_way_through_all_visited_centres(clean_run: SelectionLoop) -> None:

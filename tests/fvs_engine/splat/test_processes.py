@@ -13,10 +13,11 @@ RUN = """
 import hashlib, json
 import numpy as np
 import torch
+from fvs_engine.views import PinholeView
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.compilation.kernels import KERNELS
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import Candidate, MedianFrequency
+from fvs_engine.score import MedianFrequency
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.settings import Densification, TrainingSettings
@@ -44,7 +45,7 @@ trainer = Trainer(views, gaussians, settings, rasterizer)
 trainer.train(80, Monitor())
 with torch.no_grad():
     (score,) = MedianFrequency(min_coverage=0.0).score(
-        trainer.gaussians, [Candidate("0", camera, poses[0])], rasterizer, monitor=monitor
+        trainer.gaussians, [PinholeView("0", camera, poses[0])], rasterizer, monitor=monitor
     )
 print(json.dumps({
     "gaussians": len(trainer.gaussians),

@@ -9,10 +9,10 @@ import torch
 from PIL import Image
 
 from fvs_engine.pipeline.contact_sheet import log_magnitude
-from fvs_engine.score import Candidate
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.views import PinholeView
 from fvs_service.rankings.port import Picture, RankedView, RankedViews
 from fvs_service.worker.protocol import DrawQuestion, RankQuestion
 from fvs_service.worker.runner.states import State
@@ -22,8 +22,8 @@ def rank_views(question: RankQuestion, state: State, rasterizer: Rasterizer) -> 
     """Rank the question's views; raises ``InvalidInputError`` for an unknown method."""
     views = [message.view() for message in question.views]
     visited = state.visited
-    candidates = tuple(Candidate(view.id, view.camera, view.camera_from_model) for view in views)
-    names = (*(view.id for view in visited), *sorted(view.id for view in views))
+    candidates = tuple(PinholeView(view.id, view.camera, view.camera_from_model) for view in views)
+    names = (*(view.name for view in visited), *sorted(view.id for view in views))
     context = SelectionContext(
         gaussians=state.gaussians,
         rasterizer=rasterizer,
@@ -44,7 +44,7 @@ def rank_views(question: RankQuestion, state: State, rasterizer: Rasterizer) -> 
         iterations=state.iterations,
         gaussians=len(state.gaussians),
         views=tuple(
-            RankedView(place.id, place.rank, place.score, place.status.value, place.coverage)
+            RankedView(place.name, place.rank, place.score, place.status.value, place.coverage)
             for place in chosen.ranked
         ),
         fallback=chosen.fallback,

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from fvs_engine.errors import Cancelled, InvalidInputError, ReconstructionError
+from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.monitor import Monitor, SavingMonitor
+from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
@@ -25,8 +25,8 @@ from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS
-from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image, Registration
 from fvs_service.jobs.model import JobKind, JobRequest
@@ -231,17 +231,14 @@ class Learner:
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(request.iterations or settings.fine_iterations)
         checkpoint = fine / "checkpoint.safetensors"
-        if checkpoint.exists():
-            trainer = Trainer.resume(checkpoint, learned, self._rasterizer)
-        else:
-            seeds = initialise_from_points(standing.points, standing.point_colors, training.sh_degree)
-            trainer = Trainer(learned, seeds, training, self._rasterizer)
-        try:
-            saving = SavingMonitor(monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
-            trainer.train(training.iterations, saving)
-        except Cancelled:
-            trainer.save(checkpoint)
-            raise
+        trainer = open_trainer(
+            checkpoint,
+            learned,
+            training,
+            lambda: initialise_from_points(standing.points, standing.point_colors, training.sh_degree),
+            self._rasterizer,
+        )
+        train_saving(trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
         trainer.save(checkpoint)
         model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
         quality = measure(model.gaussians, model.sh_degree, tested, self._rasterizer, monitor)

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
-from fvs_engine.score import Candidate
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.views import PinholeView
 from fvs_service.snapshots.model import SnapshotCameras, SnapshotMetrics
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, artifact_key
 from fvs_service.storage.blobs import Blobs
@@ -38,13 +38,13 @@ class State:
     iterations: int
 
     @cached_property
-    def visited(self) -> tuple[Candidate, ...]:
+    def visited(self) -> tuple[PinholeView, ...]:
         """The views that were photographed; a prefix keeps their ids apart from those of candidates."""
         lens, views = self.cameras.camera, self.cameras.views
         camera = PinholeCamera(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
         turns = matrix_from_quaternion(np.array([view.orientation_wxyz for view in views]).reshape(-1, 4))
         return tuple(
-            Candidate(
+            PinholeView(
                 f"visited:{view.image}", camera, RigidTransform(turn, np.array(view.position)).inverse()
             )
             for view, turn in zip(views, turns, strict=True)

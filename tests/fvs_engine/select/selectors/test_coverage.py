@@ -28,7 +28,7 @@ def one_gaussian(*means) -> Gaussians:
 
 
 def scores(selector, here) -> dict[str, float]:
-    return {score.id: score.score for score in selector.score(here)}
+    return {score.name: score.score for score in selector.score(here)}
 
 
 def test_one_gaussian_is_covered_by_the_cosine_of_its_nearest_direction(context, view_at, rasterizer):
@@ -43,7 +43,7 @@ def test_one_gaussian_is_covered_by_the_cosine_of_its_nearest_direction(context,
     ]
     here = context(visited, candidates, gaussians=gaussians, rasterizer=rasterizer)
     for score in Coverage(min_coverage=0.0).score(here):
-        expected = {"again": 1, "between": (1 + np.cos(a)) / 2, "across": 0.5, "behind": 0.5}[score.id]
+        expected = {"again": 1, "between": (1 + np.cos(a)) / 2, "across": 0.5, "behind": 0.5}[score.name]
         assert score.score == pytest.approx(expected * score.coverage, rel=1e-3)
 
 

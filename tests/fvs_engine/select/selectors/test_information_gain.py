@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from fvs_engine.score import Candidate, estimated_information, view_information
+from fvs_engine.score import estimated_information, view_information
 from fvs_engine.select.interface import select
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import SquaringRasterizer, create_rasterizer
+from fvs_engine.views import PinholeView
 
 
 @pytest.fixture(
@@ -33,7 +34,7 @@ def ring(ring):
 
     def make(*angles_deg):
         return tuple(
-            Candidate(view.id, view.camera.resized(8, 6), view.camera_from_model)
+            PinholeView(view.name, view.camera.resized(8, 6), view.camera_from_model)
             for view in ring(*angles_deg)
         )
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.score import Candidate
+from fvs_engine.select.distances import view_distances
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.selectors.uniform import planned_places
-from fvs_engine.select.view_distance import view_distances
+from fvs_engine.views import PinholeView
 
 
 def values(scores):
@@ -44,8 +44,10 @@ def test_farthest_sees_directions_where_positions_are_the_same_and_ignores_scale
     assert found == pytest.approx([-2, 0])
     small = [view_at(str(i), (i, 2, 0)) for i in range(4)]
     large = [
-        Candidate(
-            v.id, v.camera, RigidTransform(v.camera_from_model.rotation, 7 * v.camera_from_model.translation)
+        PinholeView(
+            v.name,
+            v.camera,
+            RigidTransform(v.camera_from_model.rotation, 7 * v.camera_from_model.translation),
         )
         for v in small
     ]
@@ -100,7 +102,7 @@ def test_nothing_visited_gives_even_places():
 
 def test_uniform_fills_the_order_of_capture_evenly(context, view_at, chosen_in_turn):
     views = [view_at(f"{i:03d}", (i, 5, 0)) for i in range(100)]
-    order = {view.id: i for i, view in enumerate(views)}
+    order = {view.name: i for i, view in enumerate(views)}
     here = context(views[:10], views[10:], order=order, budget=19)
     chosen = chosen_in_turn(here, create_selector("uniform"), 9)
     places = [9, *sorted(order[name] for name in chosen)]

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import OPENGL_FROM_OPENCV, RigidTransform, SimilarityTransform, angle_between
-from fvs_engine.select.model_alignment import align_to_model
+from fvs_engine.geometry.alignment.dataset import align_dataset
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -36,11 +36,11 @@ def assert_same(found: SimilarityTransform, expected: SimilarityTransform, toler
 def test_it_finds_the_similarity(seed: int, count: int) -> None:
     draw = np.random.default_rng(seed)
     world, truth = cameras_at(draw.normal(size=(count, 3)), draw), random_similarity(draw)
-    found = align_to_model(world, [truth.move_camera(view) for view in world])
+    found = align_dataset(world, [truth.move_camera(view) for view in world])
     assert_same(found.model_from_world, truth)
-    assert found.record.source == "centres"
-    assert found.record.rms < 1e-6
-    assert found.record.attitude_deg < 1e-4
+    assert found.source == "centres"
+    assert found.rms < 1e-6
+    assert found.attitude_deg < 1e-4
 
 
 @settings(max_examples=25)
@@ -50,8 +50,8 @@ def test_a_straight_track_takes_its_rotation_from_the_attitudes(seed: int, count
     along = draw.normal(size=3)
     centres = draw.normal(size=3) + np.arange(count)[:, None] * along / np.linalg.norm(along)
     world, truth = cameras_at(centres, draw), random_similarity(draw)
-    found = align_to_model(world, [truth.move_camera(view) for view in world])
-    assert found.record.source == "attitudes"
+    found = align_dataset(world, [truth.move_camera(view) for view in world])
+    assert found.source == "attitudes"
     assert_same(found.model_from_world, truth)
 
 
@@ -61,7 +61,7 @@ def test_on_a_straight_track_a_single_wrong_attitude_is_outvoted() -> None:
     truth = random_similarity(draw)
     model = [truth.move_camera(view) for view in world]
     model[4] = RigidTransform(random_rotations(1, draw)[0], model[4].translation)
-    assert_same(align_to_model(world, model).model_from_world, truth)
+    assert_same(align_dataset(world, model).model_from_world, truth)
 
 
 def test_a_view_that_was_registered_wrongly_is_outvoted() -> None:
@@ -70,10 +70,10 @@ def test_a_view_that_was_registered_wrongly_is_outvoted() -> None:
     truth = random_similarity(draw)
     model = [truth.move_camera(view) for view in world]
     model[7] = RigidTransform(model[7].rotation, model[7].translation + 5 * truth.scale)
-    found = align_to_model(world, model)
+    found = align_dataset(world, model)
     assert_same(found.model_from_world, truth)
-    assert found.record.inliers == 11
-    assert found.record.views == 12
+    assert found.inliers == 11
+    assert found.views == 12
 
 
 def test_a_handful_of_rough_positions_all_count() -> None:
@@ -81,7 +81,7 @@ def test_a_handful_of_rough_positions_all_count() -> None:
     draw = np.random.default_rng(11)
     model = cameras_at(draw.normal(size=(5, 3)), draw)
     world = [RigidTransform(v.rotation, v.translation + draw.normal(scale=0.03, size=3)) for v in model]
-    assert align_to_model(world, model).record.inliers == 5
+    assert align_dataset(world, model).inliers == 5
 
 
 def test_the_misfit_is_in_the_units_of_the_dataset() -> None:
@@ -94,8 +94,8 @@ def test_the_misfit_is_in_the_units_of_the_dataset() -> None:
         truth.move_camera(RigidTransform(view.rotation, centre))
         for view, centre in zip(world, noisy, strict=True)
     ]
-    found = align_to_model(world, model)
-    assert found.record.rms == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
+    found = align_dataset(world, model)
+    assert found.rms == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
 
 
 def test_poses_of_other_photographs_contradict_these() -> None:
@@ -103,7 +103,7 @@ def test_poses_of_other_photographs_contradict_these() -> None:
     world = cameras_at(draw.normal(size=(10, 3)), draw)
     model = [world[index] for index in np.roll(np.arange(10), 3)]
     with pytest.raises(InvalidInputError, match="contradict the photographs"):
-        align_to_model(world, model)
+        align_dataset(world, model)
 
 
 @pytest.mark.parametrize(("noise", "refused"), [(0.05, False), (0.6, True)])
@@ -113,10 +113,10 @@ def test_positions_may_be_as_rough_as_gps_and_no_rougher(noise: float, refused: 
     model = cameras_at(draw.normal(size=(40, 3)), draw)
     world = [RigidTransform(v.rotation, v.translation + draw.normal(scale=noise, size=3)) for v in model]
     if not refused:
-        assert align_to_model(world, model).record.rms == pytest.approx(noise * np.sqrt(3), rel=0.3)
+        assert align_dataset(world, model).rms == pytest.approx(noise * np.sqrt(3), rel=0.3)
         return
     with pytest.raises(InvalidInputError, match="positions contradict the photographs"):
-        align_to_model(world, model)
+        align_dataset(world, model)
 
 
 def test_attitudes_of_other_axes_contradict_the_photographs() -> None:
@@ -125,7 +125,7 @@ def test_attitudes_of_other_axes_contradict_the_photographs() -> None:
     model = cameras_at(draw.normal(size=(10, 3)), draw)
     world = [view @ OPENGL_FROM_OPENCV for view in model]
     with pytest.raises(InvalidInputError, match=r"look 180° away"):
-        align_to_model(world, model)
+        align_dataset(world, model)
 
 
 def test_two_views_that_swapped_places_fit_no_scale() -> None:
@@ -136,18 +136,18 @@ def test_two_views_that_swapped_places_fit_no_scale() -> None:
         RigidTransform(second.rotation, first.translation),
     ]
     with pytest.raises(InvalidInputError, match="no scale fits both"):
-        align_to_model([first, second], swapped)
+        align_dataset([first, second], swapped)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_view_aligns_nothing(count: int) -> None:
     views = [RigidTransform.identity()] * count
     with pytest.raises(InvalidInputError, match="two are needed"):
-        align_to_model(views, views)
+        align_dataset(views, views)
 
 
 def test_views_from_one_spot_align_nothing() -> None:
     draw = np.random.default_rng(9)
     views = cameras_at(np.ones((5, 3)), draw)
     with pytest.raises(InvalidInputError, match="coincide"):
-        align_to_model(views, views)
+        align_dataset(views, views)

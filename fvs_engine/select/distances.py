@@ -1,17 +1,17 @@
-"""How different two views are: where they stand and where they look, in one number."""
+"""Distances: how different two views are in position and direction, and how long a path is."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from fvs_engine.score import Candidate
+from fvs_engine.views import PinholeView
 
 Floats = NDArray[np.floating[Any]]
 
 
-def view_distances(views: Sequence[Candidate], others: Sequence[Candidate]) -> Floats:
+def view_distances(views: Sequence[PinholeView], others: Sequence[PinholeView]) -> Floats:
     """How different every view is from every other: [len(views), len(others)], a metric without unit.
 
         d(a, b)² = |c_a − c_b|² / s² + |v_a − v_b|²
@@ -28,13 +28,14 @@ def view_distances(views: Sequence[Candidate], others: Sequence[Candidate]) -> F
     return np.asarray(np.linalg.norm(first[:, None] - second[None], axis=-1))
 
 
-def centre(view: Candidate) -> Floats:
-    """The camera's centre [3] in the model frame."""
-    return view.camera_from_model.inverse().translation
+def path_length(centres: ArrayLike) -> float:
+    """The length of the path through camera centres [N, 3], in their order; 0 for one."""
+    points = np.asarray(centres, dtype=np.float64).reshape(-1, 3)
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _poses(views: Sequence[Candidate]) -> tuple[Floats, Floats]:
+def _poses(views: Sequence[PinholeView]) -> tuple[Floats, Floats]:
     """Centres and viewing directions, [n, 3] each, in the model frame."""
-    centres = np.array([centre(view) for view in views]).reshape(-1, 3)
+    centres = np.array([view.centre for view in views]).reshape(-1, 3)
     directions = np.array([view.camera_from_model.rotation[2] for view in views]).reshape(-1, 3)
     return centres, directions

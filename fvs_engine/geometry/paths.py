@@ -1,10 +1,8 @@
-"""Where cameras stand and how they move: look-at, camera axes of other programs, paths through views."""
+"""Paths of cameras: interpolation between two, and a smooth path through many."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from fvs_engine.errors import InvalidInputError
@@ -15,36 +13,6 @@ from fvs_engine.geometry.rotations import (
     slerp,
 )
 from fvs_engine.geometry.transforms import RigidTransform
-from fvs_engine.geometry.validation import cross, finite_array
-
-OPENGL_FROM_OPENCV = RigidTransform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""Our camera axes (x right, y down, z forward) to those of OpenGL, Blender and NeRF (y up, z backward).
-
-``model_from_camera = model_from_opengl_camera @ OPENGL_FROM_OPENCV``. It is its own inverse.
-"""
-
-
-def look_at(centre: ArrayLike, target: ArrayLike, up: ArrayLike) -> RigidTransform:
-    """The model_from_camera of a level camera at ``centre`` [3] that looks at ``target`` [3].
-
-    ``up`` [3] points up in the image. Looking straight along it, the axis of the model that is most nearly
-    upright in the image takes its place. Raises ``InvalidInputError`` when ``target`` is the centre, ``up``
-    is zero or a number is not finite.
-    """
-    origin = finite_array("centre", centre, (3,))
-    forward = (finite_array("target", target, (3,)) - origin).tolist()
-    upwards = finite_array("up", up, (3,)).tolist()
-    distance, height = math.hypot(*forward), math.hypot(*upwards)
-    if distance <= 1e-12 * np.abs(origin).max() or distance == 0:
-        raise InvalidInputError("A camera cannot look at its own centre.")
-    if height == 0:
-        raise InvalidInputError("The up vector is zero.")
-    z = _divided(forward, distance)
-    x = cross(z, _divided(upwards, height))
-    if math.hypot(*x) < 1e-6:
-        x = cross(z, np.eye(3)[np.argmin(np.abs(z))].tolist())
-    x = _divided(x, math.hypot(*x))
-    return RigidTransform(np.array([x, cross(z, x), z]).T, origin)
 
 
 def interpolate(first: RigidTransform, second: RigidTransform, t: float) -> RigidTransform:
@@ -59,7 +27,7 @@ def interpolate(first: RigidTransform, second: RigidTransform, t: float) -> Rigi
 def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tuple[RigidTransform, ...]:
     """``count`` cameras along a smooth path through the given ones, in their order, at a nearly even pace.
 
-    Centres follow a natural cubic spline, rotations scipy's C² rotation spline, both over the way
+    Centres follow a natural cubic spline, rotations scipy's C² rotation spline, both over the length
     travelled (distance as a share of the path's extent, plus turns as a share of π). The first and the last
     camera are met exactly. Raises ``InvalidInputError`` without cameras or for ``count`` < 1.
     """
@@ -77,12 +45,8 @@ def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tup
     return tuple(map(RigidTransform, turns(samples).as_matrix(), centres))
 
 
-def _divided(vector: Sequence[float], by: float) -> tuple[float, float, float]:
-    return vector[0] / by, vector[1] / by, vector[2] / by
-
-
 def _steps(keys: Sequence[RigidTransform]) -> np.ndarray:
-    """How far it is from each camera to the next, in a measure that sees both moves and turns."""
+    """The distance from each camera to the next, in a measure of both movement and rotation."""
     centres = np.stack([key.translation for key in keys])
     rotations = np.stack([key.rotation for key in keys])
     extent = np.ptp(centres, axis=0).max()
@@ -92,7 +56,7 @@ def _steps(keys: Sequence[RigidTransform]) -> np.ndarray:
 
 
 def _without_repeats(cameras: Sequence[RigidTransform]) -> list[RigidTransform]:
-    """Drop cameras that stand where the one before stands: a spline cannot pause."""
+    """Drop cameras that repeat the pose before them: a spline cannot pause."""
     keys = [cameras[0]]
     for camera in cameras[1:]:
         moved = np.linalg.norm(camera.translation - keys[-1].translation)

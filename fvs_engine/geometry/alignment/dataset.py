@@ -1,26 +1,23 @@
-"""Where the dataset's frame lies in the model: ``model_from_world``, from all views that are in both.
+"""Alignment of a dataset with a model by the views that both have: ``model_from_world``.
 
 Source: the paper, section III (Kabsch–Umeyama over the visited views' positions). It takes the first ten
-views; here all visited ones speak, so that the alignment follows a model that grows beyond them, and single
+views; here all visited ones count, so that the alignment follows a model that grows beyond them, and single
 views that were registered wrongly are outvoted.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import (
-    AlignmentReport,
-    RigidTransform,
-    SimilarityTransform,
-    angle_between,
-    robust_umeyama,
-)
-from fvs_engine.select.loop_records import AlignmentRecord
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama
+from fvs_engine.geometry.rotations import angle_between
+from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 
 Array = NDArray[np.float64]
 
@@ -31,47 +28,50 @@ _MAX_ATTITUDE_DEG = 20.0
 """Median angle between aligned attitudes: more than a gimbal's angles are off, less than any wrong axis."""
 
 _MANY = 10
-"""Views from which on their residuals say what an outlier is."""
+"""So many views and more define outliers by their residuals."""
 
 _MIN_INLIERS = 0.5
 """Share of the views that must agree."""
 
-_HINT = (
-    "Check that the poses belong to these photographs and which axes they use; `--poses known` takes them as "
-    "they are."
-)
-
 
 @dataclass(frozen=True, eq=False)
-class ModelAlignment:
-    """``model_from_world``, and what is written down about it."""
+class DatasetAlignment:
+    """``model_from_world``, and how well ``inliers`` of ``views`` views agree with it.
+
+    ``source``: ``known`` when the two are one frame; ``centres`` when the camera centres fixed the
+    similarity; ``attitudes`` when they lie on a line, and the cameras' attitudes fixed its rotation. ``rms``:
+    of the inliers' centres, in the dataset's unit. ``attitude_deg``: median angle between the attitudes that
+    the dataset and the model give a view.
+    """
 
     model_from_world: SimilarityTransform
-    record: AlignmentRecord
+    source: Literal["known", "centres", "attitudes"]
+    rms: float
+    attitude_deg: float
+    views: int
+    inliers: int
 
 
-def same_frame(views: int) -> ModelAlignment:
-    """The alignment of a model that lives in the dataset's frame."""
-    record = AlignmentRecord(source="known", scale=1.0, rms=0.0, attitude_deg=0.0, views=views, inliers=views)
-    return ModelAlignment(SimilarityTransform.identity(), record)
+def same_frame(views: int) -> DatasetAlignment:
+    """The alignment of a model whose frame is the dataset's."""
+    return DatasetAlignment(SimilarityTransform.identity(), "known", 0.0, 0.0, views, views)
 
 
-def align_to_model(
+def align_dataset(
     world_from_cameras: Sequence[RigidTransform], model_from_cameras: Sequence[RigidTransform]
-) -> ModelAlignment:
+) -> DatasetAlignment:
     """Align the dataset's frame with the model's by matching cameras of at least two views.
 
     Centres fix the similarity, robustly. Where they leave the rotation open (two views; a straight track) the
-    mean of what the attitudes say takes its place, and centres fix the rest.
+    mean rotation of the attitudes is used, and centres fix the rest.
 
     Raises ``InvalidInputError`` for fewer than two views, centres that coincide, and poses that contradict
-    the model: centres or attitudes that lie far apart after the best alignment.
+    the model: centres or attitudes far apart after the best alignment.
     """
     count = len(world_from_cameras)
     if count < 2:
         raise InvalidInputError(
-            f"{count} of the visited views have a place in the model; two are needed to align it.",
-            hint="Begin with more views that overlap, or use `--poses known`.",
+            f"{count} of the visited views are registered in the model; two are needed to align it."
         )
     world = np.stack([view.translation for view in world_from_cameras])
     model = np.stack([view.translation for view in model_from_cameras])
@@ -86,17 +86,14 @@ def align_to_model(
     misses = np.linalg.norm(landed - model, axis=1)[inliers]
     rms = float(np.sqrt(np.mean(misses**2))) / transform.scale
     attitude_deg = float(np.median(np.degrees(angle_between(transform.rotation, turns))))
-    _require_agreement(rms, _spread(world[inliers]), attitude_deg, int(inliers.sum()), count)
-    return ModelAlignment(
+    _require_agreement(rms, centre_spread(world[inliers]), attitude_deg, int(inliers.sum()), count)
+    return DatasetAlignment(
         transform,
-        AlignmentRecord(
-            source="attitudes" if by_attitudes else "centres",
-            scale=transform.scale,
-            rms=rms,
-            attitude_deg=attitude_deg,
-            views=count,
-            inliers=int(inliers.sum()),
-        ),
+        "attitudes" if by_attitudes else "centres",
+        rms,
+        attitude_deg,
+        views=count,
+        inliers=int(inliers.sum()),
     )
 
 
@@ -114,18 +111,17 @@ def _fit(world: Array, model: Array, turns: Array) -> tuple[SimilarityTransform,
     reach, lever = float((turned**2).sum()), float((turned * (model[inliers] - model_middle)).sum())
     if reach == 0 or lever <= 0:
         raise InvalidInputError(
-            "The visited views' positions and attitudes contradict the photographs: no scale fits both.",
-            hint=_HINT,
+            "The visited views' positions and attitudes contradict the photographs: no scale fits both."
         )
     scale = lever / reach
     return SimilarityTransform(scale, rotation, model_middle - scale * rotation @ world_middle), inliers, True
 
 
 def _robust_fit(world: Array, model: Array) -> AlignmentReport:
-    """Least squares over all views but those that lie far from where the others put them.
+    """Least squares over all views but outliers.
 
-    What is far is a share of the scene at first, which keeps every view of a handful; of more views also what
-    stands out from the rest.
+    At first an outlier is off by a share of the scene's extent, which keeps every view of a handful; with
+    more views also by much more than the median.
     """
     spread = float(np.median(np.linalg.norm(model - np.median(model, axis=0), axis=1)))
     try:
@@ -136,12 +132,12 @@ def _robust_fit(world: Array, model: Array) -> AlignmentReport:
         return robust_umeyama(world, model, inlier_threshold=limit)
     except InvalidInputError as error:
         raise InvalidInputError(
-            f"The dataset's positions cannot be aligned with the photographs: {error.message}", hint=_HINT
+            f"The dataset's positions cannot be aligned with the photographs: {error.message}"
         ) from error
 
 
 def _mean_rotation(turns: Array) -> Array:
-    """The chordal mean of ``turns`` [N, 3, 3], without those that most contradict it."""
+    """The chordal mean of ``turns`` [N, 3, 3], without those farthest from it."""
     mean = Rotation.from_matrix(turns).mean().as_matrix()
     for _ in range(3):
         angles = angle_between(mean, turns)
@@ -150,20 +146,14 @@ def _mean_rotation(turns: Array) -> Array:
     return np.asarray(mean)
 
 
-def _spread(centres: Array) -> float:
-    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
 def _require_agreement(rms: float, spread: float, attitude_deg: float, inliers: int, count: int) -> None:
     if rms > _MAX_MISFIT * spread or inliers < _MIN_INLIERS * count:
         raise InvalidInputError(
             f"The dataset's positions contradict the photographs: of {count} visited views {inliers} agree "
-            f"on an alignment, and miss it by {rms:.3g} (RMS) where they are spread over {spread:.3g}.",
-            hint=_HINT,
+            f"on an alignment, and miss it by {rms:.3g} (RMS) where they are spread over {spread:.3g}."
         )
     if attitude_deg > _MAX_ATTITUDE_DEG:
         raise InvalidInputError(
             f"The dataset's attitudes contradict the photographs: aligned by their positions, the cameras of "
-            f"{count} visited views look {attitude_deg:.0f}° away (median) from where the model says.",
-            hint=_HINT,
+            f"{count} visited views look {attitude_deg:.0f}° away (median) from where the model says."
         )

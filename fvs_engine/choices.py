@@ -1,0 +1,37 @@
+"""The names that users choose between, for settings, tables and the command line. Imports nothing heavy."""
+
+from typing import Literal
+
+Quality = Literal["coarse", "fine"]
+"""Training presets: ``coarse`` has SH degree 0 and is quick, ``fine`` has degree 3."""
+
+Backend = Literal["auto", "cpu", "cuda", "reference"]
+"""Rasterisers; ``auto`` is ``cuda`` where it can run, else ``cpu``."""
+
+CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
+"""Camera models that structure from motion estimates."""
+
+Poses = Literal["sfm", "known"]
+"""Where the poses of visited views come from: estimated from their images alone, or the dataset's."""
+
+InitialChoice = Literal["first", "consecutive", "farthest"]
+"""Which views a selection begins with, see ``fvs_engine.select.initial_views``."""
+
+Method = Literal[
+    "median-frequency",
+    "random",
+    "uniform",
+    "farthest",
+    "nearest",
+    "fisher",
+    "d-optimal",
+    "coverage",
+    "spectral-median",
+]
+"""Selectors, see ``fvs_engine.select.selectors``."""
+
+ProtocolName = Literal["paper", "fisherrf", "nearest5"]
+"""Protocols of a comparison, see ``fvs_engine.evaluate.protocol``."""
+
+ViewGroup = Literal["held-out", "training", "all", "path"]
+"""Views of a model that can be rendered together; ``path`` is a smooth path through the training views."""

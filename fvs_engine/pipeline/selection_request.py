@@ -1,0 +1,93 @@
+"""What the user asks of a selection, and the loop's settings that follow for a dataset."""
+
+from pydantic import ValidationError
+
+from fvs_engine.choices import InitialChoice, Method, Poses, Quality
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
+from fvs_engine.records import Record, first_error
+from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.select.loop_settings import LoopSettings
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.splat.settings import PRESETS, TrainingSettings
+
+DEFAULT_BUDGET = 100
+"""The paper's."""
+
+
+class SelectionRequest(Record):
+    """How to choose views and what to train on them; the loop's values are those of ``LoopSettings``.
+
+    None takes a default: for ``budget`` the paper's, or all views where there are fewer; for
+    ``long_side_px`` and ``max_gaussians`` those of the ``quality``. Structure from motion works in one thread
+    unless ``threads`` says otherwise: only then are the poses, and with them all choices, the same in every
+    run.
+    """
+
+    method: Method = "median-frequency"
+    budget: int | None = None
+    initial: int = 10
+    initial_choice: InitialChoice = "first"
+    radius: float | None = None
+    nearest: int | None = None
+    test_every: int = 8
+    poses: Poses = "sfm"
+    quality: Quality = "coarse"
+    initial_iterations: int = 1_000
+    iterations_per_view: int = 100
+    long_side_px: int | None = None
+    max_gaussians: int | None = None
+    time_limit_s: float | None = None
+    seed: int = 0
+    threads: int | None = None
+
+    def scene_settings(self) -> SceneSettings:
+        """The coarse or fine preset on the paper's growing schedule."""
+        preset = PRESETS[self.quality]
+        training = GROWING_TRAINING.model_dump() | {
+            "sh_degree": preset.sh_degree,
+            "max_gaussians": self.max_gaussians or preset.max_gaussians,
+        }
+        return SceneSettings(
+            poses=self.poses,
+            long_side_px=self.long_side_px or DEFAULT_LONG_SIDE_PX[self.quality],
+            initial_iterations=self.initial_iterations,
+            iterations_per_view=self.iterations_per_view,
+            training=TrainingSettings.model_validate(training),
+            sfm=SfmSettings(seed=self.seed, threads=self.threads or 1),
+            seed=self.seed,
+        )
+
+    def loop_settings(self, dataset: Dataset) -> LoopSettings:
+        """The loop's settings for ``dataset``.
+
+        Raises ``InvalidInputError`` for values that contradict each other, the dataset, or are out of range.
+        """
+        if self.test_every == 1:
+            raise InvalidInputError(
+                "Every view would be held out (--test-every 1), and none be left to visit.",
+                hint="Hold out every 8th, or none with 0.",
+            )
+        pool, _ = split_test(dataset.names, self.test_every)
+        if len(pool) < self.initial:
+            raise InvalidInputError(
+                f"{dataset.name} has only {len(pool)} views to visit, and the selection begins with "
+                f"{self.initial}.",
+                hint="Begin with fewer (--initial), or hold out fewer for testing (--test-every).",
+            )
+        try:
+            return LoopSettings(
+                scene=self.scene_settings(),
+                method=self.method,
+                initial=self.initial,
+                initial_choice=self.initial_choice,
+                budget=self.budget or max(self.initial, min(DEFAULT_BUDGET, len(pool))),
+                radius=self.radius,
+                nearest=self.nearest,
+                test_every=self.test_every,
+                seed=self.seed,
+                time_limit_s=self.time_limit_s,
+            )
+        except ValidationError as error:
+            raise InvalidInputError(f"{first_error(error, 'These settings cannot be used')}.") from error

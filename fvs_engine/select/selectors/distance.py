@@ -1,0 +1,61 @@
+"""Selectors by distance: the candidate least like any visited view, and the one nearest to the camera."""
+
+import numpy as np
+
+from fvs_engine.candidates import CandidateStatus
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
+from fvs_engine.score import CandidateScore
+from fvs_engine.select.distances import view_distances
+from fvs_engine.select.interface import SelectionContext
+
+
+class Farthest:
+    """Scores a candidate by minus its distance to the most similar visited view (``view_distances``).
+
+    Source: farthest-point sampling (Gonzalez, 1985) over position and viewing direction, the baseline of
+    the field's papers. The distance is normalised by the spread of the views. Cost: candidates × visited
+    distances of six numbers; nothing is rendered (under a millisecond).
+    """
+
+    name = "farthest"
+
+    def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:  # noqa: ARG002
+        """See ``Selector``. Without visited views all candidates are alike."""
+        if context.visited:
+            nearest = view_distances(context.candidates, context.visited).min(axis=1).tolist()
+        else:
+            nearest = [0.0] * len(context.candidates)
+        return tuple(
+            CandidateScore(candidate.name, -distance, CandidateStatus.RANKED, None)
+            for candidate, distance in zip(context.candidates, nearest, strict=True)
+        )
+
+
+class Nearest:
+    """Scores a candidate by how far the camera, at the last visited view, has to travel to its centre.
+
+    In units of the model frame. Source: the nearest neighbour tour, a bound for travel. Nothing is rendered.
+    Raises ``InvalidInputError`` without a visited view.
+    """
+
+    name = "nearest"
+
+    def score(
+        self,
+        context: SelectionContext,
+        monitor: Monitor | None = None,  # noqa: ARG002 - over at once
+    ) -> tuple[CandidateScore, ...]:
+        """See ``Selector``."""
+        if not context.visited:
+            raise InvalidInputError("The nearest view is not known before the first visit.")
+        here = context.visited[-1].centre
+        return tuple(
+            CandidateScore(
+                candidate.name,
+                float(np.linalg.norm(candidate.centre - here)),
+                CandidateStatus.RANKED,
+                None,
+            )
+            for candidate in context.candidates
+        )

@@ -1,0 +1,46 @@
+"""Selectors that score renders of the candidates, and use nothing else."""
+
+from dataclasses import dataclass
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.score import CandidateScore, MedianFrequency, Scorer, SpectralMedian
+from fvs_engine.select.interface import SelectionContext
+
+
+@dataclass(frozen=True)
+class ScorerSelector:
+    """A scorer as a selector of the same name."""
+
+    scorer: Scorer
+
+    @property
+    def name(self) -> str:
+        """See ``Selector``."""
+        return self.scorer.name
+
+    def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
+        """See ``Selector``; candidates must have images of one size."""
+        return self.scorer.score(
+            context.gaussians,
+            context.candidates,
+            context.rasterizer,
+            sh_degree=context.sh_degree,
+            monitor=monitor,
+        )
+
+
+def median_frequency() -> ScorerSelector:
+    """The paper's selector: lowest median log-magnitude of the render's spectrum first (``MedianFrequency``).
+
+    Source: the paper, Algorithm 1. Cost: a render and an FFT per candidate; none for visited views.
+    """
+    return ScorerSelector(MedianFrequency())
+
+
+def spectral_median() -> ScorerSelector:
+    """Lowest energy-median frequency of the render first (``SpectralMedian``).
+
+    Source: the textbook definition of a median frequency, beside the paper's score of nearly the same name.
+    Cost: a render and an FFT per candidate; none for visited views.
+    """
+    return ScorerSelector(SpectralMedian())

@@ -1,0 +1,78 @@
+"""Training that a stop or a kill at any moment costs little: saved every so often, resumed from there."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.views import TrainingView
+
+
+def open_trainer(
+    checkpoint: Path,
+    views: Sequence[TrainingView],
+    settings: TrainingSettings,
+    initial: Callable[[], Gaussians],
+    rasterizer: Rasterizer,
+    seed: int = 0,
+) -> Trainer:
+    """The trainer of ``checkpoint``, or a new one on the Gaussians that ``initial`` makes.
+
+    A resumed trainer goes on by ``settings``: the same ones give the same result, more iterations the
+    schedule of the longer run. Raises what ``Trainer`` and ``Trainer.resume`` raise.
+    """
+    if not checkpoint.exists():
+        return Trainer(views, initial(), settings, rasterizer, seed)
+    trainer = Trainer.resume(checkpoint, views, rasterizer)
+    trainer.settings = settings
+    return trainer
+
+
+def train_saving(
+    trainer: Trainer, until_iteration: int, monitor: Monitor, save: Callable[[], None], every_s: float
+) -> None:
+    """Train up to ``until_iteration``, calling ``save`` every ``every_s`` seconds and when cancelled.
+
+    What follows the last save is the caller's to save. Raises what ``Trainer.train`` raises.
+    """
+    try:
+        trainer.train(until_iteration, SavingMonitor(monitor, save, every_s))
+    except Cancelled:
+        save()
+        raise
+
+
+class SavingMonitor(Monitor):
+    """Forwards to ``outer``, and calls ``save`` every ``every_s`` seconds, between two iterations."""
+
+    def __init__(self, outer: Monitor, save: Callable[[], None], every_s: float) -> None:
+        super().__init__()
+        self._outer = outer
+        self._save = save
+        self._every_s = every_s
+        self._saved = time.monotonic()
+
+    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+        """See ``Monitor``."""
+        self._outer.report(stage, done, total, **detail)
+
+    def cancel(self) -> None:
+        """See ``Monitor``."""
+        self._outer.cancel()
+
+    @property
+    def cancelled(self) -> bool:
+        """See ``Monitor``."""
+        return self._outer.cancelled
+
+    def check(self) -> None:
+        """Save when it is time; raise ``Cancelled`` if the work was asked to stop."""
+        self._outer.check()
+        if time.monotonic() - self._saved > self._every_s:
+            self._save()
+            self._saved = time.monotonic()
