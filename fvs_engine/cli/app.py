@@ -60,9 +60,9 @@ def _fvs(
 @app.command()
 @with_option_groups()
 def reconstruct(
+    *,
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
     out: OutOption,
-    run: RunOptions,
     quality: Annotated[
         Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
     ] = "coarse",
@@ -107,6 +107,7 @@ def reconstruct(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
     ] = False,
+    run: RunOptions,
 ) -> None:
     """Photographs in; cameras and a trained splat out. After a stop, the same command goes on."""
     from fvs_engine.cli import report
@@ -141,8 +142,8 @@ def reconstruct(
 @app.command()
 @with_option_groups()
 def rank(
+    *,
     folder: _Folder,
-    run: RunOptions,
     candidates: _Candidates = None,
     top: Annotated[
         int | None, typer.Option(min=1, metavar="K", help="Show only the first K.", show_default="all")
@@ -151,6 +152,7 @@ def rank(
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
     ] = None,
+    run: RunOptions,
 ) -> None:
     """Rank candidate poses: the lowest median frequency first.
 
@@ -172,8 +174,8 @@ def rank(
 @app.command()
 @with_option_groups()
 def render(
+    *,
     folder: _Folder,
-    run: RunOptions,
     views: Annotated[
         ViewGroup, typer.Option(help="Which views; path: a smooth flight through them.")
     ] = "held-out",
@@ -182,6 +184,7 @@ def render(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
     ] = None,
+    run: RunOptions,
 ) -> None:
     """Render views of the model, candidates or a path through the views to PNG files."""
     from fvs_engine.cli import report

@@ -33,10 +33,9 @@ def _methods(text: str) -> tuple[str, ...]:
     max_gaussians="300000",
 )
 def evaluate(
+    *,
     source: DatasetOptions,
     out: OutOption,
-    loop: LoopOptions,
-    run: RunOptions,
     preset: Annotated[
         ProtocolName,
         typer.Option(
@@ -63,6 +62,8 @@ def evaluate(
         bool,
         typer.Option("--calibrate", help="Also compare every selector's scores with the true errors."),
     ] = False,
+    loop: LoopOptions,
+    run: RunOptions,
 ) -> None:
     """Compare ways to choose views: a table of selectors × seeds, with means, intervals and plots.
 

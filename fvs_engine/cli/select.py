@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     max_gaussians="the preset's",
 )
 def select(
+    *,
     source: DatasetOptions,
     out: OutOption,
-    loop: LoopOptions,
-    run: RunOptions,
     method: Annotated[
         Method, typer.Option(help="How the next view is chosen; median-frequency is the paper's.")
     ] = "median-frequency",
@@ -48,6 +47,8 @@ def select(
     seed: Annotated[
         int, typer.Option(min=0, help="The same dataset and seed give the same views on the CPU.")
     ] = 0,
+    loop: LoopOptions,
+    run: RunOptions,
 ) -> None:
     """Choose which photographs to take: train a little, choose the next view, fly there, repeat.
 
