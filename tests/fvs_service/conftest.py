@@ -37,10 +37,11 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from fvs_engine.geometry import look_at, quaternion_from_matrix
-from fvs_engine.score import Candidate, MedianFrequency, rank
+from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.views import PinholeView
 
 Overrides = Mapping[str, Any]
 
@@ -83,11 +84,11 @@ class ComputingRunners:
         self._require_reachable()
         self.asked.append(request)
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
-        candidates = [Candidate(view.id, view.camera, view.camera_from_model) for view in request.views]
+        candidates = [PinholeView(view.id, view.camera, view.camera_from_model) for view in request.views]
         scores = MedianFrequency().score(gaussians, candidates, self._rasterizer)
         distances = {view.id: view.distance_m for view in request.views if view.distance_m is not None}
         views = tuple(
-            RankedView(place.id, place.rank, place.score, place.status.value, place.coverage)
+            RankedView(place.name, place.rank, place.score, place.status.value, place.coverage)
             for place in rank(scores, distances)
         )
         return RankedViews(request.snapshot_id, 7, len(gaussians), views)

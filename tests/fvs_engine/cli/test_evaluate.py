@@ -4,11 +4,11 @@ import json
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
-from fvs_engine.cli.evaluate import Preset
+from fvs_engine.choices import ProtocolName
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
 from fvs_engine.evaluate.protocol import PRESETS
 
@@ -21,7 +21,7 @@ OPTIONS = (
 
 
 def test_the_program_offers_the_presets() -> None:
-    assert [preset.value for preset in Preset] == list(PRESETS)
+    assert get_args(ProtocolName) == tuple(PRESETS)
 
 
 @pytest.fixture(scope="module")

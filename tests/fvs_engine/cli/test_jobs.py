@@ -11,14 +11,14 @@ import pytest
 import typer
 
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED
-from fvs_engine.cli.jobs import Say, run_job
+from fvs_engine.cli.jobs import Warn, run_job
 from fvs_engine.errors import EngineError, ReconstructionError
 from fvs_engine.monitor import Monitor
 
 
 def test_the_result_comes_back_and_sentences_go_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    def job(monitor: Monitor, say: Say) -> int:
-        say("Left out a.jpg: it is empty.")
+    def job(monitor: Monitor, warn: Warn) -> int:
+        warn("Left out a.jpg: it is empty.")
         monitor.report("images", 1, 1)
         return 7
 
@@ -32,7 +32,7 @@ def test_the_result_comes_back_and_sentences_go_to_stderr(capsys: pytest.Capture
 def test_an_engine_error_is_one_message_and_a_status(
     machine: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def job(_monitor: Monitor, _say: Say) -> None:
+    def job(_monitor: Monitor, _warn: Warn) -> None:
         raise ReconstructionError("No two photographs overlap.", hint="Take more.")
 
     with pytest.raises(typer.Exit) as caught:
@@ -56,7 +56,7 @@ def test_an_engine_error_is_one_message_and_a_status(
 
 
 def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFixture[str]) -> None:
-    def job(_monitor: Monitor, _say: Say) -> None:
+    def job(_monitor: Monitor, _warn: Warn) -> None:
         logging.getLogger("fvs_engine.compilation.ahead").warning("Compiling failed (%s).", "no disk")
 
     run_job(job, machine=True)
@@ -64,7 +64,7 @@ def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFix
 
 
 def test_a_bug_is_not_dressed_up() -> None:
-    def job(_monitor: Monitor, _say: Say) -> None:
+    def job(_monitor: Monitor, _warn: Warn) -> None:
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -77,7 +77,7 @@ def test_a_signal_stops_the_job_at_its_next_safe_point(
 ) -> None:
     cleaned_up = threading.Event()
 
-    def job(monitor: Monitor, _say: Say) -> None:
+    def job(monitor: Monitor, _warn: Warn) -> None:
         os.kill(os.getpid(), number)
         try:
             while True:
@@ -100,7 +100,7 @@ def test_a_second_signal_stops_at_once_even_a_job_that_does_not_listen() -> None
     script = (
         "import os, signal, time\n"
         "from fvs_engine.cli.jobs import run_job\n"
-        "def job(monitor, say):\n"
+        "def job(monitor, warn):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    while not monitor.cancelled: time.sleep(0.01)\n"
         "    time.sleep(0.5)\n"

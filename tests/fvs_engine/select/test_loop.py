@@ -331,7 +331,7 @@ def test_poses_that_contradict_the_photographs_are_refused(
     loop = open_loop(folder, yard, **ESTIMATED)
     mixed = [yard.views[place] for place in (0, 3, 1, 4, 2, 5, 6, 7, 8)]
     views = [
-        dataclasses.replace(view, camera_from_world=other.camera_from_model)
+        dataclasses.replace(view, camera_from_model=other.camera_from_model)
         for view, other in zip(yard.views, mixed, strict=True)
     ]
     loop.dataset = dataclasses.replace(yard, views=tuple(views))
