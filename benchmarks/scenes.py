@@ -54,7 +54,7 @@ def load_scene(model_dir: Path, image_dir: Path, long_side_px: int, limit: int |
         size = (round(pinhole.width * scale), round(pinhole.height * scale))
         reduced = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX))
         views.append(TrainingView(view.name, pinhole.resized(*size), view.camera_from_model, reduced))
-    return Scene(tuple(views), model.points, model.point_colors)
+    return Scene(tuple(views), model.points.xyz, model.points.colors)
 
 
 def _undistortion(camera: Camera) -> tuple[PinholeCamera, NDArray[np.float64] | None]:

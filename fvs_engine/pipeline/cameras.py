@@ -7,9 +7,9 @@ from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.storage import blame_full_disk, storage_errors
+from fvs_engine.images.names import match_names
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest, ReconstructionSettings
-from fvs_engine.pipeline.names import match_names
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
@@ -96,7 +96,9 @@ def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) ->
     photographs = manifest.images.photographs
     known = {record.normalised_name: record.normalised_name for record in photographs}
     known |= {record.name: record.normalised_name for record in photographs}
-    names = match_names([view.name for view in imported.views], known)
+    matches = match_names([view.name for view in imported.views], known)
+    matches.require_unambiguous()
+    names = matches.found
     views = [replace(view, name=names[view.name]) for view in imported.views if view.name in names]
     if len(views) < _MIN_VIEWS:
         raise InvalidInputError(

@@ -18,7 +18,7 @@ from fvs_engine.geometry import (
     robust_umeyama,
 )
 from fvs_engine.geometry.alignment.cameras import centre_spread
-from fvs_engine.pipeline.names import match_names
+from fvs_engine.images.names import match_names
 from fvs_engine.pipeline.views import usual_camera
 from fvs_engine.records import Record, first_error
 from fvs_engine.sfm.colmap.imports import import_transforms_json
@@ -175,7 +175,7 @@ def _from_transforms(
     by_name = {view.name: view for view in views}
     known = {name: name for name in by_name}
     known |= {alias: name for alias, name in aliases.items() if name in by_name}
-    shared = match_names(frames, known)
+    shared = match_names(frames, known).found
     if len(shared) < _MIN_SHARED_VIEWS:
         raise InvalidInputError(
             f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to place it.",

@@ -94,10 +94,10 @@ def select_views(
 def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str], None]) -> SelectionResult:
     for warning in loop.begin(monitor):
         warn(warning)
-    if loop.scene.waiting and not loop.records:
+    if loop.scene.unregistered and not loop.records:
         warn(
-            f"{len(loop.scene.waiting)} of the {len(loop.initial)} initial views could not be registered "
-            f"yet: {', '.join(loop.scene.waiting)}."
+            f"{len(loop.scene.unregistered)} of the {len(loop.initial)} initial views are unregistered: "
+            f"{', '.join(loop.scene.unregistered)}."
         )
     while isinstance(step := loop.step(monitor), StepRecord):
         for warning in step.warnings:

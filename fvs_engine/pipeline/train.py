@@ -82,7 +82,7 @@ def train(
         loaded,
         settings,
         lambda: initialise_from_points(
-            reconstruction.points, reconstruction.point_colors, settings.sh_degree
+            reconstruction.points.xyz, reconstruction.points.colors, settings.sh_degree
         ),
         rasterizer,
         manifest.settings.seed,

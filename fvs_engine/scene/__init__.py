@@ -1,4 +1,4 @@
-"""Scenes that grow: a dataset's photographs, the views visited so far, and the Gaussians learnt from them."""
+"""Growing scenes: a dataset's images, the views visited so far, and the Gaussians trained on them."""
 
 from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene, SceneUpdate

@@ -1,15 +1,15 @@
-"""Whether photographs show the colours of the points that their cameras are said to have seen."""
+"""Whether images show the colours of the points that their views saw, according to the dataset."""
 
 from pathlib import Path
 
 import numpy as np
 
 from fvs_engine.images.pixels import load_rgb
-from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
 
 MIN_AGREEMENT = 0.3
-"""Given poses under which the median photograph agrees less with its points belong to other photographs.
+"""Poses under which the median image agrees less than this with its points belong to other images.
 
 Measured on *bonsai*, median of fifteen views: 0.75 as given, 0.41 with every photograph replaced by the next
 of the capture (which shows almost the same), 0.17 by one sixty further on, 0.18 in reversed order.

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from PIL import ExifTags, Image
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
+from fvs_engine.images.names import match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
@@ -76,7 +77,8 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
             "A dataset needs its poses: one COLMAP model, or one transforms.json.",
             hint="Give either the folder of the model or the file.",
         )
-    names, missing = _photographs_of([view.name for view in posed], images)
+    matches = match_files([view.name for view in posed], images)
+    names, missing = matches.found, sorted(matches.missing)
     views = sorted(
         (
             View(names[view.name], _camera_of(view, images / names[view.name]), view.camera_from_model)
@@ -142,28 +144,6 @@ def _posed_in_colmap(folder: Path) -> tuple[Path, tuple[AnyView, ...]]:
             f"No image of the model in {found} has a pose.", hint="Give the model of a finished mapping."
         )
     return found, tuple(views)
-
-
-def _photographs_of(posed: Sequence[str], images: Path) -> tuple[dict[str, str], list[str]]:
-    """A posed view's name → its photograph's: the same, or its last part; and those that have none."""
-    names: dict[str, str] = {}
-    missing = []
-    for name in posed:
-        candidates = (name, PurePosixPath(name).name)
-        photograph = next((candidate for candidate in candidates if (images / candidate).is_file()), None)
-        if photograph is None:
-            missing.append(name)
-        else:
-            names[name] = photograph
-    claimed: dict[str, str] = {}
-    for name, photograph in names.items():
-        if photograph in claimed:
-            raise InvalidInputError(
-                f"Two posed views, {claimed[photograph]} and {name}, claim {images / photograph}.",
-                hint="Give the folder above, in which their names differ.",
-            )
-        claimed[photograph] = name
-    return names, sorted(missing)
 
 
 def _camera_of(view: AnyView, photograph: Path) -> Camera:

@@ -1,4 +1,4 @@
-"""One scene over time: photographs come, cameras are found, Gaussians are added, training goes on."""
+"""A scene over time: images are registered, Gaussians are added where new points are, training goes on."""
 
 import time
 from collections import Counter
@@ -16,11 +16,13 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.photographs import Photographs
-from fvs_engine.scene.poses import PoseSource, Standing
-from fvs_engine.scene.scene_files import SceneFiles, SceneMemory
+from fvs_engine.scene.pose_source import PoseSource
+from fvs_engine.scene.scene_files import SceneFiles, SceneState
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
+from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
@@ -31,15 +33,15 @@ from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
 
 MIN_POINTS = 100
-"""With fewer sparse points than this a new model starts from guesses as well."""
+"""With fewer sparse points than this a new model starts from guessed seeds as well."""
 
 POINTS_GROWTH = 2.0
-"""A model begins anew when its views share so many times the points that it began on.
+"""A model is retrained from scratch when its views share so many times the points that it started from.
 
-What training made of few views stays in the way of those that follow. Measured on *bonsai*, four views far
-from one another and then sixteen more: 18.5 dB on held-out views when a model that stands on 1,000 points
-never begins anew, 22.0 dB when it last did so at 18 views, as by this rule, 22.2 dB when all views are there
-from the start (ADR 6).
+What training made of few views hinders those that follow. Measured on *bonsai*, four views far from one
+another and then sixteen more: 18.5 dB on held-out views when a model started from 1,000 points is never
+restarted, 22.0 dB when it last was at 18 views, as by this rule, 22.2 dB when all views are there from the
+start (ADR 6).
 """
 
 _SAVE_EVERY_S = 60.0
@@ -49,13 +51,13 @@ _SAVE_EVERY_S = 60.0
 class SceneUpdate:
     """What one ``add`` changed.
 
-    ``registered``: views that got their camera now, those that had waited among them; ``waiting``: all that
-    have none, those that lost theirs among them; ``moved``: how many views that were there changed their
-    camera; ``iterations``: up to which ``train`` will go on; ``seconds``: for the poses, and for the model.
+    ``registered``: images that have a pose now and had none before; ``unregistered``: all visited images
+    without one; ``moved``: number of views whose camera or pose changed; ``iterations``: the iteration up to
+    which ``train`` will go on; ``seconds``: for the poses, and for the model.
     """
 
     registered: tuple[str, ...]
-    waiting: tuple[str, ...]
+    unregistered: tuple[str, ...]
     moved: int
     new_gaussians: int
     iterations: int
@@ -64,11 +66,11 @@ class SceneUpdate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
-    """What an addition asks for: views with their photographs, and where Gaussians start.
+class _ModelEdit:
+    """The change of the trained model that a pose update asks for; the images are loaded.
 
-    ``anew``: a new model takes the place of the one that was there, if any; then all views are ``added``.
-    ``begun_points``: see ``GrowingScene._begun_points``.
+    ``restart``: a new model replaces the present one, if any; then all views are ``added``.
+    ``points_at_start``: see ``SceneState``.
     """
 
     added: tuple[tuple[AnyView, TrainingView], ...]
@@ -76,22 +78,22 @@ class _Change:
     lost: frozenset[str]
     seeds: Seeds
     warnings: tuple[str, ...]
-    anew: bool
-    begun_points: int
+    restart: bool
+    points_at_start: int
 
 
 class GrowingScene:
-    """Owns a folder in which a dataset's scene grows; on disk, a whole state survives a kill at any moment.
+    """A dataset's growing scene in a folder of its own; a complete state survives a kill at any moment.
 
-    A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins). Whoever
-    repeats the calls that followed it, after a kill, comes to the same scene bit by bit (on the CPU, with
+    A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins).
+    Repeating the calls that followed it, after a kill, gives the same scene bit by bit (on the CPU, with
     ``settings.sfm.threads=1`` where poses are estimated). One process at a time may own a folder.
 
-    What an added view costs grows little with how many there are: its photograph is read, and places are
-    sought for the points that came with it, among all points and Gaussians. Images stay in memory, and are
-    read again only if their camera's lens or zoom changed. Finding poses and points has costs of its own, see
-    ``GrowingReconstruction`` and ``KnownPoses``. The exception: when the views share twice the points that
-    the model began on, it begins anew, and ``train`` goes through the whole schedule again.
+    The cost of an added view grows little with the number of views: its image is read, and new points are
+    compared with all points and Gaussians. Images stay in memory, and are read again only if their camera's
+    intrinsics changed visibly. For the cost of poses and points see ``GrowingReconstruction`` and
+    ``KnownPoses``. The exception: when the views share twice the points that the model started from, it is
+    retrained from scratch, and ``train`` runs the whole schedule again.
     """
 
     def __init__(
@@ -110,12 +112,11 @@ class GrowingScene:
         self._photographs = Photographs(dataset.image_dir, settings.long_side_px)
         self._trainer: Trainer | None = None
         self._visited: tuple[str, ...] = ()
-        self._posed: dict[str, AnyView] = {}  # in the order of the trainer's views, lenses and all
+        self._posed: dict[str, AnyView] = {}  # in the order of the trainer's views, with distortion
         self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._initial_views = 0
-        self._begun_points = 0
-        """How many points the views shared when the model began, the last time."""
+        self._points_at_start = 0
         self._generation = 0
         self._dirty = False
 
@@ -123,7 +124,7 @@ class GrowingScene:
     def open(
         cls, folder: Path, dataset: Dataset, settings: SceneSettings, rasterizer: Rasterizer, monitor: Monitor
     ) -> "GrowingScene":
-        """Begin a scene in ``folder``, or go on with the one that is there.
+        """Create a scene in ``folder``, or resume the one in it.
 
         Raises ``InvalidInputError`` when the folder holds a scene of another dataset or other settings,
         ``StorageError`` when it cannot be read or written.
@@ -137,26 +138,31 @@ class GrowingScene:
 
     @property
     def visited(self) -> tuple[str, ...]:
-        """The names of all photographs that were added, in the order of their visit."""
+        """The names of all added images, in the order of their visit."""
         return self._visited
 
     @property
     def views(self) -> tuple[TrainingView, ...]:
-        """The registered views in order of registration (that of the visit, for those that never waited).
+        """The registered views in order of registration.
 
-        Each has its name, its pinhole camera at the training size, ``camera_from_model``, and its photograph.
+        Each has its name, its pinhole camera at the training size, ``camera_from_model``, and its image.
         """
         return self._trainer.views if self._trainer else ()
 
     @property
-    def waiting(self) -> tuple[str, ...]:
-        """Visited photographs without a camera, in the order of their visit."""
+    def unregistered(self) -> tuple[str, ...]:
+        """Visited images without a pose, in the order of their visit."""
         return tuple(name for name in self._visited if name not in self._posed)
 
     @property
     def generation(self) -> int:
-        """The pose source's count of its changes, as of the last ``add``."""
+        """The pose source's generation after the last ``add``."""
         return self._generation
+
+    @property
+    def model_dir(self) -> Path | None:
+        """The folder of the COLMAP model with the current poses; None when the source has none."""
+        return self._source.model_dir
 
     @property
     def gaussians(self) -> Gaussians:
@@ -170,23 +176,24 @@ class GrowingScene:
 
     @property
     def iteration(self) -> int:
-        """How many iterations were done."""
+        """The number of iterations done."""
         return self._trainer.iteration if self._trainer else 0
 
     @property
     def target_iteration(self) -> int:
-        """Up to which iteration the schedule goes with the present views; 0 before the first."""
+        """The iteration up to which the schedule goes with the present views; 0 before the first."""
         if self._trainer is None:
             return 0
         more = len(self.views) - self._initial_views
         return self.settings.initial_iterations + self.settings.iterations_per_view * more
 
     def add(self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> SceneUpdate:
-        """Visit the photographs ``names``: find their cameras, and seed Gaussians where new points are.
+        """Visit the images ``names``: register them, and seed Gaussians where new points are.
 
-        ``positions``: where photographs were taken whose poses nobody knows, those of earlier calls included;
-        by default what GPS wrote into their EXIF. Structure from motion believes no place that contradicts
-        them. Names that were visited before change nothing. When this fails, the scene stays as it was.
+        ``positions``: position priors for a dataset without poses, those of earlier images included; by
+        default the GPS positions in their EXIF. Poses that contradict them are rejected. Names that were
+        visited before change nothing. When this fails, the scene does not change.
+
         Raises ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
         """
         unknown = [name for name in names if name not in self.dataset.by_name]
@@ -196,24 +203,24 @@ class GrowingScene:
             )
         new = tuple(name for name in dict.fromkeys(names) if name not in self._visited)
         if not new:
-            return SceneUpdate((), self.waiting, 0, 0, self.target_iteration, (), {})
+            return SceneUpdate((), self.unregistered, 0, 0, self.target_iteration, (), {})
         if self._dirty:
-            self.save()  # the pose source may never be more than one step ahead of the checkpoint
+            self.save()  # the pose source may never be more than one update ahead of the checkpoint
         began = time.monotonic()
         visited = self._visited + new
-        standing = self._source.stand(visited, monitor, positions)
+        # After a kill the source may have committed these images already: changes count from our own views.
+        update = self._source.update(visited, self._posed.values(), monitor, positions)
         found = time.monotonic()
-        change = self._change(standing, visited, monitor)
-        registered = tuple(view.name for view, _ in change.added if view.name not in self._posed)
-        self._apply(change)
-        self._visited, self._generation, self._dirty = visited, standing.generation, True
+        edit = self._edit(update, visited, monitor)
+        self._apply(edit)
+        self._visited, self._generation, self._dirty = visited, update.generation, True
         return SceneUpdate(
-            registered=registered,
-            waiting=self.waiting,
-            moved=len(change.moved),
-            new_gaussians=len(change.seeds),
+            registered=tuple(name for name in visited if name in set(update.registered)),
+            unregistered=self.unregistered,
+            moved=len(edit.moved),
+            new_gaussians=len(edit.seeds),
             iterations=self.target_iteration,
-            warnings=standing.warnings + change.warnings,
+            warnings=update.warnings + edit.warnings,
             seconds={"poses": found - began, "model": time.monotonic() - found},
         )
 
@@ -226,36 +233,35 @@ class GrowingScene:
         train_saving(trainer, self.target_iteration, monitor, self.save, _SAVE_EVERY_S)
 
     def save(self) -> None:
-        """Commit the state: whatever was done since the last time is on disk, whole, or not at all."""
-        memory = SceneMemory(
+        """Commit the state: after a kill the folder has either all of it or the state before."""
+        state = SceneState(
             visited=self._visited,
             views=tuple(self._posed.values()),
             initial_views=self._initial_views,
-            begun_points=self._begun_points,
+            points_at_start=self._points_at_start,
             generation=self._generation,
         ).model_dump(mode="json")
         if self._trainer is None:
-            write_checkpoint(self._files.checkpoint, {}, {"owner": memory})
+            write_checkpoint(self._files.checkpoint, {}, {"owner": state})
         else:
             seeded = torch.from_numpy(self._seeded)
-            self._trainer.save(self._files.checkpoint, owner_tensors={"seeded": seeded}, owner_state=memory)
+            self._trainer.save(self._files.checkpoint, owner_tensors={"seeded": seeded}, owner_state=state)
         self._dirty = False
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, TrainingView]:
-        """Photographs that are not part of the scene, placed in it for comparison; it does not change.
+        """Localise images that are not part of the scene, for evaluation; the scene does not edit.
 
-        Their cameras, in the model frame, and their images at the training size; those that cannot be placed
-        are left out. Nothing that is learnt here reaches the model.
+        Returns their views in the model frame with their images at the training size; those without a pose
+        are left out.
         """
         posed = self._source.localise(names, monitor)
-        return {name: self._photograph(posed[name]) for name in names if name in posed}
+        return {name: self._load(posed[name]) for name in names if name in posed}
 
     def expected_camera(self, name: str) -> PinholeCamera:
         """The pinhole camera, at the training size, that view ``name`` of the dataset will have.
 
-        With known poses it is the dataset's; else that of most registered views of the photograph's size,
-        because the photograph itself must not be looked at before it is visited. Where there is none such,
-        it is the dataset's.
+        With known poses it is the dataset's; else that of most registered views of the image's size, because
+        the image itself must not be used before it is visited. Without any, it is the dataset's.
         """
         expected = self.dataset.by_name[name].camera
         if self.settings.poses == "known":
@@ -266,61 +272,68 @@ class GrowingScene:
     def _model(self) -> Trainer:
         if self._trainer is None:
             raise TrainingError(
-                f"None of the {len(self._visited)} visited photographs has a camera yet.",
+                f"None of the {len(self._visited)} visited photographs has a pose yet.",
                 hint="Add photographs that overlap those that were visited.",
             )
         return self._trainer
 
-    def _change(self, standing: Standing, visited: Sequence[str], monitor: Monitor) -> _Change:
-        """What the standing poses and points ask for; reads photographs, changes nothing."""
-        anew = self._trainer is None or self._outgrown(standing)
-        order = {name: place for place, name in enumerate(visited)}
-        loaded = {} if self._trainer is None else {view.name: view for view in self._trainer.views}
-        added, moved = [], []
-        views = sorted(standing.views, key=lambda view: order[view.name])
-        for done, view in enumerate(views, start=1):
+    def _edit(self, update: PoseUpdate, visited: Sequence[str], monitor: Monitor) -> _ModelEdit:
+        """Load the images of new and changed views and find seeds; changes nothing."""
+        restart = self._trainer is None or self._outgrown(update.points)
+        current = {view.name: view for view in update.views}
+        new = current.keys() if restart else set(update.registered)
+        names = [name for name in visited if name in new]
+        added = []
+        for done, name in enumerate(names, start=1):
             monitor.check()
-            before = None if anew else self._posed.get(view.name)
-            if before is None:
-                added.append((view, self._photograph(view)))
-            elif not self._photographs.same_image(before.camera, view.camera):
-                moved.append((view, self._photograph(view)))
+            added.append((current[name], self._load(current[name])))
+            monitor.report("load", done, len(names))
+        if restart:
+            moved = []
+            points_at_start = len(update.points)
+            seeds, warnings = self._first_seeds(update.points, [view for _, view in added])
+        else:
+            moved = self._moved([current[name] for name in visited if name in update.moved], monitor)
+            points_at_start = self._points_at_start
+            seeds, warnings = self._further_seeds(update.points), ()
+        return _ModelEdit(tuple(added), tuple(moved), update.lost, seeds, warnings, restart, points_at_start)
+
+    def _moved(self, views: Sequence[AnyView], monitor: Monitor) -> list[tuple[AnyView, TrainingView]]:
+        """Those of the changed ``views`` that training sees change; an image is loaded only if it does."""
+        loaded = {view.name: view for view in self._model().views}
+        moved = []
+        for view in views:
+            monitor.check()
+            before = self._posed[view.name]
+            if not self._photographs.same_image(before.camera, view.camera):
+                moved.append((view, self._load(view)))
             elif not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix):
                 kept = replace(view, camera=before.camera)
                 moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
-            if before is None:
-                monitor.report("load", done, len(views))
-        lost = frozenset(self._posed).difference(view.name for view in views)
-        if anew:
-            begun_points = len(standing.points)
-            seeds, warnings = self._first_seeds(standing, [view for _, view in added])
-        else:
-            begun_points = self._begun_points
-            seeds, warnings = self._further_seeds(standing), ()
-        return _Change(tuple(added), tuple(moved), lost, seeds, warnings, anew, begun_points)
+        return moved
 
-    def _photograph(self, view: AnyView) -> TrainingView:
+    def _load(self, view: AnyView) -> TrainingView:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
 
-    def _outgrown(self, standing: Standing) -> bool:
-        """Whether the views share so many more points now that a new model is worth its training."""
-        return len(standing.points) >= max(MIN_POINTS, POINTS_GROWTH * self._begun_points)
+    def _outgrown(self, points: PointCloud) -> bool:
+        """Whether the views share so many more points now that retraining from scratch is worth it."""
+        return len(points) >= max(MIN_POINTS, POINTS_GROWTH * self._points_at_start)
 
-    def _further_seeds(self, standing: Standing) -> Seeds:
+    def _further_seeds(self, points: PointCloud) -> Seeds:
         means = self._model().gaussians.means.detach().cpu().numpy()
         occupied = np.concatenate([means, self._seeded]).astype(np.float64)
-        return seeds_on_free_points(
-            standing.points, occupied, self.settings.training.max_gaussians - len(means)
-        )
+        return seeds_on_free_points(points, occupied, self.settings.training.max_gaussians - len(means))
 
     def _first_seeds(
-        self, standing: Standing, views: Sequence[TrainingView]
+        self, points: PointCloud, views: Sequence[TrainingView]
     ) -> tuple[Seeds, tuple[str, ...]]:
-        """Where a model begins, and what to say of it."""
+        """The seeds of a new model, and warnings about them."""
         room = self.settings.training.max_gaussians
-        seeds = seeds_on_free_points(standing.points, np.zeros((0, 3)), room)
+        seeds = seeds_on_free_points(points, np.zeros((0, 3)), room)
         if len(seeds) >= MIN_POINTS or not views:
-            warning = f"The model begins anew on the {len(seeds)} points that {len(views)} views share."
+            warning = (
+                f"The model is retrained from scratch on {len(seeds)} points that {len(views)} views share."
+            )
             return seeds, (warning,) if self._trainer else ()
         guesses = guessed_seeds(views, room - len(seeds), self.settings.seed)
         warning = (
@@ -329,12 +342,12 @@ class GrowingScene:
         )
         return seeds.and_also(guesses), (warning,)
 
-    def _apply(self, change: _Change) -> None:
-        views = [view for _, view in change.added]
-        if change.anew:
+    def _apply(self, edit: _ModelEdit) -> None:
+        views = [view for _, view in edit.added]
+        if edit.restart:
             if not views:
                 return
-            gaussians = change.seeds.gaussians(self.settings.training.sh_degree)
+            gaussians = edit.seeds.gaussians(self.settings.training.sh_degree)
             schedule, seed = self.settings.schedule, self.settings.seed
             if self._trainer is None:
                 self._initial_views = len(views)
@@ -342,31 +355,31 @@ class GrowingScene:
             self._seeded, self._posed = self._seeded[:0], {}
         else:
             trainer = self._model()
-            trainer.update_views([view for _, view in change.moved])
+            trainer.update_views([view for _, view in edit.moved])
             trainer.add_views(views)
-            trainer.drop_views(change.lost)
-            if len(change.seeds):
-                trainer.add_gaussians(change.seeds.gaussians(self.settings.training.sh_degree))
-        self._begun_points = change.begun_points
-        self._posed.update({view.name: view for view, _ in (*change.moved, *change.added)})
-        self._posed = {name: view for name, view in self._posed.items() if name not in change.lost}
+            trainer.drop_views(edit.lost)
+            if len(edit.seeds):
+                trainer.add_gaussians(edit.seeds.gaussians(self.settings.training.sh_degree))
+        self._points_at_start = edit.points_at_start
+        self._posed.update({view.name: view for view, _ in (*edit.moved, *edit.added)})
+        self._posed = {name: view for name, view in self._posed.items() if name not in edit.lost}
         self._usual_cameras = _usual_cameras(self._posed.values())
-        self._seeded = np.concatenate([self._seeded, change.seeds.points.xyz.astype(np.float32)])
+        self._seeded = np.concatenate([self._seeded, edit.seeds.points.xyz.astype(np.float32)])
 
     def _resume(self, monitor: Monitor) -> None:
         tensors, state = read_checkpoint(self._files.checkpoint)
-        memory = self._files.memory(state)
-        self._visited, self._generation = memory.visited, memory.generation
-        self._posed = {view.name: view for view in memory.views}
+        saved = self._files.state(state)
+        self._visited, self._generation = saved.visited, saved.generation
+        self._posed = {view.name: view for view in saved.views}
         self._usual_cameras = _usual_cameras(self._posed.values())
-        self._initial_views, self._begun_points = memory.initial_views, memory.begun_points
+        self._initial_views, self._points_at_start = saved.initial_views, saved.points_at_start
         if not self._posed:
             return
         self._seeded = tensors["owner.seeded"].numpy()
         views = []
         for done, view in enumerate(self._posed.values(), start=1):
             monitor.check()
-            views.append(self._photograph(view))
+            views.append(self._load(view))
             monitor.report("load", done, len(self._posed))
         self._trainer = Trainer.resume(self._files.checkpoint, views, self.rasterizer)
 

@@ -1,21 +1,19 @@
-"""Poses as the dataset gives them, with the points that the visited views support."""
+"""Poses of the dataset, with the points that the visited views saw."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import median
-
-import numpy as np
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.color_evidence import MIN_AGREEMENT, color_agreement
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.poses import Standing
-from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
-from fvs_engine.sfm.batch.mapping import read_witnesses
+from fvs_engine.scene.sparse_points import SparsePoints
+from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
@@ -26,15 +24,14 @@ MIN_MATCH_SUPPORT = 0.5
 """Given poses that explain less of the verified matches than this belong to other photographs."""
 
 _MIN_VIEWS = 2
-_NO_POINTS = PointCloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
 
 
 class KnownPoses:
-    """A ``PoseSource`` for a dataset whose poses are taken as they are: the model frame is the world frame.
+    """A ``PoseSource`` that uses a dataset's poses unchanged: the model frame is the dataset's.
 
-    The points are those of the dataset's model that at least two visited views saw; a dataset without points
-    has them triangulated from the visited photographs. Features and matches are kept, but all points are
-    found again with every new photograph.
+    The points are those of the dataset's model that at least two visited views saw; for a dataset without
+    points they are triangulated from the visited images. Features and matches are kept, but all points are
+    triangulated again with every new image.
     """
 
     def __init__(self, folder: Path, dataset: Dataset, settings: SfmSettings) -> None:
@@ -43,65 +40,70 @@ class KnownPoses:
         self._settings = settings
         self._color_agreements: dict[str, float | None] = {}
 
-    def stand(
+    @property
+    def model_dir(self) -> Path | None:
+        """See ``PoseSource``: a dataset's poses are no COLMAP model of the scene's own."""
+        return None
+
+    def update(
         self,
         visited: Sequence[str],
+        known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,  # noqa: ARG002 - whole poses say more
-    ) -> Standing:
-        """See ``PoseSource``. Every view has its pose at once.
+        positions: Positions | None = None,  # noqa: ARG002 - the dataset's poses say more
+    ) -> PoseUpdate:
+        """See ``PoseSource``. Every image is registered at once; the generation counts the images.
 
-        Raises ``ReconstructionError`` when the photographs contradict the given poses: by the colours of the
-        dataset's points, or, where it has none, by their matches with each other.
+        Raises ``ReconstructionError`` when the images contradict the dataset's poses: by the colours of its
+        points, or, where it has none, by their matches with each other.
         """
         views = tuple(self._dataset.by_name[name] for name in visited)
+        warnings: tuple[str, ...] = ()
         if self._dataset.points is not None:
             self._require_colors(views, self._dataset.points, monitor)
-            return Standing(views, self._dataset.points.seen_by(visited), len(visited))
-        points, warnings = self._triangulated(views, monitor)
-        return Standing(views, points, len(visited), warnings)
+            points = self._dataset.points.seen_by(visited)
+        else:
+            points, warnings = self._triangulated(views, monitor)
+        return PoseUpdate.between(known, views, points, visited, len(visited), warnings)
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
-        """See ``PoseSource``: what the dataset says."""
+        """See ``PoseSource``: the dataset's poses."""
         monitor.check()
         return {name: self._dataset.by_name[name] for name in names}
 
     def _triangulated(self, views: Sequence[AnyView], monitor: Monitor) -> tuple[PointCloud, tuple[str, ...]]:
         if len(views) < _MIN_VIEWS:
-            return _NO_POINTS, ()
-        given = Reconstruction(
-            tuple(sorted(views, key=lambda view: view.name)), _NO_POINTS.xyz, _NO_POINTS.colors, np.zeros(0)
-        )
+            return PointCloud.empty(), ()
+        given = Reconstruction.of_views(views)
         try:
             result = triangulate(given, self._dataset.image_dir, self._folder, self._settings, monitor)
-        except ReconstructionError:  # no point: the views are too far apart, or the poses wrong
+        except ReconstructionError:  # no point: the views are too far apart, or their poses are wrong
             folder = SfmFolder(self._folder)
-            if not has_colmap_model(folder.mapping(GIVEN)):  # it did not get that far
+            if not has_colmap_model(folder.mapping(GIVEN)):  # it failed earlier
                 raise
-            witnesses = read_witnesses(Stages(folder, self._settings, monitor))
-            self._require_support(witnesses.testify(open_colmap(folder.mapping(GIVEN)), monitor))
-            return _NO_POINTS, ()
+            evidence = read_model_evidence(Stages(folder, self._settings, monitor))
+            self._require_support(evidence.of(open_colmap(folder.mapping(GIVEN)), monitor))
+            return PointCloud.empty(), ()
         self._require_support(result.report.candidates[0].evidence)
-        cloud = PointCloud(result.reconstruction.points, result.reconstruction.point_colors)
-        return cloud, result.report.warnings
+        return result.reconstruction.points, result.report.warnings
 
     def _require_support(self, evidence: Evidence | None) -> None:
-        """Photographs that do not match at all say nothing; matches must not contradict the poses."""
+        """Raise when matches contradict the poses; images without matches pass."""
         if evidence is not None and evidence.match_support < MIN_MATCH_SUPPORT:
             raise self._contradiction(f"only {evidence.match_support:.0%} of the verified matches fit them.")
 
     def _require_colors(self, views: Sequence[AnyView], points: SparsePoints, monitor: Monitor) -> None:
-        """Most photographs must show the colours of their points, as far as points have any."""
+        """Raise when most images do not show the colours of their points, as far as points have any."""
         for view in views:
             if view.name not in self._color_agreements:
                 monitor.check()
                 seen = points.seen_in(view.name)
                 self._color_agreements[view.name] = color_agreement(view, seen, self._dataset.image_dir)
-        told = [value for view in views if (value := self._color_agreements[view.name]) is not None]
-        if len(told) >= _MIN_VIEWS and median(told) < MIN_AGREEMENT:
+        agreements = [value for view in views if (value := self._color_agreements[view.name]) is not None]
+        if len(agreements) >= _MIN_VIEWS and median(agreements) < MIN_AGREEMENT:
             raise self._contradiction(
                 "where they see the model's points, the photographs have other colours (correlation "
-                f"{median(told):.2f}; at least {MIN_AGREEMENT} is expected)."
+                f"{median(agreements):.2f}; at least {MIN_AGREEMENT} is expected)."
             )
 
     def _contradiction(self, evidence: str) -> ReconstructionError:

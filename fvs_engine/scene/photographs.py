@@ -1,4 +1,4 @@
-"""Photographs as training sees them: without distortion, at the training size, of the visited views only."""
+"""Training images: undistorted, at the training size."""
 
 from pathlib import Path
 
@@ -14,17 +14,17 @@ from fvs_engine.splat.views import TrainingView
 Array = NDArray[np.float64]
 
 MAX_SHIFT_PX = 0.1
-"""A camera whose pixels lie within this of where another's do, at the training size, shows the same image."""
+"""Two cameras whose pixels differ by less than this, at the training size, show the same image."""
 
 _MAPS_KEPT = 4
-"""A map takes as much memory as five photographs, and every adjustment of all cameras makes new ones."""
+"""A map takes as much memory as five images, and every global bundle adjustment makes new ones."""
 
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30
 
 
 class Photographs:
-    """Loads the photographs of a folder as pinhole cameras would have taken them, ``long_side_px`` long.
+    """Loads the images of a folder as pinhole images of ``long_side_px``.
 
     The maps from pinhole pixels to photographs of the cameras used last are kept: views that share a camera
     share one.
@@ -39,8 +39,8 @@ class Photographs:
     def pinhole(self, camera: Camera) -> PinholeCamera:
         """The camera, at the training size, of the photographs that ``camera`` took.
 
-        It looks the same way from the same place; what a lens bent is zoomed to the widest view that has no
-        empty pixel. Raises ``InvalidInputError`` when no zoom in sane bounds has none.
+        It has the same pose; without the distortion it is zoomed to the widest view that has no empty pixel.
+        Raises ``InvalidInputError`` when no plausible zoom has none.
         """
         if camera not in self._pinholes:
             size = reduced_size(camera.width, camera.height, self._long_side_px)
@@ -50,7 +50,7 @@ class Photographs:
         return self._pinholes[camera]
 
     def load(self, name: str, camera: Camera, camera_from_model: RigidTransform) -> TrainingView:
-        """Read a photograph. Raises ``InvalidInputError`` when its size is not its camera's."""
+        """Load an image. Raises ``InvalidInputError`` when its size is not its camera's."""
         pinhole = self.pinhole(camera)
         image = load_rgb(self._image_dir / name, self._long_side_px)
         if image.shape[:2] != (pinhole.height, pinhole.width):
@@ -67,13 +67,13 @@ class Photographs:
         where = self._maps.pop(camera, None)
         if where is None:
             where = _source_pixels(camera, pinhole, _grid(pinhole))
-        self._maps[camera] = where  # the last one is the one used last
+        self._maps[camera] = where  # most recently used last
         if len(self._maps) > _MAPS_KEPT:
             del self._maps[next(iter(self._maps))]
         return where
 
     def same_image(self, first: Camera, second: Camera) -> bool:
-        """Whether a photograph looks the same by either camera: no pixel differs by ``MAX_SHIFT_PX``."""
+        """Whether an image is the same by either camera: no pixel moves by ``MAX_SHIFT_PX``."""
         if first == second:
             return True
         if (first.width, first.height) != (second.width, second.height):

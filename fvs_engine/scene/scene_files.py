@@ -1,4 +1,4 @@
-"""What a growing scene keeps on disk, and where.
+"""The files in a growing scene's folder.
 
 scene.json               which dataset and settings the folder belongs to
 checkpoint.safetensors   the whole state: Gaussians, optimiser, views, what was visited (one file, one moment)
@@ -22,13 +22,14 @@ from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.views import AnyView
 
 
-class SceneMemory(Record):
+class SceneState(Record):
     """A scene's state beside its trainer's, in the same checkpoint."""
 
     visited: tuple[str, ...]
     views: tuple[AnyView, ...]
     initial_views: int
-    begun_points: int
+    points_at_start: int
+    """Sparse points that the views shared when the model last started."""
     generation: int
 
 
@@ -40,7 +41,7 @@ class SceneFiles:
 
     @property
     def identity(self) -> Path:
-        """Whose scene this is."""
+        """Which dataset and settings the folder belongs to."""
         return self.root / "scene.json"
 
     @property
@@ -56,8 +57,8 @@ class SceneFiles:
     def claim(self, dataset: Dataset, settings: SceneSettings) -> None:
         """Create the folder for this dataset and these settings, or check that it was made for them.
 
-        How many threads structure from motion has may change. Raises ``InvalidInputError`` when the folder
-        was made for others, ``StorageError`` when it cannot be used.
+        The number of threads of structure from motion may change. Raises ``InvalidInputError`` when the
+        folder was made for others, ``StorageError`` when it cannot be used.
         """
         identity = {
             "dataset": _fingerprint(dataset),
@@ -76,13 +77,13 @@ class SceneFiles:
         if before != identity:
             raise InvalidInputError(
                 f"{self.root} holds a scene of {_difference(before, identity)}.",
-                hint="Give what it was begun with, or choose another folder.",
+                hint="Give what it was created with, or choose another folder.",
             )
 
-    def memory(self, state: Any) -> SceneMemory:
+    def state(self, document: Any) -> SceneState:
         """The scene's part of a checkpoint's state; raises ``StorageError`` when there is none."""
         try:
-            return SceneMemory.model_validate(state["owner"])
+            return SceneState.model_validate(document["owner"])
         except (KeyError, ValidationError) as error:
             raise StorageError(
                 f"{self.checkpoint} is not the checkpoint of a scene.",
@@ -91,7 +92,7 @@ class SceneFiles:
 
 
 def _fingerprint(dataset: Dataset) -> str:
-    """A digest of the views: what they are called, and where and with which cameras they were taken."""
+    """A digest of the views: names, cameras and poses."""
     digest = hashlib.sha256()
     for view in dataset.views:
         digest.update(f"{view.name}\0{view.camera}\0".encode())

@@ -1,4 +1,4 @@
-"""Where new Gaussians start: on sparse points that nothing stands for yet; at worst, on guesses."""
+"""Seed points of new Gaussians: sparse points that no Gaussian covers yet, or guesses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points, point_spacing
 from fvs_engine.splat.views import TrainingView, scene_extent
@@ -15,7 +15,7 @@ from fvs_engine.splat.views import TrainingView, scene_extent
 Array = NDArray[np.float64]
 
 FREE_SPACING = 0.5
-"""A point is new when nothing stands within this share of the distance to its neighbours."""
+"""A point is free when nothing lies within this share of the distance to its neighbours."""
 
 GUESSES_PER_VIEW = 2_000
 _DEPTHS = (0.3, 4.0)
@@ -24,7 +24,7 @@ _DEPTHS = (0.3, 4.0)
 
 @dataclass(frozen=True, eq=False)
 class Seeds:
-    """Places for Gaussians: ``points`` and the distance to their neighbours, ``spacing`` [P]."""
+    """Seed points with the distances ``spacing`` [P] to their neighbours."""
 
     points: PointCloud
     spacing: Array
@@ -41,27 +41,27 @@ class Seeds:
         return Seeds(points, np.concatenate([self.spacing, others.spacing]))
 
     def gaussians(self, sh_degree: int) -> Gaussians:
-        """A round, faint Gaussian on each."""
+        """An isotropic Gaussian of low opacity on each."""
         return initialise_from_points(self.points.xyz, self.points.colors, sh_degree, self.spacing)
 
 
 def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seeds:
-    """Seeds on those of ``points`` around which none of ``occupied`` [Q, 3] stands; at most ``room``.
+    """Seeds on those of ``points`` that are far from all of ``occupied`` [Q, 3]; at most ``room``.
 
-    Only places count, never the points' numbers or their order: structure from motion renumbers its points,
-    and moves them a little, with every adjustment. A point that still is where one of ``occupied`` was put
-    costs next to nothing, however many there are. When there is room for fewer, those with the most space
-    win.
+    Only positions count, never the points' numbers or their order: structure from motion renumbers its
+    points, and moves them a little, with every bundle adjustment. A point that equals one of ``occupied``
+    costs next to nothing, however many there are. When there is room for fewer, those with the largest
+    spacing are kept.
     """
     finite = np.isfinite(points.xyz).all(axis=1)
     xyz, colors = points.xyz[finite], points.colors[finite]
     if len(xyz) == 0 or room <= 0:
         return Seeds(PointCloud(xyz[:0], colors[:0]), np.zeros(0))
-    new = ~_stand_exactly(xyz, occupied)
+    new = ~_are_occupied(xyz, occupied)
     xyz, colors, spacing = xyz[new], colors[new], point_spacing(xyz, new)
     order = np.lexsort(xyz.T)
     if len(occupied) and len(order):
-        # Few points ask: the tree that is quick to build, not the one that is quick to search.
+        # There are few queries: a tree that is quick to build is faster than one that is quick to search.
         tree = cKDTree(occupied, balanced_tree=False, compact_nodes=False)
         order = order[tree.query(xyz[order])[0] > FREE_SPACING * spacing[order]]
     if len(order) > room:
@@ -69,10 +69,10 @@ def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seed
     return Seeds(PointCloud(xyz[order], colors[order]), spacing[order])
 
 
-def _stand_exactly(xyz: Array, occupied: Array) -> NDArray[np.bool_]:
+def _are_occupied(xyz: Array, occupied: Array) -> NDArray[np.bool_]:
     """Which of the points [P, 3] are, to a float32's precision, among ``occupied`` [Q, 3]: [P]."""
-    places = set(_keys(occupied))
-    return np.fromiter((key in places for key in _keys(xyz)), dtype=bool, count=len(xyz))
+    known = set(_keys(occupied))
+    return np.fromiter((key in known for key in _keys(xyz)), dtype=bool, count=len(xyz))
 
 
 def _keys(xyz: Array) -> list[bytes]:
@@ -81,11 +81,11 @@ def _keys(xyz: Array) -> list[bytes]:
 
 
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
-    """Seeds on random rays through the photographs of ``views``, with their colours; at most ``room``.
+    """Seeds on random rays through the images of ``views``, with their colours; at most ``room``.
 
-    For views that share so few points that a model cannot start from them. The depths are uniform in their
-    logarithm, around the distance to the point that the views look at together. Nothing is used but the
-    visited photographs and their cameras. Training moves, thins out and replaces these seeds.
+    For views that share too few points for a model to start from. Depths are log-uniform around the distance
+    to the views' common focus. Only the visited images and their views are used. Training moves, prunes and
+    replaces these seeds.
     """
     generator = np.random.default_rng([seed, len(views)])
     look_at = _common_focus(views)

@@ -1,4 +1,4 @@
-"""What can be chosen about a scene that grows."""
+"""Settings of a growing scene."""
 
 from typing import Literal
 
@@ -21,26 +21,25 @@ GROWING_TRAINING = TrainingSettings(
         opacity_reset_interval=_NEVER,
     ),
 )
-"""The coarse model of a scene whose end nobody knows.
+"""Training of a scene to which views may be added at any time.
 
-The positions' learning rate decays over the paper's 30,000 iterations, whatever has been asked for so far:
-a horizon that ended with the present views would leave nothing to move new Gaussians with. Densification
-goes on as long as views come (``SceneSettings.schedule`` says when). Opacities are not reset: the model is
-used after every addition, and must be whole then.
+The positions' learning rate decays over the paper's 30,000 iterations, independent of the present views: with
+a shorter schedule new Gaussians could hardly move. Densification goes on as long as views are added
+(``SceneSettings.schedule`` says when). Opacities are not reset: the model is used after every addition.
 
 Measured on *bonsai*, known poses, 10 views and 10 more at 256 × 171 px, mean PSNR of every 8th view:
-20.7 dB; with a horizon of 5,000 iterations 20.4 dB (both with at most 25,000 Gaussians; with 60,000 it is
+20.7 dB; with a schedule of 5,000 iterations 20.4 dB (both with at most 25,000 Gaussians; with 60,000 it is
 21.0 dB, with 300,000 21.1 dB).
 """
 
 
 class SceneSettings(Record):
-    """How a scene finds its cameras and how long it learns; frozen, and stored with the scene.
+    """How a scene gets its poses and how long it is trained; frozen, and stored with the scene.
 
     ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. Training
     lasts ``initial_iterations``, and ``iterations_per_view`` more for every view that is registered after the
-    first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the images it learns
-    from.
+    first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the training
+    images.
     """
 
     poses: Literal["sfm", "known"] = "sfm"
@@ -56,7 +55,7 @@ class SceneSettings(Record):
         """``training``, but densification falls half-way between the iterations at which training may end.
 
         Those are the initial ones and every ``iterations_per_view`` from there. A model in which Gaussians
-        were split just now renders worse for some iterations, and must not be judged then. The interval is
+        were split just now renders worse for some iterations, and must not be evaluated then. The interval is
         the multiple of ``iterations_per_view`` nearest to the one that was asked for.
         """
         step, rules = self.iterations_per_view, self.training.densification

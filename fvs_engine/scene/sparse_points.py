@@ -1,4 +1,4 @@
-"""Sparse points that know which views saw them, so that a model holds nothing nobody has visited."""
+"""Sparse points with their tracks, so that a model uses only what visited views saw."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -7,19 +7,10 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.sfm.reconstruction import PointCloud
+
 MIN_VIEWS = 2
 """A point in fewer visited views could not have been triangulated from them."""
-
-
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """Points ``xyz`` [P, 3] in the model frame with ``colors`` [P, 3] uint8."""
-
-    xyz: NDArray[np.float64]
-    colors: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.xyz)
 
 
 @dataclass(frozen=True, eq=False)

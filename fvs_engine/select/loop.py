@@ -273,7 +273,7 @@ class SelectionLoop:
 
     def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
         warnings, seconds = self._learn([choice.chosen], monitor)
-        if choice.chosen in self.scene.waiting and not any(choice.chosen in line for line in warnings):
+        if choice.chosen in self.scene.unregistered and not any(choice.chosen in line for line in warnings):
             warnings += (
                 f"{choice.chosen} shows too little of what is known to be registered yet; it waits.",
             )
@@ -281,7 +281,7 @@ class SelectionLoop:
             choice=choice,
             views=len(self.visited) + 1,
             registered=len(self.scene.views),
-            waiting=len(self.scene.waiting),
+            waiting=len(self.scene.unregistered),
             iterations=self.scene.iteration,
             gaussians=len(self.scene.gaussians),
             warnings=warnings,

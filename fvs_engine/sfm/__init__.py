@@ -1,1 +1,1 @@
-"""Structure from motion: photographs in, cameras and sparse points out."""
+"""Structure from motion: poses and sparse points from images."""

@@ -1,17 +1,17 @@
-"""What structure from motion tells about itself: plain data that goes into JSON."""
+"""Reports of structure from motion, written as JSON."""
 
 from typing import Literal
 
 from fvs_engine.records import Record
 
-Verdict = Literal["accepted", "doubtful", "refused"]
+Verdict = Literal["accepted", "doubtful", "rejected"]
 
 GIVEN = "given"
-"""In the place of a mapper's name: the cameras were not found here."""
+"""In the place of a mapper's name: the poses were given."""
 
 
 class Evidence(Record):
-    """What the two-view geometries, which know nothing of the model, say about a model's poses."""
+    """Evidence for a model's poses from the two-view geometries, which do not depend on the model."""
 
     pairs: int
     """Verified pairs whose two images are both in the model."""
@@ -32,14 +32,14 @@ class Evidence(Record):
     """Share of image triplets whose independent relative rotations close to 5°: the input's quality."""
 
     unsupported_images: tuple[str, ...]
-    """Images that no chain of explained pairs ties to the rest of the model."""
+    """Images that no chain of explained pairs connects with the rest of the model."""
 
     prior_residual_share: float | None
     """Median distance to the GPS positions after alignment, in shares of their spread; None without GPS."""
 
 
 class CandidateReport(Record):
-    """One mapper's best model and what became of it."""
+    """One mapper's largest model and the verdict on it."""
 
     mapper: str
     registered: int
@@ -51,7 +51,7 @@ class CandidateReport(Record):
 
 
 class ComponentReport(Record):
-    """A separate model that could not be joined to the one that was kept."""
+    """A separate model that could not be merged with the chosen one."""
 
     mapper: str
     images: tuple[str, ...]
@@ -67,10 +67,10 @@ class Agreement(Record):
 
 
 class SfmReport(Record):
-    """How the cameras were found, and why they are believed."""
+    """How the poses were estimated, and the evidence for them."""
 
     mapper: str
-    """The mapper whose model was kept, or where an imported model came from."""
+    """The mapper whose model was chosen, or ``GIVEN``."""
 
     verdict: Verdict
     images: int

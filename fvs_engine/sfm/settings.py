@@ -1,4 +1,4 @@
-"""What can be chosen about structure from motion."""
+"""Settings of structure from motion."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.records import Record
 
 MapperName = Literal["incremental", "global"]
-"""COLMAP's two ways from two-view geometries to a model."""
+"""COLMAP's two mappers."""
 
 
 class KnownIntrinsics(Record):
@@ -30,24 +30,35 @@ class KnownIntrinsics(Record):
         return self
 
     def camera(self) -> DistortedCamera:
-        """The calibration as a camera; raises ``InvalidInputError`` when it is none."""
+        """The calibration as a camera; raises ``InvalidInputError`` for a bad model or bad parameters."""
         return DistortedCamera(self.model, self.width_px, self.height_px, self.params)
 
 
+class FocalPrior(Record):
+    """A focal length prior for images whose EXIF has none: in px of an image ``width_px`` wide."""
+
+    focal_length_px: float = Field(gt=0)
+    width_px: int = Field(gt=0)
+
+    def at(self, width_px: int) -> float:
+        """The focal length in px of an image of this width."""
+        return self.focal_length_px * width_px / self.width_px
+
+
 class GateSettings(Record):
-    """What a model must show before it is believed; see ``docs/adr/0002-gating-reconstructions.md``."""
+    """Thresholds of the gate; see ``docs/adr/0002-gating-reconstructions.md``."""
 
     min_match_support: float = Field(default=0.90, ge=0, le=1)
     """Share of the verified matches that the model's poses must explain."""
 
     min_doubtful_match_support: float = Field(default=0.85, ge=0, le=1)
-    """Between this and ``min_match_support`` a model is used, with a warning, if something confirms it."""
+    """Between this and ``min_match_support`` a model is doubtful, or rejected when nothing confirms it."""
 
     min_rotation_support: float = Field(default=0.80, ge=0, le=1)
     """Share of the independent relative rotations, weighted by matches, that the model must keep."""
 
     min_translation_support: float = Field(default=0.80, ge=0, le=1)
-    """Share of the independent directions from camera to camera; with less a model must be confirmed, too."""
+    """Share of the independent translation directions; below it a model is doubtful, too."""
 
     max_disagreement: float = Field(default=0.05, gt=0)
     """Median distance between two mappers' camera centres, in shares of the scene's spread."""
@@ -57,54 +68,57 @@ class GateSettings(Record):
 
 
 class GrowthSettings(Record):
-    """How a standing reconstruction takes in more images; ``reconstruct`` does not look at these."""
+    """How images are added to a reconstruction; ``reconstruct`` does not use these."""
 
     neighbours_in_order: int = Field(default=3, ge=0)
     """Images on either side in capture order (sorted names) that a new one is matched with."""
 
     neighbours_recent: int = Field(default=2, ge=0)
-    """The last images added, which a vehicle took nearby, that a new one is matched with."""
+    """The last added images, taken nearby by a moving vehicle, that a new one is matched with."""
 
-    neighbours_in_looks: int = Field(default=10, ge=1)
+    neighbours_by_similarity: int = Field(default=10, ge=1)
     """Most similar images that a new one is matched with."""
 
     neighbours_in_space: int = Field(default=8, ge=0)
     """Images near to the best matched ones that a new one is matched with after that."""
 
     min_image_support: float = Field(default=0.75, ge=0, le=1)
-    """Share of an image's verified matches that its pose must explain for the image to be taken in."""
+    """Share of an image's verified matches that its pose must explain for the image to be registered."""
 
     adjust_every: float = Field(default=0.1, gt=0)
-    """All cameras are adjusted together when the images, or the points, grew by this share."""
+    """Global bundle adjustment follows when the images, or the points, grew by this share."""
 
     remap_every: float = Field(default=0.25, gt=0)
-    """The images grow by at least this share between two attempts to find all cameras anew."""
+    """The images grow by at least this share between two re-maps."""
 
     max_support_loss: float = Field(default=0.03, gt=0)
-    """Match support lost since the cameras were found, from which they are found anew."""
+    """Loss of match support since the last re-map from which the next is due."""
 
-    max_waiting: float = Field(default=0.1, gt=0)
-    """Waiting images that match registered ones, in shares of those, from which cameras are found anew."""
+    max_unregistered: float = Field(default=0.1, gt=0)
+    """Unregistered images that match registered ones, in shares of those, from which a re-map is due."""
 
 
 class SfmSettings(Record):
     """The settings of ``reconstruct``; the defaults suit photographs of one scene by one camera."""
 
     max_image_size_px: int = Field(default=1600, ge=64)
-    """Features are sought in images reduced to this long side."""
+    """Features are extracted from images reduced to this long side."""
 
     max_features: int = Field(default=4096, ge=100)
     """Features kept per image, the largest first."""
 
     camera_model: CameraModel = "SIMPLE_RADIAL"
     intrinsics: KnownIntrinsics | None = None
-    """A calibration to be kept as it is; without one focal length and distortion are estimated."""
+    """A calibration that does not change; without one focal length and distortion are estimated."""
+
+    focal_prior: FocalPrior | None = None
+    """Where the estimate of the focal length starts, for images whose EXIF does not have it."""
 
     exhaustive_up_to: int = Field(default=60, ge=2)
-    """Up to so many images every pair is matched; above, neighbours in order, in space and in looks."""
+    """Up to so many images every pair is matched; above, neighbours in order, in space and by similarity."""
 
     both_mappers_up_to: int = Field(default=100, ge=0)
-    """Up to so many images both mappers run, to see whether they agree; above, the second only in doubt."""
+    """Up to so many images both mappers run; above, the second only when the first leaves doubt."""
 
     gate: GateSettings = GateSettings()
     growth: GrowthSettings = GrowthSettings()

@@ -1,4 +1,4 @@
-"""The folder in which stages leave their work, and what they share: settings, monitor, clock, log."""
+"""The folder of structure from motion, and what its stages share: settings, monitor, times, log."""
 
 import contextlib
 import hashlib
@@ -22,38 +22,38 @@ from fvs_engine.sfm.settings import SfmSettings
 
 @dataclass(frozen=True)
 class SfmFolder:
-    """Names of everything that structure from motion keeps."""
+    """Paths of everything that structure from motion keeps."""
 
     root: Path
 
     @property
     def database(self) -> Path:
-        """Features, matches and two-view geometries, as matching left them."""
+        """Features, matches and two-view geometries."""
         return self.root / "database.db"
 
     @property
     def calibrated(self) -> Path:
-        """The same, with focal lengths and relative poses from the view graph."""
+        """The same with focal lengths and relative poses of the calibrated view graph."""
         return self.root / "calibrated.db"
 
     @property
     def sparse(self) -> Path:
-        """The COLMAP model that was kept."""
+        """The chosen COLMAP model."""
         return self.root / "sparse"
 
     @property
     def report(self) -> Path:
-        """Written last: when it is there, everything is."""
+        """Written last: when it exists, everything does."""
         return self.root / "report.json"
 
     @property
-    def refused(self) -> Path:
-        """The evidence against models that were refused."""
-        return self.root / "refused.json"
+    def rejected(self) -> Path:
+        """The evidence against the models when all were rejected."""
+        return self.root / "rejected.json"
 
     @property
     def log(self) -> Path:
-        """What pycolmap printed."""
+        """Pycolmap's output."""
         return self.root / "native.log"
 
     @property
@@ -71,7 +71,7 @@ class SfmFolder:
 
 
 class Stages:
-    """One run over a folder: times its stages, runs native jobs in it, and forgets what no longer fits."""
+    """One run in a folder: times its stages, runs native jobs, and deletes what no longer fits the input."""
 
     def __init__(self, folder: SfmFolder, settings: SfmSettings, monitor: Monitor) -> None:
         self.folder = folder
@@ -85,7 +85,7 @@ class Stages:
         """Check the input and the folder; returns the image names.
 
         Artefacts of other images or settings are deleted as far as they depend on them: added images keep the
-        features and matches of the old ones, another gate keeps the mappers' models.
+        features and matches of the old ones, with another gate they keep the mappers' models.
         """
         names = list(dict.fromkeys(image_names))
         if len(names) < min_images:
@@ -101,13 +101,14 @@ class Stages:
             )
         self.folder.root.mkdir(parents=True, exist_ok=True)
         require_sound_database(self.folder.database)
-        self._forget_stale(image_dir, names)
+        self._delete_stale(image_dir, names)
         return names
 
-    def _forget_stale(self, image_dir: Path, names: Sequence[str]) -> None:
+    def _delete_stale(self, image_dir: Path, names: Sequence[str]) -> None:
         settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
         features = {
-            key: settings[key] for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics")
+            key: settings[key]
+            for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics", "focal_prior")
         }
         sizes = {name: (image_dir / name).stat().st_size for name in names}
         state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
@@ -125,7 +126,7 @@ class Stages:
             shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)
         if before.get("mapping") != state["mapping"] or changed:
             self.folder.report.unlink(missing_ok=True)
-        self.folder.refused.unlink(missing_ok=True)
+        self.folder.rejected.unlink(missing_ok=True)
         write_text_atomically(self.folder.state, json.dumps(state, indent=1))
 
     @contextlib.contextmanager

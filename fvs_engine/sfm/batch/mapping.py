@@ -1,4 +1,4 @@
-"""Stage three: the two mappers, their models on disk, and what the gate needs to know of each."""
+"""Stage three: the two mappers, their models on disk, and the evidence for each."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
 
 
 @dataclass(frozen=True, eq=False)
-class Witnesses:
-    """What knows nothing of any model: verified pairs with relative poses, keypoints, positions."""
+class ModelEvidence:
+    """Sources of evidence for any model: verified pairs with relative poses, keypoints, position priors."""
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
     positions: Positions
 
-    def testify(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
-        """What they say about ``model``; None when no verified pair lies within it."""
+    def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
+        """The evidence for ``model``; None when no verified pair lies within it."""
         return gather_evidence(model, self.pairs, self.keypoints, self.positions, monitor.check)
 
     def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
-        """How many of the verified matches between the images ``names`` fit their cameras in ``model``."""
+        """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
         ids = {image_id for image_id, image in model.images.items() if image.name in names}
         pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
         checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
@@ -48,27 +48,27 @@ class Witnesses:
 
 @dataclass(frozen=True, eq=False)
 class MappedScene:
-    """A mapper's largest model, as the gate sees it, and the images of its smaller ones."""
+    """A mapper's largest model with the evidence for it, and the images of its smaller models."""
 
     model: pycolmap.Reconstruction
     candidate: Candidate
     other_components: tuple[tuple[str, ...], ...]
 
     @staticmethod
-    def weigh(
-        mapper: str, models: Sequence[pycolmap.Reconstruction], witnesses: Witnesses, monitor: Monitor
+    def of_models(
+        mapper: str, models: Sequence[pycolmap.Reconstruction], evidence_of: ModelEvidence, monitor: Monitor
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Its few images that every pair contradicts are taken out of it, which changes the model.
+        Images that every pair contradicts are removed from the model when they are few.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
-        evidence = witnesses.testify(largest, monitor)
+        evidence = evidence_of.of(largest, monitor)
         if evidence is not None and _is_prunable(largest, evidence):
             leave_out(largest, evidence.unsupported_images)
-            evidence = witnesses.testify(largest, monitor)
+            evidence = evidence_of.of(largest, monitor)
         monitor.report("evidence", 1, 1)
         centres = {
             image.name: np.asarray(image.projection_center())
@@ -79,14 +79,14 @@ class MappedScene:
         return MappedScene(largest, Candidate(mapper, centres, evidence), others)
 
 
-def read_witnesses(stages: Stages, positions: Positions | None = None) -> Witnesses:
-    """Calibrate the view graph if that is still to do, and read what the pairs say.
+def read_model_evidence(stages: Stages, positions: Positions | None = None) -> ModelEvidence:
+    """Calibrate the view graph unless that is done, and read pairs, keypoints and position priors.
 
-    ``positions``, if there are any, take the place of the GPS in the photographs' EXIF.
+    ``positions`` replace the GPS positions in the images' EXIF.
     """
     calibrate_view_graph(stages)
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
-    # Only the calibrated geometries have relative poses that do not hang on a guessed focal length.
+    # Only the calibrated geometries have relative poses that do not depend on a guessed focal length.
     relative = {
         (pair.first, pair.second): pair.second_from_first
         for pair in read_verified_pairs(_mapping_database(stages), MIN_PAIR_MATCHES)
@@ -97,11 +97,11 @@ def read_witnesses(stages: Stages, positions: Positions | None = None) -> Witnes
     ]
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)
-    return Witnesses(pairs, keypoints, positions or positions_in_exif(stages.folder.database))
+    return ModelEvidence(pairs, keypoints, positions or positions_in_exif(stages.folder.database))
 
 
 def calibrate_view_graph(stages: Stages) -> None:
-    """Write ``calibrated.db`` unless it is there, nothing was matched, or the intrinsics are known."""
+    """Write ``calibrated.db`` unless it exists, nothing was matched, or the intrinsics are known."""
     folder = stages.folder
     if folder.calibrated.exists() or stages.settings.intrinsics is not None:
         return
@@ -121,7 +121,7 @@ def calibrate_view_graph(stages: Stages) -> None:
 
 
 def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
-    """Run ``mapper`` unless its models are there; returns their folder."""
+    """Run ``mapper`` unless its models exist; returns their folder."""
     target = stages.folder.mapping(mapper)
     if target.is_dir() or verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES) == 0:
         return target
@@ -161,7 +161,7 @@ def registered_names(model: pycolmap.Reconstruction) -> tuple[str, ...]:
 
 
 def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
-    """Take the cameras of these images, and their observations, out of the model."""
+    """Remove the poses of these images, and their observations, from the model."""
     for name in names:
         image = model.find_image_with_name(name)
         if image is not None and image.has_pose:

@@ -1,8 +1,8 @@
-"""Photographs in, cameras and sparse points out: the stages, what is resumed, and what is believed.
+"""Structure from motion on a set of images: the stages, what is resumed, and the gate.
 
 ``out_dir`` holds ``database.db`` (features, matches; grows in transactions), ``calibrated.db`` and
-``mapping/<mapper>/<k>`` (whole or absent: written beside and renamed), ``sparse`` (the model that was kept),
-``report.json`` and ``native.log`` (what the C++ said).
+``mapping/<mapper>/<k>`` (whole or absent: written beside and renamed), ``sparse`` (the chosen model),
+``report.json`` and ``native.log`` (what the C++ printed).
 """
 
 import json
@@ -15,7 +15,13 @@ from pydantic import ValidationError
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, load_models, map_scene, read_witnesses
+from fvs_engine.sfm.batch.mapping import (
+    MappedScene,
+    ModelEvidence,
+    load_models,
+    map_scene,
+    read_model_evidence,
+)
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
@@ -30,12 +36,12 @@ from fvs_engine.sfm.verification.positions import Positions
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95
-"""Match support from which, in a large set, the second mapper need not be asked."""
+"""Match support from which, in a large set, the second mapper does not run."""
 
 
 @dataclass(frozen=True, eq=False)
 class SfmResult:
-    """The cameras and points, why they are believed, and where the COLMAP model lies."""
+    """The chosen model, the evidence for it, and the folder of its COLMAP files."""
 
     reconstruction: Reconstruction
     report: SfmReport
@@ -50,13 +56,13 @@ def reconstruct(
     monitor: Monitor,
     positions: Positions | None = None,
 ) -> SfmResult:
-    """Find the cameras of ``image_names`` (posix paths in ``image_dir``; the order is the capture order).
+    """Estimate the poses of ``image_names`` (posix paths in ``image_dir``, in capture order), and points.
 
-    What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` goes on where
-    the first one stopped, and a call after success returns at once. Progress is reported as the stages
+    What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` resumes
+    where the first one stopped, and a call after success returns at once. Progress is reported as the stages
     ``features``, ``pairs``, ``matching``, ``calibration``, ``incremental mapping``, ``global mapping``,
-    ``evidence``. ``positions``: where the photographs were taken, by default what GPS wrote into their EXIF;
-    they move no camera, but a model that contradicts them is refused.
+    ``evidence``. ``positions``: position priors, by default the GPS positions in the images' EXIF; they
+    move no camera, but a model that contradicts them is rejected.
 
     Raises ``NoImagesError`` for fewer than two images, ``ReconstructionError`` when the images do not support
     a model (and says what to do), ``Cancelled``.
@@ -68,24 +74,24 @@ def reconstruct(
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)
-    witnesses = read_witnesses(stages, positions)
-    scenes = map_images(stages, image_dir, len(names), witnesses)
+    evidence = read_model_evidence(stages, positions)
+    scenes = map_images(stages, image_dir, len(names), evidence)
     decision = decide([scene.candidate for scene in scenes], settings.gate)
     return _conclude(stages, names, scenes, decision)
 
 
 def finished_result(folder: SfmFolder) -> SfmResult | None:
-    """What an earlier call left in ``folder``, None if it did not come to an end."""
+    """The result of an earlier call in ``folder``, None if none has finished."""
     if not folder.report.is_file():
         return None
     try:
         report = SfmReport.model_validate_json(folder.report.read_bytes())
-    except ValidationError:  # damaged, or of another version: what it says is found again
+    except ValidationError:  # damaged, or of another version: it is computed again
         return None
     return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
 
 
-def map_images(stages: Stages, image_dir: Path, count: int, witnesses: Witnesses) -> list[MappedScene]:
+def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedScene]:
     """Both mappers for small sets; for large ones the second only when the first leaves doubt."""
     small = count <= stages.settings.both_mappers_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
@@ -93,7 +99,7 @@ def map_images(stages: Stages, image_dir: Path, count: int, witnesses: Witnesses
     for mapper in order:
         models = load_models(map_scene(stages, mapper, image_dir, count))
         if models:
-            scenes.append(MappedScene.weigh(mapper, models, witnesses, stages.monitor))
+            scenes.append(MappedScene.of_models(mapper, models, evidence, stages.monitor))
         if not small and scenes and _certain(scenes[-1], count, stages.settings):
             break
     return scenes
@@ -127,8 +133,8 @@ def _conclude(
         for scene, judgement in zip(scenes, decision.judgements, strict=True)
     )
     if decision.chosen is None:
-        refused = json.dumps([candidate.model_dump() for candidate in candidates], indent=2)
-        write_text_atomically(folder.refused, refused)
+        rejected = json.dumps([candidate.model_dump() for candidate in candidates], indent=2)
+        write_text_atomically(folder.rejected, rejected)
         raise _failure(stages, names, candidates)
 
     chosen = scenes[decision.chosen]
@@ -141,11 +147,11 @@ def _conclude(
     warnings = [*stages.warnings, *decision.warnings]
     if unregistered:
         warnings.append(
-            f"{len(unregistered)} of {len(names)} images have no camera: {_listed(unregistered)}."
+            f"{len(unregistered)} of {len(names)} images are unregistered: {_listed(unregistered)}."
         )
     evidence = candidates[decision.chosen].evidence
     if evidence is not None and evidence.unsupported_images:
-        warnings.append(f"The cameras of {_listed(evidence.unsupported_images)} are weakly supported.")
+        warnings.append(f"The poses of {_listed(evidence.unsupported_images)} are weakly supported.")
     report = SfmReport(
         mapper=chosen.candidate.mapper,
         verdict=decision.judgements[decision.chosen].verdict,
@@ -174,20 +180,20 @@ def _failure(
     shown = _listed(names)
     if verified == 0:
         return ReconstructionError(
-            f"No two of the {len(image_ids(stages.folder.database))} images show the same thing ({shown}).",
+            f"No two of the {len(image_ids(stages.folder.database))} images overlap ({shown}).",
             hint="Take photographs that overlap by two thirds, of something with texture.",
         )
     if not candidates:
         return ReconstructionError(
-            f"{verified} pairs of images match, but they tie no model together ({shown}).",
+            f"{verified} pairs of images match, but they support no model ({shown}).",
             hint="Add photographs from in between, taken from different places rather than by turning.",
         )
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
-        f"Every model that was found contradicts the photographs. {reasons}",
+        f"Every model contradicts the images' matches or positions. {reasons}",
         hint="Repeated patterns do this, and a lens that is not as assumed. Add photographs in between; give "
         "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
-        f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.refused}.",
+        f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
     )
 
 

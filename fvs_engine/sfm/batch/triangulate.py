@@ -1,16 +1,17 @@
-"""Sparse points for cameras that were given, from matches between their photographs."""
+"""Sparse points for given views, triangulated from the matches of their images."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.images.names import match_files
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import read_witnesses
+from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.imports import fit_camera
@@ -30,15 +31,15 @@ _MIN_VIEWS = 2
 def triangulate(
     cameras: Reconstruction, image_dir: Path, out_dir: Path, settings: SfmSettings, monitor: Monitor
 ) -> SfmResult:
-    """Find points for the views of ``cameras``, whose poses and intrinsics stay as they are; resumable.
+    """Triangulate points for the views of ``cameras``, whose poses and intrinsics do not change; resumable.
 
-    A view belongs to the image of its name in ``image_dir``, or of its name's last part; views without are
-    left out and named in the report. Its camera is scaled to the image's size. Features and matches are those
-    of ``reconstruct``. What the matches say of the given cameras is in the report, with a warning when they
+    ``images.names.match_files`` finds the views' images in ``image_dir``; views without one are left out and
+    named in the report. A view's camera is scaled to the image's size. Features and matches are those of
+    ``reconstruct``. The report has the matches' evidence for the given poses, with a warning when they
     contradict.
 
-    Raises ``InvalidInputError`` for fewer than two views and for images of another shape than their cameras,
-    ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
+    Raises ``InvalidInputError`` for fewer than two views, ambiguous names and images of another shape than
+    their cameras, ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
     """
     views, missing = _views_with_images(cameras.views, image_dir)
     if len(views) < _MIN_VIEWS:
@@ -64,7 +65,7 @@ def triangulate(
 
 
 def _same(finished: Reconstruction, views: Sequence[AnyView]) -> bool:
-    """Whether a finished result is of these cameras, and not of what a file held at an earlier time."""
+    """Whether a finished result has these views, and not those that a file held earlier."""
     return len(finished.views) == len(views) and all(
         (old.name, old.camera) == (new.name, new.camera)
         and np.allclose(old.camera_from_model.matrix, new.camera_from_model.matrix, rtol=0, atol=1e-9)
@@ -73,18 +74,13 @@ def _same(finished: Reconstruction, views: Sequence[AnyView]) -> bool:
 
 
 def _views_with_images(views: Sequence[AnyView], image_dir: Path) -> tuple[list[AnyView], tuple[str, ...]]:
-    found: dict[str, AnyView] = {}
-    missing = []
-    for view in views:
-        names = (view.name, PurePosixPath(view.name).name)
-        name = next((name for name in names if (image_dir / name).is_file()), None)
-        if name is None:
-            missing.append(view.name)
-        elif name in found:
-            raise InvalidInputError(f"Two of the given cameras claim {image_dir / name}.")
-        else:
-            found[name] = replace(view, name=name, camera=fit_camera(view.camera, image_dir / name))
-    return [found[name] for name in sorted(found)], tuple(missing)
+    matches = match_files([view.name for view in views], image_dir)
+    found = [
+        replace(view, name=name, camera=fit_camera(view.camera, image_dir / name))
+        for view in views
+        if (name := matches.found.get(view.name)) is not None
+    ]
+    return sorted(found, key=lambda view: view.name), matches.missing
 
 
 def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> pycolmap.Reconstruction:
@@ -124,7 +120,7 @@ def _report(
     names: Sequence[str],
     missing: Sequence[str],
 ) -> SfmReport:
-    evidence = read_witnesses(stages).testify(model, stages.monitor)
+    evidence = read_model_evidence(stages).of(model, stages.monitor)
     doubtful = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
     reason = (
         "No pair of images matches."

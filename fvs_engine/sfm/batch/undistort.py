@@ -1,4 +1,4 @@
-"""Images as a pinhole camera would have taken them, which is what the rasterisers draw."""
+"""Undistortion: the pinhole images that the rasterisers render."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
     """Undistort the posed images of the COLMAP model in ``reconstruction_dir``.
 
     ``out_dir`` gets ``sparse`` (a COLMAP model with pinhole cameras) and ``images`` (the same names); it
-    appears when it is whole, and one that is there and whole is kept. Progress is stage ``undistort``.
+    appears when it is whole, and an existing one is kept. Progress is stage ``undistort``.
     Raises ``StorageError`` for a damaged model, ``ReconstructionError``, ``Cancelled``.
     """
     sparse = out_dir / "sparse"

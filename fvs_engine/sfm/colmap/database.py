@@ -1,4 +1,4 @@
-"""What COLMAP's database (an SQLite file) tells: progress, image names, verified pairs, GPS positions."""
+"""Reading COLMAP's database (an SQLite file): progress, image names, verified pairs, GPS positions."""
 
 import contextlib
 import sqlite3
@@ -38,7 +38,7 @@ class VerifiedPair:
 
 
 def require_sound_database(path: Path) -> None:
-    """Check that nobody else works on the database and that it is whole; raises ``ReconstructionError``.
+    """Check that no other process uses the database and that it is whole; raises ``ReconstructionError``.
 
     One whose creation was interrupted (by a full disk, a kill) is deleted: it holds nothing yet.
     """
@@ -71,7 +71,7 @@ def require_sound_database(path: Path) -> None:
 def _damaged(path: Path) -> ReconstructionError:
     return ReconstructionError(
         f"The feature database {path} is damaged.",
-        hint=f"Delete {path.name} and run again; features are sought anew.",
+        hint=f"Delete {path.name} and run again; features are extracted again.",
     )
 
 
@@ -93,13 +93,13 @@ def count_rows(path: Path, table: str) -> int:
 
 
 def image_ids(path: Path) -> dict[str, int]:
-    """Name → id of the registered images."""
+    """Name → id of the images."""
     with _reading(path) as db:
         return {name: image_id for image_id, name in db.execute("SELECT image_id, name FROM images")}
 
 
 def image_cameras(path: Path) -> dict[str, int]:
-    """Name → camera id of the registered images."""
+    """Name → camera id of the images."""
     if not path.exists():
         return {}
     with _reading(path) as db:
@@ -121,7 +121,7 @@ def matched_pairs(path: Path) -> set[tuple[int, int]]:
 
 
 def verified_pair_count(path: Path, min_matches: int) -> int:
-    """How many pairs have at least ``min_matches`` verified matches."""
+    """The number of pairs with at least ``min_matches`` verified matches."""
     configurations = ",".join(map(str, sorted(_VERIFIED)))
     query = f"SELECT count(*) FROM two_view_geometries WHERE rows >= ? AND config IN ({configurations})"
     with _reading(path) as db:
@@ -129,7 +129,7 @@ def verified_pair_count(path: Path, min_matches: int) -> int:
 
 
 def verified_matches(path: Path, min_matches: int) -> dict[tuple[str, str], int]:
-    """Pair of names → how many verified matches it has, for pairs with at least ``min_matches``."""
+    """Pair of names → number of verified matches, for pairs with at least ``min_matches``."""
     configurations = ",".join(map(str, sorted(_VERIFIED)))
     query = (
         f"SELECT pair_id, rows FROM two_view_geometries WHERE rows >= ? AND config IN ({configurations}) "
@@ -194,7 +194,7 @@ def gps_positions(path: Path) -> dict[int, NDArray[np.float64]]:
         for prior in priors
         if prior.coordinate_system == pycolmap.PosePriorCoordinateSystem.WGS84
     }
-    # A fix at (0, 0) is what a receiver without a fix writes.
+    # A receiver without a fix writes (0, 0).
     geodetic = {
         i: fix for i, fix in geodetic.items() if np.isfinite(fix).all() and np.abs(fix[:2]).max() > 1e-6
     }
@@ -206,7 +206,7 @@ def gps_positions(path: Path) -> dict[int, NDArray[np.float64]]:
 
 
 def publish(temporary: Path, final: Path) -> None:
-    """Put a finished database in its place, less the journal files that belong to its temporary name."""
+    """Rename a finished database, without the journal files of its temporary name."""
     with contextlib.closing(sqlite3.connect(temporary)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     for suffix in ("-wal", "-shm"):

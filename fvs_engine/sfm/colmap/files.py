@@ -1,7 +1,7 @@
 """Whether COLMAP's binary files are whole, before pycolmap reads them.
 
-pycolmap believes the counts in a file: beyond the end of one that was cut short it reads noise, and may fill
-gigabytes of memory before it fails. So the counts are followed here first. Source: COLMAP's
+pycolmap trusts the counts in a file: beyond the end of one that was cut short it reads noise, and may fill
+gigabytes of memory before it fails. So the counts are checked here first. Source: COLMAP's
 ``doc/format.rst`` and ``reconstruction_io_binary.cc``.
 """
 
@@ -35,7 +35,7 @@ def damaged_file(folder: Path) -> Path | None:
 
 
 def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
-    """Whether as many records as the head says end where the file ends."""
+    """Whether the file ends after as many records as its head says."""
     try:
         (count,) = _COUNT.unpack_from(content)
         offset = _COUNT.size

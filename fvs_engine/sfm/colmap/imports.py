@@ -1,4 +1,4 @@
-"""Cameras that were made elsewhere: a COLMAP model, or a ``transforms.json`` as NeRF datasets have it."""
+"""Import of posed views: a COLMAP model, or a ``transforms.json`` of a NeRF dataset."""
 
 import json
 import math
@@ -14,6 +14,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import Camera, DistortedCamera
 from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV
+from fvs_engine.images.names import match_files
 from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model, open_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView, View
@@ -51,16 +52,18 @@ def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruc
 
 
 def fit_cameras(reconstruction: Reconstruction, image_dir: Path) -> Reconstruction:
-    """Scale the cameras to their photographs in ``image_dir``, which may have been resized since.
+    """Scale the cameras to their images in ``image_dir``, which may have been resized since.
 
-    A view's photograph has its name, or its name's last part; a view without one keeps its camera. Raises
-    ``InvalidInputError`` when a photograph cannot be read or has another shape than its camera.
+    ``images.names.match_files`` finds the images; a view without one keeps its camera. Raises
+    ``InvalidInputError`` when a name is ambiguous, and when an image cannot be read or has another shape than
+    its camera.
     """
+    found = match_files([view.name for view in reconstruction.views], image_dir).found
     views = []
     for view in reconstruction.views:
-        paths = (image_dir / view.name, image_dir / PurePosixPath(view.name).name)
-        path = next((path for path in paths if path.is_file()), None)
-        views.append(view if path is None else replace(view, camera=fit_camera(view.camera, path)))
+        name = found.get(view.name)
+        fitted = view.camera if name is None else fit_camera(view.camera, image_dir / name)
+        views.append(replace(view, camera=fitted))
     return replace(reconstruction, views=tuple(views))
 
 
@@ -80,10 +83,9 @@ def fit_camera(camera: Camera, photograph: Path) -> Camera:
 def import_transforms_json(file: Path) -> Reconstruction:
     """Read the posed views of a ``transforms.json`` (camera-to-world, OpenGL axes); it has no points.
 
-    Views are named by their ``file_path``, whether the image is there or not; ``triangulate`` uses those that
-    are there and names the others. Intrinsics may stand in the file's head or in each frame; where the size
-    is not given, the image tells it. Raises ``InvalidInputError`` for anything that is not such a file, for
-    rotations that are none, and for numbers that are not finite.
+    Views are named by their ``file_path``, whether the image exists or not. Intrinsics may be in the file's
+    head or in each frame; a size that is not given is the image's. Raises ``InvalidInputError`` for anything
+    that is not such a file, for invalid rotations, and for numbers that are not finite.
     """
     head = _read_json(file)
     frames = head.get("frames")
@@ -98,12 +100,7 @@ def import_transforms_json(file: Path) -> Reconstruction:
             raise InvalidInputError(f"{file} has more than one frame for {name}.")
         camera = _camera(file, {**head, **frame}, image)
         views[name] = View(name, camera, _camera_from_model(file, name, frame))
-    return Reconstruction(
-        views=tuple(views[name] for name in sorted(views)),
-        points=np.zeros((0, 3)),
-        point_colors=np.zeros((0, 3), dtype=np.uint8),
-        point_errors_px=np.zeros(0),
-    )
+    return Reconstruction.of_views(views.values())
 
 
 def _read_json(file: Path) -> dict[str, Any]:
@@ -121,7 +118,7 @@ def _read_json(file: Path) -> dict[str, Any]:
 
 
 def _locate(file: Path, file_path: str) -> tuple[str, Path | None]:
-    """The view's name and its image, None if it is not there; Blender leaves the suffix ``.png`` out."""
+    """The view's name and its image, None if it does not exist; Blender omits the suffix ``.png``."""
     plain = PurePosixPath(file_path.replace("\\", "/"))
     for candidate in (plain, plain.with_name(plain.name + ".png")):
         if (file.parent / candidate).is_file():

@@ -1,4 +1,4 @@
-"""A calibration in a file: COLMAP's ``cameras.txt`` with one camera, or the same in JSON."""
+"""Reading a calibration: COLMAP's ``cameras.txt`` with one camera, or the same in JSON."""
 
 import json
 from pathlib import Path

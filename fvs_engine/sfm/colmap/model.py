@@ -11,7 +11,7 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
 from fvs_engine.sfm.colmap.files import damaged_file
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.views import AnyView, View
 
 MODEL_FILES = ("cameras", "images", "points3D")
@@ -37,11 +37,11 @@ def read_colmap(folder: Path) -> Reconstruction:
 def write_colmap(reconstruction: Reconstruction, folder: Path) -> None:
     """Write a binary COLMAP model into ``folder``, without observations (tracks)."""
     folder.mkdir(parents=True, exist_ok=True)
-    to_pycolmap(reconstruction.views, points=reconstruction).write_binary(folder)
+    to_pycolmap(reconstruction.views, points=reconstruction.points).write_binary(folder)
 
 
 def open_colmap(folder: Path) -> pycolmap.Reconstruction:
-    """The model in ``folder`` as pycolmap has it, tracks and all; raises ``StorageError``."""
+    """Read the model in ``folder`` into pycolmap, with its tracks; raises ``StorageError``."""
     if not has_colmap_model(folder):
         raise StorageError(
             f"{folder} holds no COLMAP model.",
@@ -60,7 +60,7 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
 
 
 def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
-    """The posed images and the points of a pycolmap reconstruction."""
+    """Convert the registered images and the points of a pycolmap reconstruction."""
     cameras = {camera_id: camera_from_pycolmap(camera) for camera_id, camera in model.cameras.items()}
     posed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     points = list(model.points3D.values())
@@ -69,8 +69,10 @@ def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
             View(image.name, cameras[image.camera_id], rigid_from_pycolmap(image.cam_from_world()))
             for image in posed
         ),
-        points=np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
-        point_colors=np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+        points=PointCloud(
+            np.array([point.xyz for point in points], dtype=np.float64).reshape(-1, 3),
+            np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+        ),
         point_errors_px=np.array([point.error for point in points], dtype=np.float64),
     )
 
@@ -78,10 +80,10 @@ def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
 def to_pycolmap(
     views: Sequence[AnyView],
     *,
-    points: Reconstruction | None = None,
+    points: PointCloud | None = None,
     image_ids: Mapping[str, int] | None = None,
 ) -> pycolmap.Reconstruction:
-    """A pycolmap reconstruction with ``views``, and the points of ``points`` without tracks.
+    """A pycolmap reconstruction with ``views``, and with ``points`` without tracks.
 
     Images are numbered from 1, or by ``image_ids`` (a database's).
     """
@@ -96,13 +98,13 @@ def to_pycolmap(
         image = pycolmap.Image(name=view.name, camera_id=camera_ids[view.camera], image_id=numbers[view.name])
         model.add_image_with_trivial_frame(image, rigid_to_pycolmap(view.camera_from_model))
     if points is not None:
-        for xyz, color in zip(points.points, points.point_colors, strict=True):
+        for xyz, color in zip(points.xyz, points.colors, strict=True):
             model.add_point3D(xyz, pycolmap.Track(), color)
     return model
 
 
 def camera_from_pycolmap(camera: pycolmap.Camera) -> Camera:
-    """Our camera; raises ``InvalidInputError`` for a model that the engine does not know."""
+    """Convert a camera; raises ``InvalidInputError`` for a camera model that the engine does not know."""
     params = tuple(float(value) for value in camera.params)
     if camera.model_name == "PINHOLE":
         return PinholeCamera(camera.width, camera.height, *params)
@@ -111,14 +113,14 @@ def camera_from_pycolmap(camera: pycolmap.Camera) -> Camera:
         return PinholeCamera(camera.width, camera.height, focal, focal, cx, cy)
     if camera.model_name not in CAMERA_MODELS:
         raise InvalidInputError(
-            f"The model has a camera of type {camera.model_name}, which is not known here.",
+            f"The model has a camera of type {camera.model_name}, which the engine does not know.",
             hint=f"Convert it to one of {', '.join(CAMERA_MODELS)}.",
         )
     return DistortedCamera(camera.model_name, camera.width, camera.height, params)
 
 
 def camera_to_pycolmap(camera: Camera, camera_id: int) -> pycolmap.Camera:
-    """COLMAP's camera with the same intrinsics."""
+    """Convert a camera to pycolmap's."""
     if isinstance(camera, PinholeCamera):
         model = "PINHOLE"
         params: tuple[float, ...] = (camera.fx, camera.fy, camera.cx, camera.cy)
@@ -130,17 +132,17 @@ def camera_to_pycolmap(camera: Camera, camera_id: int) -> pycolmap.Camera:
 
 
 def rigid_from_pycolmap(transform: pycolmap.Rigid3d) -> RigidTransform:
-    """The same transform, ours."""
+    """Convert a rigid transform."""
     return RigidTransform(transform.rotation.matrix(), np.asarray(transform.translation))
 
 
 def rigid_to_pycolmap(transform: RigidTransform) -> pycolmap.Rigid3d:
-    """The same transform, pycolmap's."""
+    """Convert a rigid transform to pycolmap's."""
     return pycolmap.Rigid3d(pycolmap.Rotation3d(transform.rotation), transform.translation)
 
 
 def camera_poses(model: pycolmap.Reconstruction) -> dict[str, RigidTransform]:
-    """Name → model_from_camera of the images that have a pose."""
+    """Name → model_from_camera of the registered images."""
     return {
         image.name: rigid_from_pycolmap(image.cam_from_world()).inverse()
         for image in model.images.values()

@@ -1,4 +1,4 @@
-"""Place photographs in a standing model without changing it, to judge it by photographs that it never saw."""
+"""Localise images in the current model without adding them, to evaluate it on images it never used."""
 
 import contextlib
 import json
@@ -13,7 +13,7 @@ from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import feature_counts, require_sound_database
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap
-from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
+from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
@@ -25,50 +25,51 @@ def localise(
     stages: Stages,
     image_dir: Path,
     names: Sequence[str],
-    standing: Reconstruction,
+    current: Reconstruction,
     order: Sequence[str],
     model_dir: Path,
     database: Path,
-    looks: Looks,
+    retrieval: ImageRetrieval,
     positions: Positions,
 ) -> dict[str, AnyView]:
-    """The cameras of ``names`` in the model of ``model_dir`` (``standing``), without those it cannot place.
+    """Estimate the poses of ``names`` in ``current``, the model in ``model_dir``; failures are left out.
 
-    ``stages`` has a database of its own for them, in which their features and matches are kept from call to
-    call; features of standing images (``order`` is that of adding) are copied into it from ``database`` as
-    they are needed, which is only read.
+    ``stages`` has a database of its own for them, which keeps their features and matches from call to call;
+    features of registered images (``order`` is that of adding) are copied into it from ``database``, which
+    is only read.
     """
     stages.folder.root.mkdir(parents=True, exist_ok=True)
-    guests = stages.folder.database
-    require_sound_database(guests)
-    _forget_changed(stages.folder, image_dir, names)
+    guest_database = stages.folder.database
+    require_sound_database(guest_database)
+    _delete_if_changed(stages.folder, image_dir, names)
     with stages.timed("features"):
         import_images(stages, image_dir, [*order, *names])
     add_features(stages, image_dir, names)
-    counts = feature_counts(guests)
+    counts = feature_counts(guest_database)
     usable = [name for name in names if counts.get(name, 0) > 0]
 
     def fetch(neighbours: Sequence[str]) -> None:
-        here = feature_counts(guests)
+        here = feature_counts(guest_database)
         names = [name for name in neighbours if name not in here]
         if names:
-            stages.native("copy_features", {"source": str(database), "target": str(guests), "names": names})
+            arguments = {"source": str(database), "target": str(guest_database), "names": names}
+            stages.native("copy_features", arguments)
 
-    chosen = match_with_neighbours(stages, usable, order, standing.centres(), looks, fetch)
-    groups = camera_groups(image_dir, [*order, *usable]).values()
+    chosen = match_with_neighbours(stages, usable, order, current.centres(), retrieval, fetch)
+    groups = camera_groups(image_dir, [*order, *usable], stages.settings.focal_prior)
     inside = set(order)
     siblings = {
-        name: next(other for other in group if other in inside)
+        name: next(other for other in group.names if other in inside)
         for group in groups
-        for name in group
-        if name not in inside and inside & set(group)
+        for name in group.names
+        if name not in inside and inside & set(group.names)
     }
     stages.monitor.report("localisation", 0, len(usable))
     with stages.timed("localisation"):
-        placed = stages.native(
-            "locate",
+        localised = stages.native(
+            "localise",
             {
-                "database": str(guests),
+                "database": str(guest_database),
                 "model_dir": str(model_dir),
                 "neighbours": chosen,
                 "siblings": siblings,
@@ -79,11 +80,11 @@ def localise(
             on_event=lambda done: stages.monitor.report("localisation", done, len(usable)),
         )
     stages.monitor.report("localisation", len(usable), len(usable))
-    return {name: _view(name, placed[name]) for name in names if name in placed}
+    return {name: _view(name, localised[name]) for name in names if name in localised}
 
 
-def _forget_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) -> None:
-    """Start the database again when it knows another photograph by one of these names."""
+def _delete_if_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) -> None:
+    """Delete the database when it has features of another image by one of these names."""
     known: dict[str, int] = {}
     with contextlib.suppress(OSError, ValueError):
         known = json.loads(folder.state.read_text(encoding="utf-8"))
@@ -94,8 +95,8 @@ def _forget_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) ->
     write_text_atomically(folder.state, json.dumps(known | sizes))
 
 
-def _view(name: str, placed: Mapping[str, Any]) -> AnyView:
-    width, height = placed["size"]
-    camera = pycolmap.Camera(model=placed["model"], width=width, height=height, params=placed["params"])
-    matrix = np.array(placed["camera_from_model"])
+def _view(name: str, answer: Mapping[str, Any]) -> AnyView:
+    width, height = answer["size"]
+    camera = pycolmap.Camera(model=answer["model"], width=width, height=height, params=answer["params"])
+    matrix = np.array(answer["camera_from_model"])
     return View(name, camera_from_pycolmap(camera), RigidTransform(matrix[:, :3], matrix[:, 3]))

@@ -1,4 +1,4 @@
-"""Which of the standing images a new one is matched with: a bounded number, however many stand."""
+"""Which earlier images a new one is matched with: a bounded number, however many there are."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from fvs_engine.files.atomic import replacing
 from fvs_engine.sfm.colmap.database import verified_matches
 from fvs_engine.sfm.matching.match import match_pairs
-from fvs_engine.sfm.matching.retrieval import describe, learn_words
+from fvs_engine.sfm.matching.retrieval import compute_vocabulary, describe
 from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 
 _BEST_MATCHED = 3
-"""So many of an image's best matched neighbours say where it must be."""
+"""The search in space starts at so many of an image's best matched neighbours."""
 
 Descriptors = Callable[[str], NDArray[np.float32]]
 """Name → descriptors [K, 128]."""
 
 
-class Looks:
-    """What images look like, in words learnt once; so an image's neighbours do not hang on later ones."""
+class ImageRetrieval:
+    """Similarity of images by one vocabulary, so that an image's neighbours do not depend on later images."""
 
     def __init__(self, words: NDArray[np.float32] | None, read: Descriptors) -> None:
         self._words = words
@@ -31,22 +31,22 @@ class Looks:
         self._vectors: dict[str, NDArray[np.float32]] = {}
 
     @classmethod
-    def open(cls, file: Path, names: Sequence[str], seed: int, read: Descriptors) -> "Looks":
-        """With the vocabulary in ``file``; where it is missing it is learnt from ``names`` and kept there."""
+    def open(cls, file: Path, names: Sequence[str], seed: int, read: Descriptors) -> "ImageRetrieval":
+        """Read the vocabulary in ``file``; a missing one is computed from ``names`` and written there."""
         if not file.is_file():
-            words = learn_words([read(name) for name in names], seed)
+            words = compute_vocabulary([read(name) for name in names], seed)
             with replacing(file) as temporary, temporary.open("wb") as stream:
                 np.savez(stream, words=np.zeros((0, 128), np.float32) if words is None else words)
         with np.load(file) as kept:
             words = kept["words"]
         return cls(words if len(words) > 0 else None, read)
 
-    def most_alike(self, name: str, others: Sequence[str], count: int) -> list[str]:
-        """The ``count`` of ``others`` that look most like ``name``, the most alike first."""
+    def most_similar(self, name: str, others: Sequence[str], count: int) -> list[str]:
+        """The ``count`` of ``others`` that are most similar to ``name``, the most similar first."""
         if self._words is None or not others:
             return list(others[:count])
-        likeness = np.stack([self._vector(other) for other in others]) @ self._vector(name)
-        return [others[int(i)] for i in np.argsort(-likeness, kind="stable")[:count]]
+        similarity = np.stack([self._vector(other) for other in others]) @ self._vector(name)
+        return [others[int(i)] for i in np.argsort(-similarity, kind="stable")[:count]]
 
     def _vector(self, name: str) -> NDArray[np.float32]:
         if name not in self._vectors:
@@ -58,21 +58,21 @@ class Looks:
 def match_with_neighbours(
     stages: Stages,
     images: Sequence[str],
-    standing: Sequence[str],
+    earlier: Sequence[str],
     centres: Mapping[str, NDArray[np.float64]],
-    looks: Looks,
+    retrieval: ImageRetrieval,
     fetch: Callable[[Sequence[str]], None] | None = None,
 ) -> dict[str, list[str]]:
-    """Match each of ``images`` with its neighbours among ``standing`` (in the order of adding).
+    """Match each of ``images`` with its neighbours among ``earlier`` (in the order of adding).
 
-    First those that capture order and looks suggest, then those that stand near to the ones that matched
-    best. ``fetch`` is told whose features are needed before they are. Returns every image's neighbours.
+    First those that capture order and similarity suggest, then those with cameras near those that matched
+    best. ``fetch`` is called with the images whose features are needed next. Returns each image's neighbours.
     """
     growth = stages.settings.growth
     chosen = {}
     for name in images:
         stages.monitor.check()
-        chosen[name] = first_neighbours(name, standing, looks, growth)
+        chosen[name] = first_neighbours(name, earlier, retrieval, growth)
     _match(stages, chosen, fetch)
     verified = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
     for name in images:
@@ -80,8 +80,8 @@ def match_with_neighbours(
             other: max(verified.get((name, other), 0), verified.get((other, name), 0))
             for other in chosen[name]
         }
-        tied = {other: count for other, count in matches.items() if count > 0}
-        chosen[name] = list(dict.fromkeys([*chosen[name], *neighbours_in_space(tied, centres, growth)]))
+        matched = {other: count for other, count in matches.items() if count > 0}
+        chosen[name] = list(dict.fromkeys([*chosen[name], *neighbours_in_space(matched, centres, growth)]))
     _match(stages, chosen, fetch)
     return chosen
 
@@ -95,28 +95,30 @@ def _match(
     match_pairs(stages, list({frozenset(pair): pair for pair in pairs}.values()))
 
 
-def first_neighbours(name: str, standing: Sequence[str], looks: Looks, settings: GrowthSettings) -> list[str]:
-    """Whom an image is matched with while nothing is known of its place.
+def first_neighbours(
+    name: str, earlier: Sequence[str], retrieval: ImageRetrieval, settings: GrowthSettings
+) -> list[str]:
+    """The images that an image of unknown pose is matched with.
 
-    ``standing`` is in the order of adding. Those nearest in capture order, those added last, and those that
-    look alike: every reason adds images, so one that misleads costs time only.
+    ``earlier`` is in the order of adding. Those nearest in capture order, those added last, and the most
+    similar: every criterion adds images, so one that misleads costs time only.
     """
-    others = [other for other in standing if other != name]
+    others = [other for other in earlier if other != name]
     ordered = sorted(others)
     place = bisect_left(ordered, name)
     reach = settings.neighbours_in_order
     in_order = ordered[max(place - reach, 0) : place + reach]
     recent = others[len(others) - min(settings.neighbours_recent, len(others)) :]
-    alike = looks.most_alike(name, others, settings.neighbours_in_looks)
-    return list(dict.fromkeys([*in_order, *recent, *alike]))
+    similar = retrieval.most_similar(name, others, settings.neighbours_by_similarity)
+    return list(dict.fromkeys([*in_order, *recent, *similar]))
 
 
 def neighbours_in_space(
     matches: Mapping[str, int], centres: Mapping[str, NDArray[np.float64]], settings: GrowthSettings
 ) -> list[str]:
-    """Images that stand near to those with which an image shares the most verified ``matches``.
+    """The images whose cameras are nearest to those with which an image has the most verified ``matches``.
 
-    Where the image itself is need not be known: whoever shares much with it stands near it or sees the same.
+    The pose of the image itself need not be known.
     """
     best = sorted((name for name in matches if name in centres), key=lambda name: (-matches[name], name))
     best = best[:_BEST_MATCHED]

@@ -1,8 +1,7 @@
-"""A reconstruction that photographs are added to, one by one or many at once."""
+"""A reconstruction that images are added to, one by one or many at once."""
 
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,10 @@ from fvs_engine.sfm.colmap.database import (
 )
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.growing.localise import localise
-from fvs_engine.sfm.growing.neighbours import Looks, match_with_neighbours
+from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
+from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.matching.match import require_plain_names
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -35,38 +35,22 @@ from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
 
-
-@dataclass(frozen=True)
-class GrowthReport:
-    """What one ``add`` changed."""
-
-    registered: tuple[str, ...]
-    """Images that got their camera now, those that had waited among them."""
-
-    waiting: tuple[str, ...]
-    """All images that have no camera yet."""
-
-    refreshed: bool
-    """Whether the cameras that stood before were all adjusted or found anew, not only those near new ones."""
-
-    warnings: tuple[str, ...]
-    seconds: dict[str, float]
-    """Wall-clock time per stage, s."""
+_Messages = tuple[tuple[str, ...], Mapping[str, float]]
+"""Warnings, and seconds per stage."""
 
 
 class GrowingReconstruction:
-    """Structure from motion that owns a folder over time; its model frame stays where it is.
+    """Incremental structure from motion in a folder of its own; the model frame never changes.
 
-    The first images are bootstrapped through the gated ``reconstruct``. Later ones are matched with a bounded
-    number of standing images (in capture order, added last, alike in looks, near in space to the best
-    matched), registered, triangulated and adjusted with the cameras near them. A pose counts only if the
-    image's verified matches explain it; an image without one waits and is tried again whenever others are
-    added. All cameras are adjusted together when the model grew by a share, and found anew through the gate
-    when the evidence has fallen or images that match the model pile up waiting; what comes of it is laid onto
-    the standing model.
+    The first images go through ``reconstruct``. Later ones are matched with a bounded number of earlier ones
+    (near in capture order, added last, most similar, near in space to the best matched), registered and
+    triangulated, with local bundle adjustment. A pose counts only if it explains the image's verified
+    matches; unregistered images are tried again whenever others are added. Global bundle adjustment follows
+    when the model has grown by a share; a re-map, which must pass the gate, when match support has fallen or
+    many images that match the model stay unregistered. Both results are aligned with the current model.
 
-    Every change is committed whole (``growing_state``). With ``settings.threads`` 1 the result depends on the
-    images, their order and the seed only, also through kills.
+    Every change is committed as a whole (``state``). With ``settings.threads`` 1 the result depends on the
+    images, their order and the seed only, also after kills.
     """
 
     def __init__(
@@ -76,17 +60,17 @@ class GrowingReconstruction:
         self._image_dir = image_dir
         self._settings = settings
         self._state = state
-        self._looks: Looks | None = None
-        self._database_is_sound = False  # not known yet: the check reads all of it
-        self._standing: tuple[int, Reconstruction] | None = None
+        self._retrieval: ImageRetrieval | None = None
+        self._database_is_sound = False  # unknown yet: the check reads all of it
+        self._current: tuple[int, Reconstruction] | None = None
 
     @classmethod
     def open(
         cls, folder: Path, image_dir: Path, settings: SfmSettings, monitor: Monitor
     ) -> "GrowingReconstruction":
-        """Create the reconstruction that ``folder`` keeps, or go on with what was committed last.
+        """Open the reconstruction in ``folder`` as it was last committed, or create it.
 
-        Raises ``InvalidInputError`` when the folder belongs to other settings or a photograph has changed,
+        Raises ``InvalidInputError`` when the folder belongs to other settings or an image file has changed,
         ``StorageError`` when it is damaged.
         """
         monitor.check()
@@ -97,45 +81,51 @@ class GrowingReconstruction:
 
     @property
     def reconstruction(self) -> Reconstruction:
-        """The standing model, in the model frame; empty before the first model."""
+        """The current model; empty before the first one."""
         generation = self._state.generation
         if generation == 0:
-            return Reconstruction((), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
-        if self._standing is None or self._standing[0] != generation:
-            self._standing = (generation, read_colmap(self._folder.model(generation)))
-        return self._standing[1]
+            return Reconstruction.of_views(())
+        if self._current is None or self._current[0] != generation:
+            self._current = (generation, read_colmap(self._folder.model(generation)))
+        return self._current[1]
 
     @property
     def model_dir(self) -> Path | None:
-        """Where the standing model lies as COLMAP's files; None before the first."""
+        """The folder of the current COLMAP model; None before the first one."""
         return self._folder.model(self.generation) if self.generation > 0 else None
 
     @property
     def registered(self) -> tuple[str, ...]:
-        """Names of the images that have a camera, in the order in which they got it."""
+        """Names of the registered images, in the order of registration."""
         return self._state.registered
 
     @property
-    def waiting(self) -> tuple[str, ...]:
-        """Names of the images that were added and have no camera yet, in the order of adding."""
-        return self._state.waiting
+    def unregistered(self) -> tuple[str, ...]:
+        """Names of the added images without a pose, in the order of adding."""
+        return self._state.unregistered
 
     @property
     def generation(self) -> int:
-        """Grows with every committed change of the model; 0 before the first."""
+        """Number of the last committed model; 0 before the first one."""
         return self._state.generation
 
-    def add(self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> GrowthReport:
-        """Add photographs (posix paths in the image folder); what was added before is not added again.
+    def add(
+        self,
+        names: Sequence[str],
+        monitor: Monitor,
+        positions: Positions | None = None,
+        known: Iterable[AnyView] | None = None,
+    ) -> PoseUpdate:
+        """Add images (posix paths in the image folder); those that were added before change nothing.
 
-        The first two or more are bootstrapped; a single first one waits. Progress is reported as the stages
-        of ``reconstruct``, or ``features``, ``matching``, ``registration`` and, when all cameras are found
-        anew, its mapping stages. A call after ``Cancelled`` or a kill goes on where the former stopped, also
-        if it names other images.
+        The first two or more are reconstructed together; a single first one stays unregistered. Progress is
+        reported as the stages of ``reconstruct``, or ``features``, ``matching``, ``registration`` and, in a
+        re-map, its mapping stages. A call after ``Cancelled`` or a kill resumes, also with other names.
 
-        ``positions``: where photographs were taken, as far as it is known, those of earlier calls included;
-        by default what GPS wrote into their EXIF. They move no camera, but places and models that contradict
-        them are not believed.
+        ``positions``: position priors, those of earlier images included; by default the GPS positions in
+        their EXIF. They move no camera, but poses and models that contradict them are rejected. ``known``:
+        the views from which the result counts its changes, by default those before the call. A caller that
+        was killed after a commit has older ones.
 
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
@@ -150,28 +140,39 @@ class GrowingReconstruction:
                 update={"images": self._state.images | new, "pending": (*self._state.pending, *new)}
             )
             self._folder.save(self._state)
-        if not self._state.pending or len(self._state.images) < _MIN_BOOTSTRAP:
-            return GrowthReport((), self.waiting, False, (), {})
-        if self.generation == 0:
-            return self._bootstrap(monitor, positions)
-        return self._grow(monitor, positions)
+        before = self.reconstruction.views if known is None else known
+        warnings: tuple[str, ...] = ()
+        seconds: Mapping[str, float] = {}
+        if self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
+            step = self._bootstrap if self.generation == 0 else self._grow
+            warnings, seconds = step(monitor, positions)
+        current = self.reconstruction
+        return PoseUpdate.between(
+            before,
+            current.views,
+            current.points,
+            tuple(self._state.images),
+            self.generation,
+            warnings,
+            seconds,
+        )
 
     def localise(
         self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None
     ) -> dict[str, AnyView]:
-        """Cameras of other photographs in the standing model, which stays as it is.
+        """Estimate the poses of other images in the current model, which does not change.
 
-        Those that cannot be placed, or whose matches or ``positions`` contradict the place, are left out;
-        registered ones have the camera that they have. What is found depends on the standing model alone, not
-        on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
+        Those without a pose, or whose matches or ``positions`` contradict it, are left out; registered images
+        have their current poses. The result depends on the current model only, not on earlier calls. Raises
+        ``InvalidInputError`` for missing files, ``Cancelled``.
         """
         require_plain_names(names)
         require_unchanged(self._state, self._image_dir, names)
         if self.generation == 0:
             return {}
-        standing = {view.name: view for view in self.reconstruction.views}
-        guests = [name for name in dict.fromkeys(names) if name not in standing]
-        found = {name: standing[name] for name in names if name in standing}
+        registered = {view.name: view for view in self.reconstruction.views}
+        guests = [name for name in dict.fromkeys(names) if name not in registered]
+        found = {name: registered[name] for name in names if name in registered}
         if guests:
             stages = Stages(self._folder.localise, self._settings, monitor)
             found |= localise(
@@ -182,69 +183,54 @@ class GrowingReconstruction:
                 self.registered,
                 self._folder.model(self.generation),
                 self._folder.sfm.database,
-                self._open_looks(),
+                self._open_retrieval(),
                 positions or Positions(),
             )
         return found
 
-    def _bootstrap(self, monitor: Monitor, positions: Positions | None) -> GrowthReport:
+    def _bootstrap(self, monitor: Monitor, positions: Positions | None) -> _Messages:
         names = list(self._state.images)
         folder = self._folder.sfm.root
         result = reconstruct(self._image_dir, names, folder, self._settings, monitor, positions)
         shutil.copytree(result.model_dir, fresh_folder(self._folder.next_model), dirs_exist_ok=True)
         posed = {view.name for view in result.reconstruction.views}
         chosen = next(c for c in result.report.candidates if c.mapper == result.report.mapper)
-        self._commit(
-            self._state.model_copy(
-                update={
-                    "pending": (),
-                    "registered": tuple(name for name in names if name in posed),
-                    "bootstrap_images": len(names),
-                    "adjusted_images": len(posed),
-                    "adjusted_points": len(result.reconstruction.points),
-                    "mapped_images": len(names),
-                    "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
-                }
-            )
+        state = self._state.model_copy(
+            update={
+                "pending": (),
+                "bootstrap_images": len(names),
+                "mapped_images": len(names),
+                "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
+            }
         )
-        return GrowthReport(
-            self.registered, self.waiting, False, result.report.warnings, result.report.seconds
-        )
+        registered = [name for name in names if name in posed]
+        self._commit(state.with_poses(registered, len(posed), len(result.reconstruction.points)))
+        return result.report.warnings, result.report.seconds
 
-    def _grow(self, monitor: Monitor, given: Positions | None) -> GrowthReport:
+    def _grow(self, monitor: Monitor, given: Positions | None) -> _Messages:
         stages = Stages(self._folder.sfm, self._settings, monitor)
-        before = self._state
-        standing = self._folder.model(before.generation)
-        candidates = self._match_waiting(stages)
+        current, following = self._folder.model(self.generation), self._folder.next_model
+        candidates = self._match_unregistered(stages)
         positions = given or positions_in_exif(stages.folder.database)
-        grown = register(
-            stages, self._image_dir, before, candidates, positions, standing, self._folder.next_model
-        )
-        warnings = [*stages.warnings, *grown.warnings]
-        state, refreshed = grown.state, grown.adjusted
-        reason = reason_to_remap(state, grown.support, self._stranded(state), self._settings)
+        change = register(stages, self._image_dir, self._state, candidates, positions, current, following)
+        changed, warnings = change.changed, (*stages.warnings, *change.warnings)
+        matching = self._count_matching_unregistered(change.state)
+        reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
         if reason is not None:
-            model_dir = self._folder.next_model if grown.changed else standing
-            found = remap(stages, self._image_dir, state, positions, model_dir, self._folder.next_model)
-            state, refreshed = found.state, refreshed or found.adopted
-            warnings += [f"{reason} {line}" for line in found.warnings]
-        state = state.model_copy(update={"pending": ()})
-        if grown.changed or state.registered != before.registered or refreshed:
+            model_dir = following if changed else current
+            change = remap(stages, self._image_dir, change.state, positions, model_dir, following)
+            changed = changed or change.changed
+            warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
+        state = change.state.model_copy(update={"pending": ()})
+        if changed:
             self._commit(state)
         else:
             self._folder.save(state)
             self._state = state
-        new = set(self.registered) - set(before.registered)
-        return GrowthReport(
-            tuple(name for name in self.registered if name in new),
-            self.waiting,
-            refreshed,
-            tuple(warnings),
-            stages.seconds,
-        )
+        return warnings, stages.seconds
 
-    def _match_waiting(self, stages: Stages) -> list[str]:
-        """Find features and matches of the images that wait; returns those that match anything."""
+    def _match_unregistered(self, stages: Stages) -> list[str]:
+        """Extract and match features of the unregistered images; returns those that match anything."""
         database = stages.folder.database
         if not self._database_is_sound:
             require_sound_database(database)
@@ -256,22 +242,28 @@ class GrowingReconstruction:
         blank = [name for name in self._state.pending if features.get(name, 0) == 0]
         if blank:
             stages.warnings.append(f"No features could be found in {', '.join(blank)}.")
-        waiting = [name for name in self.waiting if name in set(usable)]
-        match_with_neighbours(stages, waiting, usable, self.reconstruction.centres(), self._open_looks())
-        tied = {name for pair in verified_matches(database, MIN_PAIR_MATCHES) for name in pair}
-        return [name for name in waiting if name in tied]
+        unregistered = [name for name in self.unregistered if name in set(usable)]
+        match_with_neighbours(
+            stages, unregistered, usable, self.reconstruction.centres(), self._open_retrieval()
+        )
+        matched = {name for pair in verified_matches(database, MIN_PAIR_MATCHES) for name in pair}
+        return [name for name in unregistered if name in matched]
 
-    def _stranded(self, state: GrowthState) -> int:
-        """How many waiting images match registered ones."""
-        waiting, registered = set(state.waiting), set(state.registered)
+    def _count_matching_unregistered(self, state: GrowthState) -> int:
+        """The number of unregistered images that match registered ones."""
+        unregistered, registered = set(state.unregistered), set(state.registered)
         pairs = verified_matches(self._folder.sfm.database, MIN_PAIR_MATCHES)
-        return len({a for pair in pairs for a, b in (pair, pair[::-1]) if a in waiting and b in registered})
+        return len(
+            {a for pair in pairs for a, b in (pair, pair[::-1]) if a in unregistered and b in registered}
+        )
 
-    def _open_looks(self) -> Looks:
-        if self._looks is None:
+    def _open_retrieval(self) -> ImageRetrieval:
+        if self._retrieval is None:
             first = list(self._state.images)[: self._state.bootstrap_images]
-            self._looks = Looks.open(self._folder.words, first, self._settings.seed, self._descriptors)
-        return self._looks
+            self._retrieval = ImageRetrieval.open(
+                self._folder.words, first, self._settings.seed, self._descriptors
+            )
+        return self._retrieval
 
     def _descriptors(self, name: str) -> NDArray[np.float32]:
         for folder in (self._folder.sfm, self._folder.localise):
@@ -280,7 +272,7 @@ class GrowingReconstruction:
         return np.zeros((0, 128), dtype=np.float32)
 
     def _commit(self, state: GrowthState) -> None:
-        """Make ``next_model`` the standing model."""
+        """Commit ``next_model`` as the current model."""
         state = state.model_copy(update={"generation": state.generation + 1})
         self._folder.commit(state)
         self._state = state

@@ -1,4 +1,4 @@
-"""One step of growth: images registered into the standing model, all cameras found anew when need be."""
+"""One update of a growing reconstruction: images registered in the current model, and a re-map when due."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
-from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, read_witnesses, registered_names
+from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_evidence, registered_names
 from fvs_engine.sfm.batch.reconstruct import map_images
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.state import GrowthState
@@ -17,34 +17,28 @@ from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
 from fvs_engine.sfm.verification.positions import Positions
 
-_STANDING = "standing"
-"""In the place of a mapper's name: the model that grew."""
+_CURRENT = "current"
+"""In the place of a mapper's name: the model that was grown."""
 
-_MIN_WAITING = 3
-"""Fewer waiting images are no reason to find all cameras anew."""
+_MIN_UNREGISTERED = 3
+"""Fewer unregistered images are no reason to re-map."""
 
 _MIN_GAIN = 1.02
-"""A new model must explain so many times the matches of the standing one to take its place."""
+"""A new model must explain so many times the matches of the current one to replace it."""
 
 
 @dataclass(frozen=True)
-class Registration:
-    """What became of the images; ``support`` is known when all cameras were ``adjusted``."""
+class ModelChange:
+    """Result of registering images, or of a re-map.
+
+    ``changed``: a model other than the current one was written. ``match_support``: share of the verified
+    matches that the model explains, known after a global bundle adjustment or a re-map.
+    """
 
     state: GrowthState
-    changed: bool
-    adjusted: bool
-    support: float | None
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Remapping:
-    """Whether the cameras that were found anew took the place of the standing ones."""
-
-    state: GrowthState
-    adopted: bool
-    warnings: tuple[str, ...]
+    changed: bool = False
+    match_support: float | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def register(
@@ -55,18 +49,18 @@ def register(
     positions: Positions,
     model_dir: Path,
     out_dir: Path,
-) -> Registration:
-    """Register those of ``names`` whose matches support a place in the model; it goes to ``out_dir``.
+) -> ModelChange:
+    """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A place that contradicts ``positions`` does not count either.
+    A pose that ``positions`` contradict is rejected, too.
     """
     if not names:
-        return Registration(state, changed=False, adjusted=False, support=None, warnings=())
+        return ModelChange(state)
     settings = stages.settings
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):
         answer = stages.native(
-            "grow",
+            "register",
             {
                 "database": str(stages.folder.database),
                 "image_dir": str(image_dir),
@@ -86,53 +80,45 @@ def register(
         )
     stages.monitor.report("registration", len(names), len(names))
     posed = set(answer["posed"])
-    registered = (*(name for name in state.registered if name in posed), *answer["registered"])
     lost = [name for name in state.registered if name not in posed]
     warnings = [
-        f"{name} is not taken in: {reason}. It waits."
-        for name, reason in answer["refused"].items()
-        if name not in state.refused
+        f"{name} is not registered: {reason}."
+        for name, reason in answer["rejected"].items()
+        if name not in state.rejected
     ]
     if lost:
-        warnings.append(f"{', '.join(lost)} lost their cameras when all were adjusted; they wait.")
-    if answer["support"] is not None and answer["support"] < settings.gate.min_match_support:
-        warnings.append(f"DOUBTFUL CAMERAS: {answer['support']:.1%} of the verified matches fit them.")
-    adjusted = answer["support"] is not None
-    return Registration(
-        state.model_copy(
-            update={
-                "registered": registered,
-                "refused": {
-                    name: why
-                    for name, why in {**state.refused, **answer["refused"]}.items()
-                    if name not in posed
-                },
-                "adjusted_images": answer["adjusted_images"],
-                "adjusted_points": answer["adjusted_points"],
-            }
+        warnings.append(f"Global bundle adjustment left {', '.join(lost)} without a pose.")
+    support = answer["match_support"]
+    if support is not None and support < settings.gate.min_match_support:
+        warnings.append(f"DOUBTFUL CAMERAS: {support:.1%} of the verified matches fit them.")
+    kept = [name for name in state.registered if name in posed]
+    state = state.model_copy(update={"rejected": state.rejected | answer["rejected"]})
+    return ModelChange(
+        state.with_poses(
+            [*kept, *answer["registered"]], answer["adjusted_images"], answer["adjusted_points"]
         ),
-        changed=bool(answer["registered"]),
-        adjusted=adjusted,
-        support=answer["support"],
+        changed=bool(answer["registered"] or lost or support is not None),
+        match_support=support,
         warnings=tuple(warnings),
     )
 
 
 def reason_to_remap(
-    state: GrowthState, support: float | None, waiting: int, settings: SfmSettings
+    state: GrowthState, match_support: float | None, unregistered: int, settings: SfmSettings
 ) -> str | None:
-    """Why all cameras should be found anew, None if they should not.
+    """Why a re-map is due, None if it is not.
 
-    ``waiting`` counts the images that match registered ones and have no camera. An attempt costs as much as
-    starting again, less features and matches: it is not repeated before the images have grown by a share.
+    ``unregistered`` counts the images that match registered ones and have no pose. A re-map costs as much as
+    a new reconstruction, less features and matches: it is not repeated before the images have grown by a
+    share.
     """
     growth = settings.growth
     if len(state.images) < (1.0 + growth.remap_every) * state.mapped_images:
         return None
-    if support is not None and support < state.mapped_support - growth.max_support_loss:
-        return f"The matches that the cameras explain fell from {state.mapped_support:.1%} to {support:.1%}."
-    if waiting >= max(_MIN_WAITING, growth.max_waiting * len(state.registered)):
-        return f"{waiting} images that match the registered ones wait."
+    if match_support is not None and match_support < state.mapped_support - growth.max_support_loss:
+        return f"Match support fell from {state.mapped_support:.1%} to {match_support:.1%}."
+    if unregistered >= max(_MIN_UNREGISTERED, growth.max_unregistered * len(state.registered)):
+        return f"{unregistered} images that match registered ones are unregistered."
     return None
 
 
@@ -143,76 +129,74 @@ def remap(
     positions: Positions,
     model_dir: Path,
     out_dir: Path,
-) -> Remapping:
-    """Find all cameras anew from the matches at hand; the gate weighs them against the standing model.
+) -> ModelChange:
+    """Run the mappers again on all images; the gate chooses between their models and that in ``model_dir``.
 
-    A model that takes its place is laid onto it and written to ``out_dir``.
+    A new model that is chosen is aligned with the current one and written to ``out_dir``.
     """
     names = list(state.images)
-    stages.open(image_dir, names, 2)  # forgets the mappers' models of fewer images
-    witnesses = read_witnesses(stages, positions)
-    standing = open_colmap(model_dir)
+    stages.open(image_dir, names, 2)  # deletes the mappers' models of fewer images
+    evidence = read_model_evidence(stages, positions)
+    current = open_colmap(model_dir)
     scenes = [
-        _weigh_standing(stages, standing, witnesses),
-        *map_images(stages, image_dir, len(names), witnesses),
+        _as_scene(stages, current, evidence),
+        *map_images(stages, image_dir, len(names), evidence),
     ]
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     chosen = decision.chosen or 0
-    if chosen > 0 and decision.judgements[0].verdict != "refused":
-        better = _is_better(scenes[chosen], scenes[0], decision, witnesses, stages.settings.gate)
+    if chosen > 0 and decision.judgements[0].verdict != "rejected":
+        better = _is_better(scenes[chosen], scenes[0], decision, evidence, stages.settings.gate)
         chosen = chosen if better else 0
-    update: dict[str, object] = {"mapped_images": len(names)}
-    evidence = scenes[chosen].candidate.evidence
-    if evidence is not None:
-        update["mapped_support"] = evidence.match_support
+    found = scenes[chosen].candidate.evidence
+    support = None if found is None else found.match_support
+    mapped_support = state.mapped_support if support is None else support
+    state = state.model_copy(update={"mapped_images": len(names), "mapped_support": mapped_support})
     if chosen == 0:
         reasons = " ".join(decision.judgements[0].reasons)
         doubt = decision.judgements[0].verdict != "accepted"
-        warnings = (f"No better cameras were found. DOUBTFUL CAMERAS: {reasons}",) if doubt else ()
-        return Remapping(state.model_copy(update=update), adopted=False, warnings=warnings)
+        warnings = (f"The re-map found no better model. DOUBTFUL CAMERAS: {reasons}",) if doubt else ()
+        return ModelChange(state, match_support=support, warnings=warnings)
     model = scenes[chosen].model
     try:
-        alignment = align_poses(camera_poses(model), camera_poses(standing))
+        alignment = align_poses(camera_poses(model), camera_poses(current))
     except InvalidInputError:
-        warning = "The cameras that were found anew share too little with the standing ones to replace them."
-        return Remapping(state.model_copy(update=update), adopted=False, warnings=(warning,))
+        warning = "The model of the re-map shares too few cameras with the current one to be aligned with it."
+        return ModelChange(state, match_support=support, warnings=(warning,))
     move(model, alignment)
     model.write_binary(fresh_folder(out_dir))
     posed = set(registered_names(model))
-    before = set(state.registered)
-    update |= {
-        "registered": (
-            *(name for name in state.registered if name in posed),
-            *(name for name in names if name in posed - before),
-        ),
-        "refused": {name: why for name, why in state.refused.items() if name not in posed},
-        "adjusted_images": len(posed),
-        "adjusted_points": model.num_points3D(),
-    }
-    mapper = scenes[chosen].candidate.mapper
-    warning = f"All cameras were found anew by {mapper} mapping and laid onto those that stood."
-    return Remapping(state.model_copy(update=update), adopted=True, warnings=(warning, *decision.warnings))
+    warning = f"A re-map by {scenes[chosen].candidate.mapper} mapping replaced the current model."
+    return ModelChange(
+        state.with_poses([name for name in names if name in posed], len(posed), model.num_points3D()),
+        changed=True,
+        match_support=support,
+        warnings=(warning, *decision.warnings),
+    )
 
 
-def _weigh_standing(stages: Stages, model: pycolmap.Reconstruction, witnesses: Witnesses) -> MappedScene:
+def _as_scene(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvidence) -> MappedScene:
     centres = {name: pose.translation for name, pose in camera_poses(model).items()}
-    return MappedScene(model, Candidate(_STANDING, centres, witnesses.testify(model, stages.monitor)), ())
+    return MappedScene(model, Candidate(_CURRENT, centres, evidence.of(model, stages.monitor)), ())
 
 
 def _is_better(
-    new: MappedScene, standing: MappedScene, decision: Decision, witnesses: Witnesses, settings: GateSettings
+    new: MappedScene,
+    current: MappedScene,
+    decision: Decision,
+    evidence: ModelEvidence,
+    settings: GateSettings,
 ) -> bool:
     """Whether the new model explains so many more matches that it is worth moving all cameras.
 
     One of two models that contradict each other is wrong, and that one of them has more images does not make
     it the right one: then only the matches between images of both count.
     """
-    mappers = {new.candidate.mapper, standing.candidate.mapper}
+    mappers = {new.candidate.mapper, current.candidate.mapper}
     agreement = next((found for found in decision.agreements if set(found.mappers) == mappers), None)
     if agreement is not None and agreement.median_share <= settings.max_disagreement:
-        return _explained(new) >= _MIN_GAIN * _explained(standing)
-    shared = new.candidate.centres.keys() & standing.candidate.centres.keys()
-    ours, theirs = (witnesses.matches_explained(scene.model, shared) for scene in (new, standing))
+        return _explained(new) >= _MIN_GAIN * _explained(current)
+    shared = new.candidate.centres.keys() & current.candidate.centres.keys()
+    ours, theirs = (evidence.matches_explained(scene.model, shared) for scene in (new, current))
     return ours >= _MIN_GAIN * theirs
 
 

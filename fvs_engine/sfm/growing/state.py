@@ -1,17 +1,18 @@
 """What a growing reconstruction keeps on disk, and how a change of it is committed.
 
 The folder holds ``sfm`` (database and bootstrap, as ``reconstruct`` keeps them), ``model-<generation>`` (the
-standing COLMAP model, whole before its name appears), ``words.npz`` (the vocabulary of retrieval),
+current COLMAP model; its name appears when it is complete), ``words.npz`` (the visual vocabulary),
 ``localise`` (features of images that are no part of the model) and ``growth.json``. Replacing the last is the
-commit: a process killed before it leaves the former model standing, whatever else it had written.
+commit: after a kill before it the former model is the current one, whatever else was written.
 """
 
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -21,13 +22,11 @@ from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, replace_folder
 
-_VERSION = 1
-
 
 class GrowthState(Record):
-    """Which images were asked for, which stand in the model, and what the gates remember."""
+    """Added and registered images, and what the next bundle adjustment and re-map depend on."""
 
-    version: int = _VERSION
+    version: Literal[2] = 2
     settings: str
     """Digest of the settings, apart from the number of threads."""
 
@@ -35,37 +34,53 @@ class GrowthState(Record):
     """Every image that was ever added → its file's size in bytes, in the order of adding."""
 
     pending: tuple[str, ...] = ()
-    """Added, and not yet tried to the end: a kill came first, or the work goes on now."""
+    """Added, and not yet processed by a complete update."""
 
     registered: tuple[str, ...] = ()
-    """In the order in which they got their cameras."""
+    """In the order of registration."""
 
-    refused: dict[str, str] = Field(default={})
-    """Waiting images whose matches contradict the place that was found for them → what was said of it."""
+    rejected: dict[str, str] = Field(default={})
+    """Unregistered images whose estimated pose their matches or prior contradict → the reason."""
 
     generation: int = 0
     bootstrap_images: int = 0
-    """The vocabulary was learnt from so many of the first images."""
+    """The vocabulary was computed from so many of the first images."""
 
     adjusted_images: int = 0
     adjusted_points: int = 0
-    """The model's size when all its cameras were last adjusted together."""
+    """The model's size at the last global bundle adjustment."""
 
     mapped_images: int = 0
-    """Added images when all cameras were last sought anew, with or without success."""
+    """Number of added images at the last re-map, whether its model was chosen or not."""
 
     mapped_support: float = 0.0
-    """Share of the verified matches that the model explained then."""
+    """Match support of the model chosen then."""
 
     @property
-    def waiting(self) -> tuple[str, ...]:
-        """Added images without a camera, in the order of adding."""
-        standing = set(self.registered)
-        return tuple(name for name in self.images if name not in standing)
+    def unregistered(self) -> tuple[str, ...]:
+        """Added images without a pose, in the order of adding."""
+        registered = set(self.registered)
+        return tuple(name for name in self.images if name not in registered)
+
+    def with_poses(self, posed: Iterable[str], adjusted_images: int, adjusted_points: int) -> "GrowthState":
+        """The state with the images ``posed`` registered, the new ones last and in the given order."""
+        names = list(posed)
+        now, before = set(names), set(self.registered)
+        return self.model_copy(
+            update={
+                "registered": (
+                    *(name for name in self.registered if name in now),
+                    *(name for name in names if name not in before),
+                ),
+                "rejected": {name: reason for name, reason in self.rejected.items() if name not in now},
+                "adjusted_images": adjusted_images,
+                "adjusted_points": adjusted_points,
+            }
+        )
 
 
 class GrowthFolder:
-    """Names of everything that a growing reconstruction keeps, and the commit."""
+    """Paths of everything that a growing reconstruction keeps, and the commit."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -82,12 +97,12 @@ class GrowthFolder:
 
     @property
     def words(self) -> Path:
-        """The vocabulary with which images are compared."""
+        """The visual vocabulary."""
         return self.root / "words.npz"
 
     @property
     def next_model(self) -> Path:
-        """Where a model is written that is not yet believed."""
+        """Where a model is written before it is committed."""
         return self.root / ".model.partial"
 
     def model(self, generation: int) -> Path:
@@ -114,13 +129,13 @@ class GrowthFolder:
         if state.settings != digest:
             raise InvalidInputError(
                 f"{self.root} holds a reconstruction with other settings.",
-                hint="Give the settings that it was begun with, or another folder.",
+                hint="Give the settings that it was created with, or another folder.",
             )
         self._remove_all_but(state.generation)
         return state
 
     def save(self, state: GrowthState) -> None:
-        """Commit a state whose model stands already."""
+        """Commit a state with the current model."""
         write_text_atomically(self.root / "growth.json", state.model_dump_json(indent=1))
 
     def commit(self, state: GrowthState) -> None:
@@ -134,14 +149,14 @@ class GrowthFolder:
         self._remove_all_but(state.generation)
 
     def _remove_all_but(self, generation: int) -> None:
-        standing = self.model(generation)
+        current = self.model(generation)
         for folder in [*self.root.glob("model-*"), self.next_model]:
-            if folder != standing:
+            if folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
 def settings_digest(settings: SfmSettings) -> str:
-    """What tells settings apart that give different reconstructions."""
+    """Digest of the settings that change the reconstruction."""
     plain = settings.model_dump(mode="json", exclude={"threads"})
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 

@@ -1,29 +1,28 @@
-"""Stage one: cameras shared by what looks like one camera, and SIFT features of every image."""
+"""Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import pycolmap
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
 
 _SAME_FOCAL = 1.02
-"""Focal lengths within this ratio belong to one camera: autofocus breathes, a zoom does not."""
+"""Focal lengths within this ratio belong to one camera: focusing changes it a little, zooming more."""
 
 _MIN_FEATURES = 50
 """Below, an image can hardly be registered."""
 
-CameraKey = tuple[int, int, int | None]
-"""Width and height in px, and the focal length's class: images that agree in it share a camera."""
-
 
 def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
-    """Fill the database with cameras, images and features; images that have theirs are skipped.
+    """Write cameras, images and features into the database; images that have theirs are skipped.
 
     Raises ``ReconstructionError`` when fewer than two images have features.
     """
@@ -32,7 +31,7 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
 
 
 def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
-    """The same for images that may all turn out to have none."""
+    """The same, but all images may have none."""
     database = stages.folder.database
     with stages.timed("features"):
         import_images(stages, image_dir, names)
@@ -56,31 +55,52 @@ def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
     stages.monitor.report("features", len(names), len(names))
 
 
-def camera_groups(image_dir: Path, names: Sequence[str]) -> dict[CameraKey, list[str]]:
-    """Group images by size and EXIF focal length."""
-    groups: dict[CameraKey, list[str]] = {}
+@dataclass(frozen=True, eq=False)
+class CameraGroup:
+    """Images of one size and focal length, which share a camera.
+
+    ``focal_prior_px`` is the focal length prior where the EXIF of the group's first image has none.
+    """
+
+    width: int
+    height: int
+    names: tuple[str, ...]
+    focal_prior_px: float | None
+
+
+def camera_groups(image_dir: Path, names: Sequence[str], prior: FocalPrior | None) -> list[CameraGroup]:
+    """Group images by size and focal length: that of their EXIF, else the prior."""
+    members: dict[tuple[int, int, int | None], list[str]] = {}
+    priors: dict[tuple[int, int, int | None], float | None] = {}
     for name in names:
         with Image.open(image_dir / name) as image:
             width, height = image.size
             focal_px = focal_length_px(image.getexif(), width, height)
+        prior_px = prior.at(width) if prior is not None and focal_px is None else None
+        focal_px = focal_px or prior_px
         focal_class = None if focal_px is None else round(math.log(focal_px) / math.log(_SAME_FOCAL))
-        groups.setdefault((width, height, focal_class), []).append(name)
-    return groups
+        key = (width, height, focal_class)
+        members.setdefault(key, []).append(name)
+        priors.setdefault(key, prior_px)
+    return [
+        CameraGroup(width, height, tuple(group), priors[width, height, focal_class])
+        for (width, height, focal_class), group in members.items()
+    ]
 
 
 def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
-    """Give images a row in the database, with the camera of those among ``names`` that look like theirs."""
+    """Write images into the database, each with the camera of its group among ``names``."""
     database = stages.folder.database
     known = image_cameras(database)
     if all(name in known for name in names):
         return
-    for (width, height, _), members in camera_groups(image_dir, names).items():
-        missing = [name for name in members if name not in known]
+    for group in camera_groups(image_dir, names, stages.settings.focal_prior):
+        missing = [name for name in group.names if name not in known]
         if not missing:
             continue
-        # A group that was interrupted, or that grew, goes on with the camera it has.
-        camera_id = next((known[name] for name in members if name in known), -1)
-        model, params = _intrinsics(stages.settings, width, height)
+        # A group that was interrupted, or that grew, continues with the camera it has.
+        camera_id = next((known[name] for name in group.names if name in known), -1)
+        model, params = _intrinsics(stages.settings, group)
         stages.native(
             "import_images",
             {
@@ -94,11 +114,19 @@ def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None
         )
 
 
-def _intrinsics(settings: SfmSettings, width: int, height: int) -> tuple[str, str]:
-    """COLMAP's model name and parameter list for images of this size; no list when they are not known."""
-    known = settings.intrinsics
+def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:
+    """COLMAP's camera model and parameters for a group; no parameters where EXIF or a guess has to do.
+
+    COLMAP marks the focal length of given parameters as a prior.
+    """
+    known, width, height = settings.intrinsics, group.width, group.height
     if known is None:
-        return settings.camera_model, ""
+        if group.focal_prior_px is None:
+            return settings.camera_model, ""
+        camera = pycolmap.Camera.create_from_model_name(
+            1, settings.camera_model, group.focal_prior_px, width, height
+        )
+        return settings.camera_model, ", ".join(repr(float(value)) for value in camera.params)
     if abs(known.width_px * height / (known.height_px * width) - 1.0) > 0.01:
         raise InvalidInputError(
             f"The given intrinsics are for {known.width_px}×{known.height_px} px, but there are images of "
@@ -116,7 +144,7 @@ def _require_texture(stages: Stages, names: Sequence[str]) -> None:
     if usable < 2:
         lacking = (unreadable + poor)[0]
         raise ReconstructionError(
-            f"{len(names) - usable} of {len(names)} images show no texture to hold on to, such as {lacking}.",
+            f"{len(names) - usable} of {len(names)} images have no texture, such as {lacking}.",
             hint="Photograph something with structure, in focus and in light; a bare wall has no features.",
         )
     if unreadable:

@@ -1,4 +1,4 @@
-"""Stage two: which pairs show the same thing, matched and geometrically verified."""
+"""Stage two: pairs of images, matched and geometrically verified."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -15,11 +15,11 @@ from fvs_engine.sfm.matching.retrieval import global_descriptors
 from fvs_engine.sfm.stages import Stages
 
 _BLOCK_IMAGES = 10
-"""Matching commits after blocks of this many images squared: what an interruption can lose."""
+"""Matching commits after blocks of this many images squared: an interruption loses one at most."""
 
 
 def match_features(stages: Stages, names: Sequence[str]) -> None:
-    """Match all pairs of a small set, the promising ones of a large one; what is done is skipped."""
+    """Match all pairs of a small set, selected ones of a large set; pairs that are done are skipped."""
     database = stages.folder.database
     ids = image_ids(database)
     known = [name for name in names if name in ids]
@@ -31,7 +31,7 @@ def match_features(stages: Stages, names: Sequence[str]) -> None:
 
 
 def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
-    """Match these pairs of image names; what is done is skipped."""
+    """Match these pairs of image names; pairs that are done are skipped."""
     _match(stages, pairs, image_ids(stages.folder.database), listed=True)
 
 
@@ -72,12 +72,12 @@ def _select(stages: Stages, names: Sequence[str]) -> list[tuple[int, int]]:
         stages.monitor.report("pairs", done, len(names))
         stages.monitor.check()
 
-    looks = global_descriptors(
+    descriptors = global_descriptors(
         lambda i: read_descriptors(database, numbers[i]), len(names), stages.settings.seed, on_image
     )
     gps = gps_positions(database)
     return selected_pairs(
-        len(names), looks, {i: gps[number] for i, number in enumerate(numbers) if number in gps}
+        len(names), descriptors, {i: gps[number] for i, number in enumerate(numbers) if number in gps}
     )
 
 

@@ -12,10 +12,10 @@ _IN_ORDER = 8
 """Following images that each one is matched with; further ones at distances 2^k after that."""
 
 _IN_SPACE = 12
-"""Nearest images by GPS."""
+"""Nearest images by GPS that each one is matched with."""
 
-_IN_LOOKS = 12
-"""Most similar images."""
+_BY_SIMILARITY = 12
+"""Most similar images that each one is matched with."""
 
 
 def exhaustive_pairs(count: int) -> list[Pair]:
@@ -24,15 +24,15 @@ def exhaustive_pairs(count: int) -> list[Pair]:
 
 
 def selected_pairs(
-    count: int, looks: NDArray[np.float32], positions_m: Mapping[int, NDArray[np.float64]]
+    count: int, descriptors: NDArray[np.float32], positions_m: Mapping[int, NDArray[np.float64]]
 ) -> list[Pair]:
-    """Pairs that are near in capture order, in space or in looks: linear in the number of images.
+    """Pairs that are near in capture order or in space, or similar: linear in the number of images.
 
-    ``looks`` [count, D] are unit global descriptors (``retrieval``), ``positions_m`` maps the indices with
-    a GPS fix to [3]. Every reason adds pairs, so that one that misleads (shuffled names, a GPS without fix)
+    ``descriptors`` [count, D] are unit global descriptors (``retrieval``), ``positions_m`` maps the indices
+    with a GPS fix to [3]. Every criterion adds pairs, so that one that misleads (shuffled names, bad GPS)
     costs time only.
     """
-    pairs = set(_in_order(count)) | set(_in_looks(looks))
+    pairs = set(_in_order(count)) | set(_by_similarity(descriptors))
     if positions_m:
         pairs |= set(_in_space(positions_m))
     return sorted(pairs)
@@ -47,10 +47,10 @@ def _in_order(count: int) -> list[Pair]:
     return [(i, i + step) for i in range(count) for step in steps if i + step < count]
 
 
-def _in_looks(looks: NDArray[np.float32]) -> list[Pair]:
-    similarity = looks @ looks.T
+def _by_similarity(descriptors: NDArray[np.float32]) -> list[Pair]:
+    similarity = descriptors @ descriptors.T
     np.fill_diagonal(similarity, -np.inf)
-    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :_IN_LOOKS]
+    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :_BY_SIMILARITY]
     return _sorted_pairs((i, int(j)) for i, row in enumerate(nearest) for j in row if j != i)
 
 

@@ -1,7 +1,7 @@
-"""Which images look alike: one vector per image from its local descriptors (VLAD).
+"""Image retrieval: one global descriptor per image, aggregated from its local ones (VLAD).
 
 Source: Jégou et al., "Aggregating local descriptors into a compact image representation", CVPR 2010; with the
-square-root normalisation of Arandjelović & Zisserman, "All about VLAD", CVPR 2013. The vocabulary is learnt
+square-root normalisation of Arandjelović & Zisserman, "All about VLAD", CVPR 2013. The vocabulary is computed
 from the images themselves, so that nothing has to be downloaded.
 """
 
@@ -14,7 +14,7 @@ from scipy.cluster.vq import kmeans2, vq
 
 _WORDS = 64
 _SAMPLE = 20_000
-"""Descriptors that the vocabulary is learnt from."""
+"""Local descriptors that the vocabulary is computed from."""
 
 _PER_IMAGE = 1_000
 """Descriptors that describe an image; the database lists the largest features first."""
@@ -25,7 +25,7 @@ def global_descriptors(
 ) -> NDArray[np.float32]:
     """Unit vectors [count, 64 · 128]; ``read(i)`` gives image i's descriptors [K, 128]. Zero where K = 0."""
     local = [read(i)[:_PER_IMAGE] for i in range(count)]
-    words = learn_words(local, seed)
+    words = compute_vocabulary(local, seed)
     if words is None:
         return np.zeros((count, 1), dtype=np.float32)
     vectors = []
@@ -35,7 +35,7 @@ def global_descriptors(
     return np.stack(vectors)
 
 
-def learn_words(local: Sequence[NDArray[np.float32]], seed: int) -> NDArray[np.float32] | None:
+def compute_vocabulary(local: Sequence[NDArray[np.float32]], seed: int) -> NDArray[np.float32] | None:
     """The vocabulary [64, 128] of some images' descriptors [K, 128] each; None if they are too few."""
     generator = np.random.default_rng(seed)
     pool = np.concatenate([_normalised(descriptors[:_PER_IMAGE]) for descriptors in local])
@@ -43,7 +43,7 @@ def learn_words(local: Sequence[NDArray[np.float32]], seed: int) -> NDArray[np.f
         return None
     sample = pool[generator.choice(len(pool), size=min(_SAMPLE, len(pool)), replace=False)]
     with warnings.catch_warnings():
-        # A word that nothing is nearest to stays where it was, which does no harm.
+        # An empty cluster keeps its word, which does no harm.
         warnings.filterwarnings("ignore", message="One of the clusters is empty")
         words, _ = kmeans2(sample, _WORDS, iter=10, minit="points", seed=generator, missing="warn")
     return np.asarray(words, dtype=np.float32)

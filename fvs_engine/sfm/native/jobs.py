@@ -1,7 +1,7 @@
-"""The native stages, each a function of JSON arguments that runs in a child process (``native``).
+"""The native jobs: functions of JSON arguments that run in the SfM child process.
 
-A stage writes either into the database, in transactions, so that a killed one goes on where it was; or into a
-folder or file beside the final one that the caller renames when the stage is done.
+A job writes either into the database, in transactions, so that a repeated one resumes; or into a folder or
+file beside the final one, which the caller renames when the job is done.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ def import_images(
     params: str,
     camera_id: int,
 ) -> None:
-    """Register images of one camera: ``camera_id``, or a new one if that is -1; ``params`` may be empty."""
+    """Write images of one camera into the database; ``camera_id`` -1 makes one; ``params`` may be empty."""
     pycolmap.Database.open(database).close()  # creates it; the importer itself does not
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = model
@@ -52,7 +52,7 @@ def extract(
     max_features: int,
     threads: int | None,
 ) -> None:
-    """SIFT features of registered images; those that have them are skipped."""
+    """Extract SIFT features; images that have them are skipped."""
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = max_image_size
     options.num_threads = _threads(threads)
@@ -148,7 +148,7 @@ def map_global(
 def triangulate(
     _report: Report, *, database: str, image_dir: str, model_dir: str, out_dir: str, threads: int | None
 ) -> int:
-    """Points from matches for the poses of ``model_dir``, which stay as they are; how many.
+    """Triangulate points for the poses of ``model_dir``, which do not change; returns their number.
 
     Of few images most points are in two only, which COLMAP leaves out by default; given poses hold them.
     """
@@ -194,7 +194,7 @@ def undistort(_report: Report, *, model_dir: str, image_dir: str, out_dir: str, 
     pycolmap.undistort_images(
         out_dir, model_dir, image_dir, output_type="COLMAP", undistort_options=options, jpeg_quality=quality
     )
-    # COLMAP prepares for its dense stereo, which nobody runs here.
+    # COLMAP prepares for its dense stereo, which is not used here.
     shutil.rmtree(Path(out_dir) / "stereo", ignore_errors=True)
     for script in Path(out_dir).glob("run-colmap-*.sh"):
         script.unlink()
@@ -213,13 +213,19 @@ JOBS: Mapping[str, Callable[..., Any]] = {
         undistort,
     )
 }
-"""Name → job, as ``native.run_native`` calls them; but see ``find_job``."""
+"""Name → job; ``find_job`` knows the others, too."""
 
 
 def find_job(name: str) -> Callable[..., Any]:
-    """The job of that name; those of growth too, whose imports would slow the start of every other one."""
+    """The job of that name; the imports of those below would slow the start of every other one."""
     if name in JOBS:
         return JOBS[name]
-    from fvs_engine.sfm.native.growing import GROWING_JOBS
+    from fvs_engine.sfm.native.localisation import copy_features, localise
+    from fvs_engine.sfm.native.registration import register
 
-    return GROWING_JOBS[name]
+    others: Mapping[str, Callable[..., Any]] = {
+        "register": register,
+        "localise": localise,
+        "copy_features": copy_features,
+    }
+    return others[name]

@@ -1,7 +1,7 @@
-"""Ask the two-view geometries, which know nothing of the model, whether its poses can be true.
+"""Evidence for a model's poses from the two-view geometries, which do not depend on the model.
 
-A mapper minimises the error of the matches that it kept; it reports a good fit even when it threw the
-contradicting ones away. So every verified match of every pair is looked at again here.
+A mapper minimises the error of the matches that it kept; it reports a good fit even when it discarded the
+contradicting ones. So every verified match of every pair is checked again here.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ MIN_PAIR_MATCHES = 15
 """COLMAP's own limit for a verified pair."""
 
 _MAX_EPIPOLAR_ERROR_PX = 4.0
-"""The threshold that COLMAP's verification used: a right pose explains what it let through."""
+"""The threshold of COLMAP's verification: a right pose explains what passed it."""
 
 _MAX_ROTATION_DEG = 5.0
 _MAX_DIRECTION_DEG = 15.0
@@ -62,8 +62,8 @@ def check_pairs(
     """Compare every pair whose images both have poses with the model.
 
     ``keypoints`` maps image ids to positions [K, 2] in px of the full-size images. Without ``relative_poses``
-    only the matches are counted, which takes a hundredth of the time. ``on_pair`` is called before each pair:
-    a place to stop.
+    only the matches are counted, which takes a hundredth of the time. ``on_pair`` is called before each pair
+    and may raise to stop.
     """
     posed = {i: image for i, image in model.images.items() if image.has_pose}
     spread = centre_spread(np.array([image.projection_center() for image in posed.values()]))

@@ -1,4 +1,4 @@
-"""Which model to believe: by evidence that a wrong one cannot give, never by how many images it registered.
+"""The gate: which model to use, by evidence that a wrong one lacks, never by the number of its images.
 
 See ``docs/adr/0002-gating-reconstructions.md`` for the measurements behind the thresholds.
 """
@@ -16,13 +16,13 @@ from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
 
 MIN_SHARED_IMAGES = 4
-"""Three centres always fit well; agreement says something from four on."""
+"""Three centres always fit well; agreement is significant from four on."""
 
 MAX_UNSUPPORTED_SHARE = 0.1
-"""Up to this share of a model's images unsupported ones are left out of it, above it the model is refused."""
+"""Up to this share of a model's images unsupported ones are removed, above it the model is rejected."""
 
 _CONFIRMING_PRIOR_SHARE = 0.1
-"""Median distance to GPS, in shares of the track's spread, up to which GPS vouches for a doubtful model."""
+"""Median distance to GPS, in shares of the track's spread, up to which GPS confirms a doubtful model."""
 
 _DOUBT = 0.5
 """A doubtful model must explain twice the matches of an accepted one to be preferred to it."""
@@ -33,7 +33,7 @@ _CLOSE_SUPPORT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One mapper's model as the gate sees it: how many views, where they stand, what the evidence says."""
+    """One mapper's model as the gate sees it: camera centres by image name, and evidence."""
 
     mapper: str
     centres: Mapping[str, NDArray[np.float64]]
@@ -42,7 +42,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the gate thinks of one candidate, and why."""
+    """The verdict on one candidate, and the reasons."""
 
     verdict: Verdict
     reasons: tuple[str, ...]
@@ -50,7 +50,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Decision:
-    """``chosen`` indexes the candidates, None when none may be believed."""
+    """``chosen`` indexes the candidates, None when all are rejected."""
 
     chosen: int | None
     judgements: tuple[Judgement, ...]
@@ -59,7 +59,7 @@ class Decision:
 
 
 def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
-    """Judge every candidate and choose the one with the best support among those that may be believed.
+    """Judge every candidate and choose the best supported one that is not rejected.
 
     A candidate is accepted on its own evidence. One with somewhat too little becomes doubtful, usable with a
     warning, if another mapper or GPS agrees with it: a repeated pattern misleads mappers, but hardly to the
@@ -72,7 +72,7 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
         if (agreement := agree(first, second)) is not None
     )
     judgements = [_judge(candidate, agreements, settings) for candidate in candidates]
-    usable = [i for i, judgement in enumerate(judgements) if judgement.verdict != "refused"]
+    usable = [i for i, judgement in enumerate(judgements) if judgement.verdict != "rejected"]
     if not usable:
         return Decision(None, tuple(judgements), agreements, ())
     best = max(usable, key=lambda i: _rank(candidates[i], judgements[i]))
@@ -100,7 +100,7 @@ def agree(first: Candidate, second: Candidate) -> Agreement | None:
     target = np.stack([second.centres[name] for name in shared])
     try:
         second_from_first = umeyama(source, target)
-    except InvalidInputError:  # all centres coincide: no model to speak of
+    except InvalidInputError:  # all centres coincide
         return None
     shares = np.linalg.norm(second_from_first.apply(source) - target, axis=1) / centre_spread(target)
     return Agreement(
@@ -114,28 +114,28 @@ def agree(first: Candidate, second: Candidate) -> Agreement | None:
 def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: GateSettings) -> Judgement:
     evidence = candidate.evidence
     if evidence is None:
-        return Judgement("refused", ("No verified pair of images speaks for it.",))
+        return Judgement("rejected", ("It has no verified pair of images.",))
     support = f"{evidence.match_support:.1%} of the verified matches fit its cameras."
-    refusals = []
+    rejections = []
     if evidence.match_support < settings.min_doubtful_match_support:
-        refusals.append(f"Only {support}")
+        rejections.append(f"Only {support}")
     if evidence.rotation_support is not None and evidence.rotation_support < settings.min_rotation_support:
-        refusals.append(
+        rejections.append(
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
     if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * len(candidate.centres):
-        refusals.append(
-            f"{len(evidence.unsupported_images)} of its {len(candidate.centres)} images hang on matches or "
-            "positions that contradict their poses."
+        rejections.append(
+            f"Matches or positions contradict the poses of {len(evidence.unsupported_images)} of its "
+            f"{len(candidate.centres)} images."
         )
     if (
         evidence.prior_residual_share is not None
         and evidence.prior_residual_share > settings.max_prior_disagreement
     ):
         off = f"{evidence.prior_residual_share:.0%}"
-        refusals.append(f"Its cameras stand {off} of the track away from where the photographs were taken.")
-    if refusals:
-        return Judgement("refused", tuple(refusals))
+        rejections.append(f"Its camera centres are {off} of the track off their position priors.")
+    if rejections:
+        return Judgement("rejected", tuple(rejections))
     weaknesses = []
     if evidence.match_support < settings.min_match_support:
         weaknesses.append(f"Only {support}")
@@ -148,14 +148,14 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         return Judgement("accepted", (support,))
     confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
     if confirmation is None:
-        return Judgement("refused", (*weaknesses, "Neither another mapper nor GPS confirms it."))
+        return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
     return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
 
 
 def _confirmation(
     mapper: str, evidence: Evidence, agreements: Sequence[Agreement], settings: GateSettings
 ) -> str | None:
-    """Who says the same of the cameras without having seen them; None if nobody."""
+    """What independent source confirms the poses; None if none does."""
     if any(
         mapper in agreement.mappers and agreement.median_share <= settings.max_disagreement
         for agreement in agreements

@@ -1,4 +1,4 @@
-"""Where photographs were taken, as GPS or a dataset says: what a repeated pattern cannot forge."""
+"""Position priors: where images were taken, by GPS or a dataset. Repeated patterns do not affect them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,16 +15,16 @@ from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 Array = NDArray[np.float64]
 
 _MIN_SHARED = 6
-"""Three centres nearly always fit, and as many must speak against the one that does not."""
+"""Three centres nearly always fit, and as many more are needed to contradict one."""
 
 _MIN_TRACK = 5.0
-"""A track must be so many times as wide as its positions are accurate, or they say nothing of its shape."""
+"""A track must be so many times as wide as its positions are accurate to constrain its shape."""
 
 _MAX_SHARE = 0.1
-"""How far off a camera may be found, in shares of its distance from the middle of the others."""
+"""How far a camera may be from its prior, in shares of its distance from the middle of the others."""
 
 _NOISE = 4.0
-"""Robust standard deviations of the positions within which nobody is accused."""
+"""Robust standard deviations of the positions within which no camera is misplaced."""
 
 GPS_ACCURACY_M = 5.0
 """What a receiver without corrections reaches under an open sky."""
@@ -32,35 +32,35 @@ GPS_ACCURACY_M = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """Image name → where it was taken, [3], in one frame and unit; ``accuracy`` is in that unit."""
+    """``by_name`` maps image names to positions [3] in one frame and unit; ``accuracy`` is in that unit."""
 
-    places: Mapping[str, Array] = field(default_factory=dict)
+    by_name: Mapping[str, Array] = field(default_factory=dict)
     accuracy: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """What another process makes these of, ``from_json``."""
-        places = {name: place.tolist() for name, place in self.places.items()}
-        return {"places": places, "accuracy": self.accuracy}
+        """As a JSON document."""
+        by_name = {name: position.tolist() for name, position in self.by_name.items()}
+        return {"by_name": by_name, "accuracy": self.accuracy}
 
     @staticmethod
     def from_json(document: Mapping[str, Any]) -> "Positions":
         """The inverse of ``to_json``."""
-        places = {name: np.array(place, dtype=np.float64) for name, place in document["places"].items()}
-        return Positions(places, float(document["accuracy"]))
+        by_name = {name: np.array(xyz, dtype=np.float64) for name, xyz in document["by_name"].items()}
+        return Positions(by_name, float(document["accuracy"]))
 
     def misplaced(self, centres: Mapping[str, Array]) -> dict[str, float]:
-        """Which camera centres of a model lie far from where the cameras were → how far, in this unit.
+        """Name → distance, in this unit, of camera centres that are far from their positions.
 
         The two are aligned robustly; up to half may be wrong. Far is more than a share of the distance from
         the middle of the others (their spread at least: an alignment errs the more the farther it reaches),
         and more than the positions scatter.
         """
-        shared = sorted(centres.keys() & self.places.keys())
+        shared = sorted(centres.keys() & self.by_name.keys())
         aligned = self._align(centres, shared, _MIN_SHARED)
         if aligned is None:
             return {}
         report, off, spread = aligned
-        world = np.stack([self.places[name] for name in shared])
+        world = np.stack([self.by_name[name] for name in shared])
         reach = np.hypot(spread, np.linalg.norm(world - world[report.inliers].mean(axis=0), axis=1))
         noise = max(self.accuracy, 1.4826 * report.median)
         limit = np.maximum(_MAX_SHARE * reach, _NOISE * noise)
@@ -71,7 +71,7 @@ class Positions:
 
         None when there are too few, or they are not accurate enough for so small a track.
         """
-        shared = sorted(centres.keys() & self.places.keys())
+        shared = sorted(centres.keys() & self.by_name.keys())
         aligned = self._align(centres, shared, _MIN_SHARED - 2)
         if aligned is None:
             return None
@@ -84,10 +84,10 @@ class Positions:
         """The alignment, each one's distance after it, and the spread of the positions that agree."""
         if len(shared) < least:
             return None
-        model, world = (np.stack([points[name] for name in shared]) for points in (centres, self.places))
+        model, world = (np.stack([points[name] for name in shared]) for points in (centres, self.by_name))
         try:
             report = robust_umeyama(model, world)
-        except InvalidInputError:  # all in one place, or no three agree
+        except InvalidInputError:  # all coincide, or no three agree
             return None
         landed = world[report.inliers]
         spread = float(np.sqrt(((landed - landed.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -97,7 +97,7 @@ class Positions:
 
 
 def positions_in_exif(database: Path) -> Positions:
-    """What GPS wrote into the photographs of a database, in m; none when it wrote nothing."""
+    """The GPS positions in m that the images of a database have in their EXIF."""
     names = {number: name for name, number in image_ids(database).items()}
     fixes = gps_positions(database)
     return Positions({names[number]: fix for number, fix in fixes.items()}, GPS_ACCURACY_M)

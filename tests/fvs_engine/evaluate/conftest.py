@@ -11,7 +11,8 @@ from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.results import Calibration, Evaluation, RankCorrelation, Run, ViewQuality
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
+from fvs_engine.scene.sparse_points import SparsePoints
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import View

@@ -77,10 +77,10 @@ def check_given_cameras_get_points(
     for view, expected in zip(model.views, given, strict=True):
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
     assert record.points == len(model.points) > 150
-    assert model.point_colors.max() > 0
+    assert model.points.colors.max() > 0
     assert np.median(model.point_errors_px) < 1.0
     seen = [
-        (expected.camera_from_model.apply(model.points)[:, 2] > 0).mean() for expected in given
+        (expected.camera_from_model.apply(model.points.xyz)[:, 2] > 0).mean() for expected in given
     ]  # what is triangulated lies before the cameras
     assert min(seen) > 0.99
 

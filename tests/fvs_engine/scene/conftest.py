@@ -10,7 +10,8 @@ from PIL import Image
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
-from fvs_engine.scene.sparse_points import PointCloud, SparsePoints
+from fvs_engine.scene.sparse_points import SparsePoints
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.views import View

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import MIN_POINTS, GrowingScene
-from fvs_engine.scene.poses import Standing
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import AnyView, View
@@ -35,12 +35,21 @@ class MovingPoses:
         self.jitter = 0.0
         self.points = dataset.points.cloud.xyz if dataset.points else np.zeros((0, 3))
 
-    def stand(self, visited: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> Standing:  # noqa: ARG002
+    model_dir = None
+
+    def update(
+        self,
+        visited: Sequence[str],
+        known: Iterable[AnyView],
+        monitor: Monitor,
+        positions: Positions | None = None,  # noqa: ARG002
+    ) -> PoseUpdate:
         monitor.check()
         views = [self._posed(name) for name in visited if name not in self.late]
         draw = np.random.default_rng(len(visited))
         xyz = draw.permutation(self.points) + self.jitter * draw.normal(size=self.points.shape)
-        return Standing(tuple(views), PointCloud(xyz, np.full(xyz.shape, 128, np.uint8)), len(visited))
+        points = PointCloud(xyz, np.full(xyz.shape, 128, np.uint8))
+        return PoseUpdate.between(known, views, points, visited, len(visited))
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         monitor.check()
@@ -65,7 +74,7 @@ def moving(
 
 
 def assert_same(a: GrowingScene, b: GrowingScene) -> None:
-    assert (a.visited, a.iteration, a.waiting) == (b.visited, b.iteration, b.waiting)
+    assert (a.visited, a.iteration, a.unregistered) == (b.visited, b.iteration, b.unregistered)
     assert [view.name for view in a.views] == [view.name for view in b.views]
     for name, tensor in a.gaussians.tensors().items():
         assert torch.equal(tensor, b.gaussians.tensors()[name]), name
@@ -174,13 +183,13 @@ def test_a_photograph_without_a_camera_waits_and_joins_later(
 ) -> None:
     scene, source = moving
     source.late = {"2.png"}
-    assert scene.add(FIRST, Monitor()).waiting == ("2.png",)
+    assert scene.add(FIRST, Monitor()).unregistered == ("2.png",)
     assert [view.name for view in scene.views] == ["4.png", "0.png", "6.png"]
     assert scene.target_iteration == 20
     source.late = set()
     update = scene.add(["7.png"], Monitor())
     assert update.registered == ("2.png", "7.png")
-    assert (update.waiting, update.iterations) == ((), 40)
+    assert (update.unregistered, update.iterations) == ((), 40)
     scene.train(Monitor())
     scene.save()
     resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
@@ -194,7 +203,7 @@ def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, Mo
     scene.train(Monitor())
     source.late = {"0.png"}
     update = scene.add(["7.png"], Monitor())
-    assert (update.registered, update.waiting) == (("7.png",), ("0.png",))
+    assert (update.registered, update.unregistered) == (("7.png",), ("0.png",))
     assert [view.name for view in scene.views] == ["4.png", "2.png", "6.png", "7.png"]
     source.late = set()
     assert scene.add(["8.png"], Monitor()).registered == ("0.png", "8.png")
@@ -232,7 +241,7 @@ def test_a_scene_without_any_camera_says_so_and_waits(
     scene.save()
     resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
     resumed._resume(Monitor())
-    assert resumed.waiting == ("0.png", "5.png")
+    assert resumed.unregistered == ("0.png", "5.png")
     source.late = set()
     assert resumed.add(["1.png"], Monitor()).registered == ("0.png", "5.png", "1.png")
     assert resumed.target_iteration == 20

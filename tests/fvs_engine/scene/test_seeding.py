@@ -3,7 +3,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.scene.seeding import GUESSES_PER_VIEW, guessed_seeds, seeds_on_free_points
-from fvs_engine.scene.sparse_points import PointCloud
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.views import TrainingView
 
 NOWHERE = np.zeros((0, 3))

@@ -12,23 +12,18 @@ from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.verification.positions import Positions
 
 
-def test_told_positions_reach_structure_from_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard: list[Any] = []
-    nothing = SimpleNamespace(views=(), points=np.zeros((0, 3)), point_colors=np.zeros((0, 3), np.uint8))
+def test_position_priors_reach_structure_from_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    passed: list[Any] = []
 
     class Growing:
-        generation = 0
-        reconstruction = nothing
-
-        def add(self, _names: Any, _monitor: Any, positions: Any = None) -> Any:
-            heard.append(positions)
-            return SimpleNamespace(warnings=())
+        def add(self, _names: Any, _monitor: Any, positions: Any, _known: Any) -> None:
+            passed.append(positions)
 
     opened = SimpleNamespace(open=lambda *_: Growing())
     monkeypatch.setattr(sfm_poses, "GrowingReconstruction", opened)
     arriving = Dataset("arriving", tmp_path, (), arriving=True)
     source = sfm_poses.SfmPoses(tmp_path, arriving, SfmSettings(), Monitor())
-    told = Positions({"a.png": np.zeros(3)}, 0.5)
-    source.stand(["a.png"], Monitor(), told)
-    source.stand(["a.png"], Monitor())
-    assert heard == [told, None]
+    priors = Positions({"a.png": np.zeros(3)}, 0.5)
+    source.update(["a.png"], (), Monitor(), priors)
+    source.update(["a.png"], (), Monitor())
+    assert passed == [priors, None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses, load_models
+from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
@@ -70,15 +70,15 @@ def assert_gross_errors_were_refused(result: SfmResult, truth: Centres) -> None:
         mapping = result.model_dir.parent / "mapping" / candidate.mapper
         found, spread = errors(model_centres(load_models(mapping)[0]), truth)
         if np.median(found) > GROSS_SHARE * spread:
-            assert candidate.verdict == "refused", (candidate, np.median(found) / spread)
+            assert candidate.verdict == "rejected", (candidate, np.median(found) / spread)
 
 
 def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
     """The gate on a model that no mapper of this run made, with the matches of this run."""
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), Positions())
-    scene = MappedScene.weigh("any", [model], witnesses, Monitor())
+    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), Positions())
+    scene = MappedScene.of_models("any", [model], evidence, Monitor())
     return decide([scene.candidate], GateSettings()).judgements[0]
 
 
@@ -112,7 +112,7 @@ def test_fox_is_right_and_no_wrong_model_passes(data_dir: Path, tmp_path: Path):
         move_cameras(model, poses_file)
         found, spread = errors(model_centres(model), truth)
         assert np.median(found) > GROSS_SHARE * spread
-        assert judge(model, tmp_path).verdict == "refused"
+        assert judge(model, tmp_path).verdict == "rejected"
 
 
 def test_fountain_without_intrinsics_is_right_to_ten_millimetres(data_dir: Path, tmp_path: Path):

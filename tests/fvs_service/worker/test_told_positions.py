@@ -8,7 +8,7 @@ import pytest
 from fvs_service.images.model import Image, Prior, PriorSource, Registration, Verdict
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.model import now
-from fvs_service.scenes.model import AltitudeDatum, Origin
+from fvs_service.scenes.model import AltitudeDatum, CameraPrior, Origin
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol import JobQuestion
@@ -17,6 +17,8 @@ from fvs_service.worker.runner.told_positions import told_positions
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.settings import FocalPrior
 
 _ORIGIN = Origin(latitude_deg=48.0, longitude_deg=7.0, altitude_m=400.0)
 
@@ -61,14 +63,14 @@ def _named(*images: Image) -> Mapping[str, Image]:
 def test_places_are_those_of_the_world() -> None:
     told = told_positions(_named(_local(1), _image(2, None)), None)
     assert told is not None
-    assert (list(told.places), told.accuracy) == (["000001.jpg"], 0.0)
-    np.testing.assert_array_equal(told.places["000001.jpg"], [1.0, 2.0, 3.0])
+    assert (list(told.by_name), told.accuracy) == (["000001.jpg"], 0.0)
+    np.testing.assert_array_equal(told.by_name["000001.jpg"], [1.0, 2.0, 3.0])
     mixed = _named(_geodetic(1, PriorSource.METADATA), _geodetic(2, PriorSource.REQUEST))
     by_gps = told_positions(mixed, _ORIGIN)
     assert by_gps is not None
     assert by_gps.accuracy > 0
-    np.testing.assert_allclose(by_gps.places["000002.jpg"], [0.0, 0.0, 2.0], atol=1e-6)
-    assert len(by_gps.places) == 2
+    np.testing.assert_allclose(by_gps.by_name["000002.jpg"], [0.0, 0.0, 2.0], atol=1e-6)
+    assert len(by_gps.by_name) == 2
 
 
 def test_what_only_files_tell_is_left_to_structure_from_motion() -> None:
@@ -78,17 +80,21 @@ def test_what_only_files_tell_is_left_to_structure_from_motion() -> None:
     assert told_positions(_named(attitude), _ORIGIN) is None
 
 
-def test_an_update_is_told_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     images = [_local(number) for number in range(3)]
-    heard: list[Any] = []
+    passed: list[Any] = []
+    priors: list[FocalPrior | None] = []
 
     def add(_names: Any, _monitor: Any, positions: Any) -> None:
-        heard.append(positions)
+        passed.append(positions)
         raise Cancelled("Enough.")
 
-    opened = SimpleNamespace(open=lambda *_: SimpleNamespace(iteration=0, add=add))
+    def open_scene(_folder: Any, _dataset: Any, settings: SceneSettings, *_: Any) -> Any:
+        priors.append(settings.sfm.focal_prior)
+        return SimpleNamespace(iteration=0, add=add)
+
     place: Callable[..., Mapping[str, Image]] = lambda *_: _named(*images)  # noqa: E731
-    monkeypatch.setattr(learning, "GrowingScene", opened)
+    monkeypatch.setattr(learning, "GrowingScene", SimpleNamespace(open=open_scene))
     monkeypatch.setattr(learning, "place_photographs", place)
     states: Any = SimpleNamespace(forget_live=lambda: None)
     learner = learning.Learner(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)
@@ -96,11 +102,12 @@ def test_an_update_is_told_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         job_id="job",
         request=JobRequest(kind=JobKind.UPDATE),
         images=tuple(images),
-        camera=None,
+        camera=CameraPrior(focal_length_px=2000.0, width_px=1600),
         origin=None,
         snapshot_id=None,
     )
     monitor: Any = Monitor()
     with pytest.raises(Cancelled):
         learner.run(question, monitor, lambda _sentence: None)
-    assert [list(positions.places) for positions in heard] == [["000000.jpg", "000001.jpg", "000002.jpg"]]
+    assert [list(positions.by_name) for positions in passed] == [["000000.jpg", "000001.jpg", "000002.jpg"]]
+    assert priors == [FocalPrior(focal_length_px=2000.0, width_px=1600)]

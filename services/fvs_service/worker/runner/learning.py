@@ -20,7 +20,7 @@ from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
@@ -30,6 +30,7 @@ from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image, Registration
 from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.scenes.model import CameraPrior
 from fvs_service.settings import WorkerSettings
 from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
@@ -146,7 +147,7 @@ class Learner:
                 f"The scene has {len(images)} usable photographs, and a model needs two or more.",
                 hint="Send more photographs that overlap; eight or more make a good start.",
             )
-        scene = self._open_scene(question.request, monitor, warn)
+        scene = self._open_scene(question, monitor, warn)
         self._learned = scene.iteration
         update = scene.add(tuple(images), monitor, told_positions(images, question.origin))
         foresight = self._foresight(question, scene, images, monitor)
@@ -156,11 +157,10 @@ class Learner:
             scene.save()
         scene.train(monitor)
         scene.save()
-        model_dir = self._reconstruction(monitor).model_dir
-        assert model_dir is not None  # training needs a camera, and cameras come from there
+        assert scene.model_dir is not None  # training needs views, whose poses are those of this model
         model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
         measured = {"new_images_psnr_db": None if foresight is None else foresight.psnr_db}
-        return self._outcome(question, scene.views, images, model, model_dir, measured, monitor)
+        return self._outcome(question, scene.views, images, model, scene.model_dir, measured, monitor)
 
     def _foresight(
         self, question: JobQuestion, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
@@ -175,10 +175,10 @@ class Learner:
         return measure(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
 
     def _photographs(self, question: JobQuestion, monitor: Monitor) -> Mapping[str, Image]:
-        return place_photographs(self._blobs, question.images, self._folder.images, question.camera, monitor)
+        return place_photographs(self._blobs, question.images, self._folder.images, monitor)
 
-    def _open_scene(self, request: JobRequest, monitor: Monitor, warn: Warn) -> GrowingScene:
-        choice = self._choose(request, warn)
+    def _open_scene(self, question: JobQuestion, monitor: Monitor, warn: Warn) -> GrowingScene:
+        choice = self._choose(question.request, warn)
         if self._scene is None:
             self._scene = GrowingScene.open(
                 self._folder.growing,
@@ -188,7 +188,7 @@ class Learner:
                     initial_iterations=choice.initial_iterations,
                     iterations_per_view=choice.iterations_per_image,
                     training=GROWING_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
-                    sfm=self._sfm,
+                    sfm=self._sfm(question.camera),
                 ),
                 self._rasterizer,
                 monitor,
@@ -219,7 +219,7 @@ class Learner:
     def _fine(self, question: JobQuestion, monitor: JobMonitor) -> JobOutcome:
         placed = self._photographs(question, monitor)
         fine = self._fine_folder(question.job_id)
-        standing = self._cameras_of(fine, monitor)
+        standing = self._cameras_of(fine, question.camera, monitor)
         request, settings = question.request, self._settings
         photographs = Photographs(self._folder.images, request.long_side_px or self._usual_side())
         views = []
@@ -235,7 +235,7 @@ class Learner:
             checkpoint,
             learned,
             training,
-            lambda: initialise_from_points(standing.points, standing.point_colors, training.sh_degree),
+            lambda: initialise_from_points(standing.points.xyz, standing.points.colors, training.sh_degree),
             self._rasterizer,
         )
         train_saving(trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
@@ -261,11 +261,14 @@ class Learner:
                 shutil.rmtree(other)
         return folder
 
-    def _cameras_of(self, fine: Path, monitor: Monitor) -> Reconstruction:
+    def _cameras_of(self, fine: Path, camera: CameraPrior | None, monitor: Monitor) -> Reconstruction:
         """The cameras that the fine model is trained with, also if updates find others meanwhile."""
         kept = fine / "sparse"
         if not kept.exists():
-            model_dir = self._reconstruction(monitor).model_dir
+            reconstruction = GrowingReconstruction.open(
+                self._folder.growing / "sfm", self._folder.images, self._sfm(camera), monitor
+            )
+            model_dir = reconstruction.model_dir
             if model_dir is None:
                 raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
             partial = fresh_folder(fine / "sparse.partial")
@@ -278,15 +281,9 @@ class Learner:
         choice = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
         return choice.long_side_px
 
-    @property
-    def _sfm(self) -> SfmSettings:
-        return SfmSettings(threads=self._settings.threads)
-
-    def _reconstruction(self, monitor: Monitor) -> GrowingReconstruction:
-        """The scene's cameras and points, as the last update left them."""
-        return GrowingReconstruction.open(
-            self._folder.growing / "sfm", self._folder.images, self._sfm, monitor
-        )
+    def _sfm(self, camera: CameraPrior | None) -> SfmSettings:
+        prior = None if camera is None else FocalPrior.model_validate(camera.model_dump())
+        return SfmSettings(threads=self._settings.threads, focal_prior=prior)
 
     def _outcome(
         self,
@@ -340,7 +337,7 @@ def _split(
 def _seen_points(reconstruction: Reconstruction) -> NDArray[np.float64]:
     """The sparse points; where there are none, as in a model that began from guesses, the cameras."""
     if len(reconstruction.points):
-        return reconstruction.points
+        return reconstruction.points.xyz
     return np.stack([view.centre for view in reconstruction.views])
 
 

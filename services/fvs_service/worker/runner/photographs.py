@@ -10,19 +10,16 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_service.images.model import Image
 from fvs_service.images.service import fill_folder
-from fvs_service.scenes.model import CameraPrior
 from fvs_service.storage.blobs import Blobs
-from fvs_service.worker.runner.focal_prior import tell_focal_length
 
 
 def place_photographs(
-    blobs: Blobs, images: Sequence[Image], folder: Path, camera: CameraPrior | None, monitor: Monitor
+    blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor
 ) -> Mapping[str, Image]:
     """Put what is missing into ``folder``; returns file name → image, sorted as they arrived.
 
     Files have the names that ``file_name`` gives, with another suffix where the format had to change. An
-    image that the engine cannot use after all is left out. ``camera`` is told to images whose EXIF does not
-    know their focal length.
+    image that the engine cannot use after all is left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = [image for image in images if image.number not in _present(folder)]
@@ -33,8 +30,6 @@ def place_photographs(
         ready = fresh_folder(folder.with_name("ready"))
         photographs = catalog_images(arrivals, monitor=monitor).photographs
         for file in normalise_images(photographs, ready, monitor=monitor).values():
-            if camera is not None:
-                tell_focal_length(file, camera)
             file.replace(folder / file.name)
         shutil.rmtree(arrivals)
     present = _present(folder)

@@ -74,7 +74,7 @@ def test_another_gate_judges_the_same_models_anew(
     strict = SfmSettings.model_validate({"gate": {"min_match_support": 1, "min_doubtful_match_support": 1}})
     with pytest.raises(ReconstructionError, match="contradicts"):
         reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, Monitor())
-    assert (tmp_path / "sfm" / "refused.json").is_file()
+    assert (tmp_path / "sfm" / "rejected.json").is_file()
     assert not (tmp_path / "sfm" / "report.json").exists()
 
 

@@ -113,7 +113,7 @@ def test_a_colmap_model_is_found_and_read(kind: str, kermit_sfm: SfmResult, kerm
     assert imported.centres().keys() == kermit_sfm.reconstruction.centres().keys()
     for view, expected in zip(imported.views, kermit_sfm.reconstruction.views, strict=True):
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
-    assert imported.points.shape == kermit_sfm.reconstruction.points.shape
+    assert imported.points.xyz.shape == kermit_sfm.reconstruction.points.xyz.shape
 
 
 def test_resized_photographs_get_scaled_cameras(kermit_sfm: SfmResult, kermit_copy: Path):
@@ -161,10 +161,10 @@ def test_a_model_survives_writing_and_reading(kermit_sfm: SfmResult, tmp_path: P
         np.testing.assert_allclose(
             view.camera_from_model.matrix, expected.camera_from_model.matrix, atol=1e-12
         )
-    order, expected_order = (np.lexsort(r.points.T) for r in (again, kermit_sfm.reconstruction))
-    np.testing.assert_allclose(again.points[order], kermit_sfm.reconstruction.points[expected_order])
+    order, expected_order = (np.lexsort(r.points.xyz.T) for r in (again, kermit_sfm.reconstruction))
+    np.testing.assert_allclose(again.points.xyz[order], kermit_sfm.reconstruction.points.xyz[expected_order])
     np.testing.assert_array_equal(
-        again.point_colors[order], kermit_sfm.reconstruction.point_colors[expected_order]
+        again.points.colors[order], kermit_sfm.reconstruction.points.colors[expected_order]
     )
 
 
@@ -188,7 +188,7 @@ def test_given_cameras_get_points_and_do_not_move(
     )
     assert result.report.verdict == "accepted"
     assert len(result.reconstruction.points) > 300
-    assert result.reconstruction.point_colors.max() > 0
+    assert result.reconstruction.points.colors.max() > 0
     for view, expected in zip(result.reconstruction.views, given, strict=True):
         assert view.camera == expected.camera
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)

@@ -22,7 +22,8 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
-from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction, GrowthReport
+from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
@@ -46,7 +47,7 @@ class Grown:
     """The model's files with the first image that was added."""
     first: Reconstruction
     last: Reconstruction
-    reports: tuple[GrowthReport, ...]
+    updates: tuple[PoseUpdate, ...]
     localised: dict[str, AnyView]
     before_localising: str
     after_localising: str
@@ -73,14 +74,14 @@ def truth(yard_dir: Path) -> Reconstruction:
 def grown(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Grown:
     folder = tmp_path_factory.mktemp("grown") / "growing"
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
-    reports = [growing.add(FIRST, Monitor())]
+    updates = [growing.add(FIRST, Monitor())]
     first = growing.reconstruction
     bootstrapped = folder.with_name("bootstrapped")
     shutil.copytree(folder, bootstrapped)
-    reports.append(growing.add([NEXT], Monitor()))
+    updates.append(growing.add([NEXT], Monitor()))
     one_more = model_bytes(folder)
-    reports += [growing.add([FAR], Monitor()), growing.add(BETWEEN, Monitor())]
-    before = standing_digest(folder)
+    updates += [growing.add([FAR], Monitor()), growing.add(BETWEEN, Monitor())]
+    before = state_digest(folder)
     localised = growing.localise([FAR, NEVER], Monitor())
     return Grown(
         folder,
@@ -88,14 +89,14 @@ def grown(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Grown:
         one_more,
         first,
         growing.reconstruction,
-        tuple(reports),
+        tuple(updates),
         localised,
         before,
-        standing_digest(folder),
+        state_digest(folder),
     )
 
 
-def standing_digest(folder: Path) -> str:
+def state_digest(folder: Path) -> str:
     """Of everything that later results depend on."""
     digest = hashlib.sha256()
     for file in sorted([folder / "growth.json", folder / "words.npz", *folder.glob("model-*/*")]):
@@ -119,7 +120,7 @@ def copy_of(folder: Path, tmp_path: Path) -> Path:
     return shutil.copytree(folder, tmp_path / "growing")
 
 
-def test_added_images_stand_where_they_were_taken(grown: Grown, truth: Reconstruction):
+def test_added_images_are_registered_where_they_were_taken(grown: Grown, truth: Reconstruction):
     assert [view.name for view in grown.last.views] == NAMES[:8]
     assert shares_apart(grown.last, truth).max() < AGREEMENT
     assert len(grown.last.points) > 1.5 * len(grown.first.points)
@@ -127,27 +128,27 @@ def test_added_images_stand_where_they_were_taken(grown: Grown, truth: Reconstru
 
 
 def test_every_new_point_has_a_colour(grown: Grown):
-    assert (grown.last.point_colors.max(axis=1) == 0).mean() <= 0.01
+    assert (grown.last.points.colors.max(axis=1) == 0).mean() <= 0.01
 
 
-def test_the_model_frame_stays_where_it_is(grown: Grown):
+def test_the_model_frame_does_not_move(grown: Grown):
     names = [view.name for view in grown.first.views]
     before = np.stack([grown.first.centres()[name] for name in names])
     after = np.stack([grown.last.centres()[name] for name in names])
     moved = umeyama(before, after)
-    assert any(report.refreshed for report in grown.reports)
+    assert set(names) <= grown.updates[3].moved  # by global bundle adjustment
     assert moved.scale == pytest.approx(1.0, abs=AGREEMENT)
     assert np.degrees(angle_between(moved.rotation, np.eye(3))) < 1.0
     assert np.linalg.norm(after - before, axis=1).max() < 2 * AGREEMENT * centre_spread(before)
 
 
-def test_an_image_that_cannot_be_registered_waits_until_the_scene_has_grown(grown: Grown):
-    boot, near, far, between = grown.reports
+def test_an_image_that_cannot_be_registered_is_tried_again_when_the_scene_has_grown(grown: Grown):
+    boot, near, far, between = grown.updates
     assert set(boot.registered) == set(FIRST)
-    assert (near.registered, near.waiting) == ((NEXT,), ())
-    assert (far.registered, far.waiting) == ((), (FAR,))
+    assert (near.registered, near.unregistered) == ((NEXT,), ())
+    assert (far.registered, far.unregistered) == ((), (FAR,))
     assert set(between.registered) == {*BETWEEN, FAR}
-    assert between.waiting == ()
+    assert between.unregistered == ()
 
 
 def test_what_was_added_is_not_added_again(
@@ -157,8 +158,10 @@ def test_what_was_added_is_not_added_again(
     monkeypatch.setattr(stages_module, "run_native", lambda *_args, **_named: pytest.fail("done again"))
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     generation = growing.generation
-    report = growing.add(NAMES[:8], Monitor())
-    assert report == GrowthReport((), (), False, (), {})
+    update = growing.add(NAMES[:8], Monitor())
+    assert (update.registered, update.unregistered, update.warnings, update.seconds) == ((), (), (), {})
+    assert update.lost == update.moved == frozenset()
+    assert [view.name for view in update.views] == NAMES[:8]
     assert growing.generation == generation
     assert set(growing.registered) == set(NAMES[:8])
 
@@ -170,9 +173,7 @@ def test_localising_finds_where_an_image_was_taken_and_changes_nothing(
     assert grown.before_localising == grown.after_localising
     np.testing.assert_array_equal(grown.localised[FAR].centre, grown.last.centres()[FAR])
     guest = grown.localised[NEVER]
-    together = Reconstruction(
-        (*grown.last.views, guest), grown.last.points, grown.last.point_colors, grown.last.point_errors_px
-    )
+    together = Reconstruction((*grown.last.views, guest), grown.last.points, grown.last.point_errors_px)
     assert shares_apart(together, truth).max() < AGREEMENT
     growing = GrowingReconstruction.open(copy_of(grown.folder, tmp_path), images, SETTINGS, Monitor())
     (again,) = growing.localise([NEVER], Monitor()).values()
@@ -197,11 +198,11 @@ def test_strangers_and_collages_are_not_registered(
     growing = GrowingReconstruction.open(
         copy_of(grown.bootstrapped, tmp_path), images_copy, SETTINGS, Monitor()
     )
-    report = growing.add(misleading, Monitor())
-    assert report.registered == ()
-    assert report.waiting == tuple(misleading)
-    (warning,) = report.warnings
-    assert "collage.jpg is not taken in" in warning
+    update = growing.add(misleading, Monitor())
+    assert update.registered == ()
+    assert update.unregistered == tuple(misleading)
+    (warning,) = update.warnings
+    assert "collage.jpg is not registered" in warning
     assert growing.generation == 1
 
 
@@ -214,7 +215,7 @@ def test_strangers_and_collages_are_not_localised(
 
 
 @pytest.mark.slow
-def test_an_image_of_another_camera_finds_its_place_too(
+def test_an_image_of_another_camera_is_registered_too(
     grown: Grown, images_copy: Path, truth: Reconstruction, tmp_path: Path
 ):
     with Image.open(images_copy / NEVER) as image:
@@ -241,28 +242,28 @@ def strangers(folder: Path, count: int) -> list[str]:
     return names
 
 
-def test_ten_first_images_that_do_not_overlap_are_refused(tmp_path: Path):
+def test_ten_first_images_that_do_not_overlap_support_no_model(tmp_path: Path):
     names = strangers(tmp_path, 10)
     growing = GrowingReconstruction.open(tmp_path / "growing", tmp_path, SETTINGS, Monitor())
-    assert growing.add(names[:1], Monitor()).waiting == (names[0],)
+    assert growing.add(names[:1], Monitor()).unregistered == (names[0],)
     with pytest.raises(ReconstructionError, match="10 images") as caught:
         growing.add(names, Monitor())
     assert "overlap" in caught.value.hint
     assert growing.registered == ()
-    assert growing.waiting == tuple(names)
+    assert growing.unregistered == tuple(names)
     assert growing.reconstruction.views == ()
     assert growing.localise(names[:1], Monitor()) == {}
 
 
 @pytest.mark.slow
-def test_refused_first_images_wait_for_better_ones(images_copy: Path, tmp_path: Path):
+def test_first_images_without_a_model_are_tried_again_with_better_ones(images_copy: Path, tmp_path: Path):
     names = strangers(images_copy, 3)
     growing = GrowingReconstruction.open(tmp_path / "growing", images_copy, SETTINGS, Monitor())
     with pytest.raises(ReconstructionError):
         growing.add(names, Monitor())
-    report = growing.add(FIRST, Monitor())
-    assert report.registered == tuple(FIRST)
-    assert report.waiting == tuple(names)
+    update = growing.add(FIRST, Monitor())
+    assert update.registered == tuple(FIRST)
+    assert update.unregistered == tuple(names)
 
 
 KILLED = """
@@ -301,7 +302,7 @@ def test_killed_at_any_stage_it_resumes_to_the_same_model(
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     resumed = GrowingReconstruction.open(killed, images, SETTINGS, Monitor())
     assert resumed.generation == 1
-    assert resumed.waiting == (NEXT,)
+    assert resumed.unregistered == (NEXT,)
     assert resumed.add([NEXT], Monitor()).registered == (NEXT,)
     assert model_bytes(killed) == grown.one_more
 
@@ -354,7 +355,7 @@ def test_files_that_cannot_be_added_are_named(grown: Grown, images_copy: Path, t
         growing.add(["nowhere.jpg"], Monitor())
     with pytest.raises(InvalidInputError, match="white space"):
         growing.add(["two words.jpg"], Monitor())
-    assert growing.waiting == ()
+    assert growing.unregistered == ()
 
 
 def test_a_folder_of_other_settings_is_refused(grown: Grown, images: Path):

@@ -14,7 +14,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.model import camera_poses, read_colmap
 from fvs_engine.sfm.growing.registration import reason_to_remap, remap
 from fvs_engine.sfm.growing.state import GrowthState
-from fvs_engine.sfm.native.contradictions import Contradictions
+from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.verification.positions import Positions
@@ -24,7 +24,7 @@ MODEL_FROM_COLMAP = SimilarityTransform(
 )
 
 
-def standing_state(image_dir: Path, names: list[str], registered: list[str]) -> GrowthState:
+def current_state(image_dir: Path, names: list[str], registered: list[str]) -> GrowthState:
     return GrowthState(
         settings="",
         images={name: (image_dir / name).stat().st_size for name in names},
@@ -35,7 +35,7 @@ def standing_state(image_dir: Path, names: list[str], registered: list[str]) -> 
     )
 
 
-def test_cameras_found_anew_are_laid_onto_the_standing_ones(
+def test_the_model_of_a_remap_is_aligned_with_the_current_one(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
     folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
@@ -45,37 +45,37 @@ def test_cameras_found_anew_are_laid_onto_the_standing_ones(
     model.transform(
         pycolmap.Sim3d(transform.scale, pycolmap.Rotation3d(transform.rotation), transform.translation)
     )
-    standing = tmp_path / "standing"
-    standing.mkdir()
-    model.write_binary(standing)
-    before = read_colmap(standing).centres()
+    current = tmp_path / "current"
+    current.mkdir()
+    model.write_binary(current)
+    before = read_colmap(current).centres()
     stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
-    state = standing_state(kermit_dir, kermit_names, kermit_names[:5])
+    state = current_state(kermit_dir, kermit_names, kermit_names[:5])
 
-    outcome = remap(stages, kermit_dir, state, Positions(), standing, tmp_path / "next")
+    outcome = remap(stages, kermit_dir, state, Positions(), current, tmp_path / "next")
 
-    assert outcome.adopted
+    assert outcome.changed
     assert outcome.state.registered == tuple(kermit_names)
     assert outcome.state.mapped_images == outcome.state.adjusted_images == 11
     after = read_colmap(tmp_path / "next").centres()
     apart = [np.linalg.norm(after[name] - before[name]) for name in before]
     assert max(apart) < 0.01 * centre_spread(np.stack(list(before.values())))
-    assert any("found anew" in warning for warning in outcome.warnings)
+    assert any("replaced the current model" in warning for warning in outcome.warnings)
 
 
-def test_a_standing_model_that_explains_as_much_stays(
+def test_a_current_model_that_explains_as_much_is_kept(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
     folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
-    state = standing_state(kermit_dir, kermit_names, kermit_names)
+    state = current_state(kermit_dir, kermit_names, kermit_names)
     outcome = remap(stages, kermit_dir, state, Positions(), kermit_sfm.model_dir, tmp_path / "next")
-    assert not outcome.adopted
+    assert not outcome.changed
     assert outcome.warnings == ()
     assert not (tmp_path / "next").exists()
 
 
-def test_reasons_to_find_all_cameras_anew():
+def test_reasons_to_remap():
     settings = SfmSettings()
     state = GrowthState(
         settings="",
@@ -93,52 +93,48 @@ def test_reasons_to_find_all_cameras_anew():
     assert reason_to_remap(tried, 0.80, 10, settings) is None
 
 
-def test_the_pairs_of_an_image_speak_against_a_wrong_pose_and_for_the_right_one(kermit_sfm: SfmResult):
+def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_sfm: SfmResult):
     database = kermit_sfm.model_dir.parent / "database.db"
-    known = Contradictions.read(str(database), 0.75, Positions())
+    known = PoseCheck.read(str(database), 0.75, Positions())
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
-    for image_id in known.keypoints:
-        assert known.of(model, image_id) is None
+    assert set(known.keypoints) == set(model.images)
     for image_id, image in model.images.items():
-        if image_id not in known.keypoints:
-            continue
+        assert known.contradiction(model, image_id) is None
         right = image.cam_from_world()
         aside = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, 0.05, 0.0])), np.zeros(3))
         image.frame.rig_from_world = aside * right
-        assert "verified matches" in str(known.of(model, image_id))
+        assert "verified matches" in str(known.contradiction(model, image_id))
         image.frame.rig_from_world = right
 
 
-def test_a_place_far_from_where_the_photograph_was_taken_is_not_believed(
-    kermit_sfm: SfmResult, kermit_names: list[str]
-):
+def test_a_pose_far_from_its_position_prior_is_contradicted(kermit_sfm: SfmResult, kermit_names: list[str]):
     """Matches alone see nothing wrong: a repeated pattern looks like that."""
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     database = str(kermit_sfm.model_dir.parent / "database.db")
     places = {name: MODEL_FROM_COLMAP.apply(centre) for name, centre in centres_of(model).items()}
     elsewhere = kermit_names[4]
     ids = {image.name: image_id for image_id, image in model.images.items()}
-    honest = Contradictions.read(database, 0.75, Positions(places))
-    assert all(honest.of(model, ids[name]) is None for name in kermit_names)
+    honest = PoseCheck.read(database, 0.75, Positions(places))
+    assert all(honest.contradiction(model, ids[name]) is None for name in kermit_names)
     others = np.stack([place for name, place in places.items() if name != elsewhere])
     moved = places | {elsewhere: places[elsewhere] + 0.5 * centre_spread(others)}
-    told = Contradictions.read(database, 0.75, Positions(moved))
-    found = {name: told.of(model, ids[name]) for name in kermit_names}
+    wrong = PoseCheck.read(database, 0.75, Positions(moved))
+    found = {name: wrong.contradiction(model, ids[name]) for name in kermit_names}
     assert {name for name, contradiction in found.items() if contradiction} == {elsewhere}
-    assert "away from where it was taken" in str(found[elsewhere])
+    assert "off its position prior" in str(found[elsewhere])
 
 
-def test_more_images_are_no_argument_for_a_model_that_contradicts_the_standing_one(
+def test_more_images_are_no_argument_for_a_model_that_contradicts_the_current_one(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
-    """The standing model lacks one image; the mapped one has it, and others elsewhere."""
+    """The current model lacks one image; the mapped one has it, and others elsewhere."""
     folder = SfmFolder(shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm"))
-    standing = tmp_path / "standing"
-    standing.mkdir()
+    current = tmp_path / "current"
+    current.mkdir()
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     leave_out(model, kermit_names[-1:])
-    model.write_binary(standing)
-    state = standing_state(kermit_dir, kermit_names, kermit_names[:-1])
+    model.write_binary(current)
+    state = current_state(kermit_dir, kermit_names, kermit_names[:-1])
     everyone = GateSettings(
         min_match_support=0,
         min_doubtful_match_support=0,
@@ -151,8 +147,8 @@ def test_more_images_are_no_argument_for_a_model_that_contradicts_the_standing_o
         folded = load_models(folder.mapping(mapper))[0]
         fold(folded, kermit_names[:5])
         folded.write_binary(folder.mapping(mapper) / "0")
-    outcome = remap(stages, kermit_dir, state, Positions(), standing, tmp_path / "next")
-    assert not outcome.adopted
+    outcome = remap(stages, kermit_dir, state, Positions(), current, tmp_path / "next")
+    assert not outcome.changed
 
 
 def fold(model: pycolmap.Reconstruction, names: list[str]) -> None:

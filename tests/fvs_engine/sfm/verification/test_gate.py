@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, Witnesses
+from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.report import Evidence
@@ -49,7 +49,7 @@ def test_the_better_supported_of_two_that_disagree_is_chosen():
         SETTINGS,
     )
     assert decision.chosen == 1
-    assert [judgement.verdict for judgement in decision.judgements] == ["refused", "accepted"]
+    assert [judgement.verdict for judgement in decision.judgements] == ["rejected", "accepted"]
     assert decision.warnings == ()
 
 
@@ -85,7 +85,7 @@ def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions(
     assert alone.chosen is None
     assert any("21.5% of the independent directions" in reason for reason in alone.judgements[0].reasons)
     beside_the_right_one = decide([candidate("incremental", **squeezed), candidate("global", 1)], SETTINGS)
-    assert [judged.verdict for judged in beside_the_right_one.judgements] == ["refused", "accepted"]
+    assert [judged.verdict for judged in beside_the_right_one.judgements] == ["rejected", "accepted"]
     assert beside_the_right_one.warnings == ()
 
 
@@ -136,11 +136,11 @@ def test_equally_supported_models_that_contradict_are_doubtful():
     ("changes", "reason"),
     [
         ({"rotation_support": 0.6}, "relative rotations"),
-        ({"unsupported_images": tuple(NAMES[:3])}, "contradict their poses"),
+        ({"unsupported_images": tuple(NAMES[:3])}, "contradict the poses"),
         ({"prior_residual_share": 0.5}, "50% of the track"),
     ],
 )
-def test_each_kind_of_evidence_can_refuse_alone(changes: dict[str, object], reason: str):
+def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: str):
     decision = decide([candidate("incremental", **changes)], SETTINGS)
     assert decision.chosen is None
     assert any(reason in sentence for sentence in decision.judgements[0].reasons)
@@ -160,8 +160,8 @@ def test_agreement_ignores_the_frame():
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    witnesses = Witnesses(pairs, read_keypoints(folder / "database.db", ids), Positions())
-    scene = MappedScene.weigh("global", [model], witnesses, Monitor())
+    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), Positions())
+    scene = MappedScene.of_models("global", [model], evidence, Monitor())
     assert scene.candidate.evidence is not None
     return decide([scene.candidate], SETTINGS), scene.candidate.evidence
 

@@ -72,6 +72,6 @@ def test_what_another_process_makes_of_them_is_the_same():
     positions = Positions(in_world(orbit(3)), accuracy=2.5)
     again = Positions.from_json(positions.to_json())
     assert again.accuracy == 2.5
-    assert {name: place.tolist() for name, place in again.places.items()} == {
-        name: place.tolist() for name, place in positions.places.items()
+    assert {name: place.tolist() for name, place in again.by_name.items()} == {
+        name: place.tolist() for name, place in positions.by_name.items()
     }

@@ -1,0 +1,73 @@
+"""Which image file a name from elsewhere means: one in a COLMAP model, a ``transforms.json``, a request."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from fvs_engine.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class NameMatches:
+    """``found``: name → image; ``missing``: names without an image; ``ambiguous``: name → images it may mean.
+
+    No image is found twice. An ambiguous name shares its last part with several images, or an image with
+    another name.
+    """
+
+    found: Mapping[str, str]
+    missing: tuple[str, ...]
+    ambiguous: Mapping[str, tuple[str, ...]]
+
+    def require_unambiguous(self) -> None:
+        """Raise ``InvalidInputError`` for the first ambiguous name."""
+        for name, images in self.ambiguous.items():
+            others = [other for other, image in self.found.items() if image in images]
+            others += [other for other, same in self.ambiguous.items() if other != name and same == images]
+            claimed = f", and so may {others[0]}" if others and len(images) == 1 else ""
+            raise InvalidInputError(
+                f"{name} may mean {' or '.join(images)}{claimed}.",
+                hint="Give the folder above, in which their paths differ, or rename the images.",
+            )
+
+
+def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
+    """Find the images that ``names`` mean.
+
+    ``images`` maps every name that an image is known by to the one it is found by. A name means the image of
+    the same path; else the only one with the same last part, if no other name has that part, too:
+    ``images/0001.jpg`` may be ``0001.jpg``, but neither of ``left/0001.jpg`` and ``right/0001.jpg``.
+    """
+    asked = {name: PurePosixPath(name) for name in names}
+    by_part: dict[str, set[str]] = {}
+    for alias, image in images.items():
+        by_part.setdefault(PurePosixPath(alias).name, set()).add(image)
+    found = {name: images[path.as_posix()] for name, path in asked.items() if path.as_posix() in images}
+    taken = set(found.values())
+    claims = Counter(path.name for path in asked.values())
+    missing = []
+    ambiguous = {}
+    for name, path in asked.items():
+        if name in found:
+            continue
+        meant = by_part.get(path.name, set())
+        if len(meant - taken) == 1 and claims[path.name] == 1:
+            found[name] = next(iter(meant - taken))
+        elif meant:
+            ambiguous[name] = tuple(sorted(meant))
+        else:
+            missing.append(name)
+    return NameMatches(found, tuple(missing), ambiguous)
+
+
+def match_files(names: Iterable[str], folder: Path) -> NameMatches:
+    """Find the files below ``folder`` that ``names`` mean; files are found by their posix paths in it.
+
+    Raises ``InvalidInputError`` when a name is ambiguous.
+    """
+    paths = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    files = [path.relative_to(folder).as_posix() for path in paths]
+    matches = match_names(names, dict(zip(files, files, strict=True)))
+    matches.require_unambiguous()
+    return matches

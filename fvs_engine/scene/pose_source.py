@@ -1,0 +1,38 @@
+"""Where a scene's poses and sparse points come from: the dataset, or structure from motion."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.views import AnyView
+
+
+class PoseSource(Protocol):
+    """Poses of a scene's images. What it keeps on disk survives a kill."""
+
+    @property
+    def model_dir(self) -> Path | None:
+        """The folder of the current COLMAP model; None when there is none."""
+        ...
+
+    def update(
+        self,
+        visited: Sequence[str],
+        known: Iterable[AnyView],
+        monitor: Monitor,
+        positions: Positions | None = None,
+    ) -> PoseUpdate:
+        """Register new images; return all current poses.
+
+        ``visited`` are all visited images, old and new; others may have poses, too. ``known`` are the views
+        that the caller has: the result counts its changes from them. A repeated call after a kill gives the
+        same result. ``positions``: position priors of images without a pose in the dataset.
+        """
+        ...
+
+    def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
+        """Estimate the poses of images that are not added; those without a pose are left out."""
+        ...

@@ -1,0 +1,149 @@
+"""The native jobs that localise images in a model without changing it."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.native.pose_check import Keypoints, PoseCheck
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.positions import Positions
+
+Report = Callable[[int], None]
+
+_MIN_POSE_INLIERS = 30
+"""Points that an image must see for its pose to be estimated; COLMAP's own limit."""
+
+
+def copy_features(_report: Report, *, source: str, target: str, names: list[str]) -> None:
+    """Copy keypoints and descriptors of images that both databases name; those that have them are skipped.
+
+    Keypoints come last: an image that has them is complete, also after a kill.
+    """
+    numbers = image_ids(Path(source)), image_ids(Path(target))
+    with pycolmap.Database.open(source) as read, pycolmap.Database.open(target) as written:
+        for name in names:
+            old, new = numbers[0][name], numbers[1][name]
+            if not written.exists_descriptors(new):
+                written.write_descriptors(new, read.read_descriptors(old))
+            if not written.exists_keypoints(new):
+                written.write_keypoints(new, read.read_keypoints(old))
+
+
+def localise(
+    report: Report,
+    *,
+    database: str,
+    model_dir: str,
+    neighbours: dict[str, list[str]],
+    siblings: dict[str, str],
+    positions: dict[str, Any],
+    min_image_support: float,
+    seed: int,
+) -> dict[str, dict[str, Any]]:
+    """Estimate the poses of images from their matches with ``neighbours`` in a model, which does not change.
+
+    ``siblings`` maps images to one in the model that was taken with the same camera; the focal length of the
+    others is estimated. Returns, for those that could be localised, name → camera model, size, parameters
+    and camera_from_model [3, 4].
+    """
+    model = pycolmap.Reconstruction(model_dir)
+    ids = image_ids(Path(database))
+    names = {image_id: name for name, image_id in ids.items()}
+    wanted = {frozenset((ids[name], ids[other])) for name in neighbours for other in neighbours[name]}
+    pairs = [
+        pair
+        for pair in read_verified_pairs(Path(database), MIN_PAIR_MATCHES)
+        if frozenset((pair.first, pair.second)) in wanted
+    ]
+    keypoints = read_keypoints(Path(database), {i for pair in pairs for i in (pair.first, pair.second)})
+    in_model = {image.name: image_id for image_id, image in model.images.items()}
+    # The database has image ids of its own; they are relocalised by those of the model.
+    number = {i: in_model[names[i]] for i in keypoints if names[i] in in_model}
+    guests = {name: max(in_model.values()) + 1 + k for k, name in enumerate(sorted(neighbours))}
+    number |= {ids[name]: guest for name, guest in guests.items()}
+    translated = [VerifiedPair(number[pair.first], number[pair.second], pair.matches, None) for pair in pairs]
+    features = {number[i]: xy for i, xy in keypoints.items()}
+    cameras = {}
+    with pycolmap.Database.open(database) as opened:
+        for name in neighbours:
+            cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
+    check = PoseCheck(translated, features, min_image_support, Positions.from_json(positions))
+    localised: dict[str, dict[str, Any]] = {}
+    for done, (name, guest) in enumerate(guests.items(), start=1):
+        sibling = model.image(in_model[siblings[name]]).camera if name in siblings else None
+        own = [pair for pair in translated if guest in (pair.first, pair.second)]
+        found = _estimate_pose(model, name, guest, own, features, sibling, cameras[name], seed)
+        if found and check.contradiction(model, guest) is None:
+            image = model.image(guest)
+            camera = model.camera(image.camera_id)
+            localised[name] = {
+                "model": camera.model_name,
+                "size": [camera.width, camera.height],
+                "params": list(camera.params),
+                "camera_from_model": image.cam_from_world().matrix().tolist(),
+            }
+        if found:
+            model.deregister_frame(model.image(guest).frame_id)
+        report(done)
+    return localised
+
+
+def _estimate_pose(
+    model: pycolmap.Reconstruction,
+    name: str,
+    guest: int,
+    pairs: Sequence[VerifiedPair],
+    features: Keypoints,
+    sibling: pycolmap.Camera | None,
+    camera: pycolmap.Camera,
+    seed: int,
+) -> bool:
+    """Add the image to the model with the pose that its matches give; whether they give one."""
+    seen = _points_seen(model, guest, pairs)
+    if len(seen) < _MIN_POSE_INLIERS:
+        return False
+    if sibling is None:
+        camera = pycolmap.Camera(camera.todict() | {"camera_id": max(model.cameras) + 1})
+    else:
+        camera = sibling
+    mapper = pycolmap.IncrementalMapperOptions()
+    estimation = pycolmap.AbsolutePoseEstimationOptions()
+    estimation.estimate_focal_length = sibling is None and not camera.has_prior_focal_length
+    estimation.ransac.max_error = mapper.abs_pose_max_error
+    estimation.ransac.min_inlier_ratio = mapper.abs_pose_min_inlier_ratio
+    estimation.ransac.random_seed = seed
+    refinement = pycolmap.AbsolutePoseRefinementOptions()
+    refinement.refine_focal_length = refinement.refine_extra_params = sibling is None
+    answer = pycolmap.estimate_and_refine_absolute_pose(
+        np.stack([features[guest][feature] for feature, _ in seen]),
+        np.stack([model.point3D(point).xyz for _, point in seen]),
+        camera,
+        estimation,
+        refinement,
+    )
+    if answer is None or answer["num_inliers"] < _MIN_POSE_INLIERS:
+        return False
+    if sibling is None:
+        model.add_camera_with_trivial_rig(camera)
+    image = pycolmap.Image(name=name, camera_id=camera.camera_id, image_id=guest)
+    model.add_image_with_trivial_frame(image, answer["cam_from_world"])
+    return True
+
+
+def _points_seen(
+    model: pycolmap.Reconstruction, guest: int, pairs: Sequence[VerifiedPair]
+) -> list[tuple[int, int]]:
+    """The (feature, point) pairs of an image that its matches with images of the model give, each once."""
+    seen = set()
+    for pair in pairs:
+        other, column = (pair.second, 0) if pair.first == guest else (pair.first, 1)
+        points = model.image(other).points2D
+        for match in pair.matches:
+            point = points[int(match[1 - column])]
+            if point.has_point3D():
+                seen.add((int(match[column]), int(point.point3D_id)))
+    return sorted(seen)

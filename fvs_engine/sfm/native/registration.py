@@ -1,0 +1,232 @@
+"""The native job that registers images in an existing model."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pycolmap
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import align_poses
+from fvs_engine.sfm.colmap.model import camera_poses, move
+from fvs_engine.sfm.native.pose_check import PoseCheck
+from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.positions import Positions
+
+Report = Callable[[int], None]
+
+_MAX_REJECTIONS = 3
+"""So often an image's pose may be rejected before the image is left for another call."""
+
+
+@dataclass(frozen=True)
+class Adjustments:
+    """When global bundle adjustment is due: how much the model grew since the last one."""
+
+    every: float
+    images: int
+    points: int
+
+    def due(self, model: pycolmap.Reconstruction) -> bool:
+        """Whether images or points grew by the share ``every``."""
+        grown = 1.0 + self.every
+        return bool(
+            model.num_reg_images() >= grown * self.images or model.num_points3D() >= grown * self.points
+        )
+
+
+def register(
+    report: Report,
+    *,
+    database: str,
+    image_dir: str,
+    model_dir: str,
+    out_dir: str,
+    names: list[str],
+    refine: bool,
+    positions: dict[str, Any],
+    min_image_support: float,
+    adjust_every: float,
+    adjusted_images: int,
+    adjusted_points: int,
+    seed: int,
+    threads: int | None,
+) -> dict[str, Any]:
+    """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
+
+    ``positions`` are ``Positions`` as JSON.
+
+    Returns the names newly ``registered``, all ``posed`` names, those ``rejected`` with the reasons, the
+    model's size at its last global bundle adjustment, and, if one was now, its ``match_support``.
+    """
+    pycolmap.set_random_seed(seed)
+    model = pycolmap.Reconstruction(model_dir)
+    old_points = set(model.point3D_ids())
+    growth = _Growth(
+        model,
+        _load(database, [image.name for image in model.images.values()] + names),
+        _pipeline_options(refine, seed, threads),
+        PoseCheck.read(database, min_image_support, Positions.from_json(positions)),
+    )
+    adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
+    adjusted = False
+    for registered in growth.register(names):
+        report(registered)
+        if adjustments.due(model):
+            growth.adjust_all()
+            adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
+            adjusted = True
+    growth.mapper.end_reconstruction(False)
+    growth.reject_contradicted()
+    _color(model, image_dir, old_points)
+    model.update_point_3d_errors()
+    model.write_binary(out_dir)
+    posed = {image.name for image in model.images.values() if image.has_pose}
+    return {
+        "registered": [name for name in growth.registered if name in posed],
+        "posed": sorted(posed),
+        "rejected": growth.rejected,
+        "adjusted_images": adjustments.images,
+        "adjusted_points": adjustments.points,
+        "match_support": growth.check.match_support(model) if adjusted else None,
+    }
+
+
+def _load(database: str, names: Sequence[str]) -> pycolmap.DatabaseCache:
+    options = pycolmap.DatabaseCacheOptions()
+    options.min_num_matches = MIN_PAIR_MATCHES
+    options.image_names = set(names)
+    with pycolmap.Database.open(database) as opened:
+        return pycolmap.DatabaseCache.create(opened, options)
+
+
+def _pipeline_options(refine: bool, seed: int, threads: int | None) -> pycolmap.IncrementalPipelineOptions:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = seed
+    options.num_threads = -1 if threads is None else threads
+    options.ba_refine_focal_length = options.ba_refine_extra_params = refine
+    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
+    return options
+
+
+class _Growth:
+    """COLMAP's incremental mapper on an existing model."""
+
+    def __init__(
+        self,
+        model: pycolmap.Reconstruction,
+        cache: pycolmap.DatabaseCache,
+        options: pycolmap.IncrementalPipelineOptions,
+        check: PoseCheck,
+    ) -> None:
+        self.model = model
+        self.registered: list[str] = []
+        self.rejected: dict[str, str] = {}
+        self.check = check
+        self._rejections: Counter[str] = Counter()
+        self._rejected_now: set[str] = set()
+        self._cache = cache
+        self._options = options
+        self.mapper = self._begin()
+        # Intrinsics that many images agreed on do not change for one more; those of a new camera do.
+        self._local = options.get_mapper()
+        self._local.constant_cameras = {image.camera_id for image in model.images.values() if image.has_pose}
+
+    def register(self, names: Sequence[str]) -> Iterator[int]:
+        """Register what can be registered, the most promising first; yields their number after each one."""
+        while self._register_next(set(names)):
+            yield len(self.registered)
+
+    def _register_next(self, names: set[str]) -> bool:
+        for structure_less in (False, True):
+            for image_id in self.mapper.find_next_images(self._local, structure_less):
+                name = self.model.image(image_id).name
+                if (
+                    name not in names
+                    or name in self._rejected_now
+                    or self._rejections[name] >= _MAX_REJECTIONS
+                ):
+                    continue
+                if self._register_one(image_id, structure_less):
+                    self._rejected_now.clear()  # the model has grown: their poses may be better now
+                    return True
+        return False
+
+    def adjust_all(self) -> None:
+        """Adjust all cameras and points, and align the result with the model before."""
+        before = camera_poses(self.model)
+        options = self._options
+        self.mapper.iterative_global_refinement(
+            options.ba_global_max_refinements,
+            options.ba_global_max_refinement_change,
+            options.get_mapper(),
+            options.get_global_bundle_adjustment(),
+            options.get_triangulation(),
+            False,
+        )
+        self.mapper.filter_frames(options.get_mapper())
+        try:
+            move(self.model, align_poses(camera_poses(self.model), before))
+        except InvalidInputError:  # all centres coincide: the adjustment itself keeps the frame
+            return
+
+    def _register_one(self, image_id: int, structure_less: bool) -> bool:
+        """Register one image and triangulate its points, unless the check rejects its pose."""
+        image = self.model.image(image_id)
+        camera = self.model.camera(image.camera_id)
+        params = list(camera.params)
+        find = (
+            self.mapper.register_next_structure_less_image
+            if structure_less
+            else self.mapper.register_next_image
+        )
+        if not find(self._local, image_id):
+            return False
+        contradiction = self.check.contradiction(self.model, image_id)
+        if contradiction is not None:
+            self._reject(image, contradiction)
+            camera.params = params
+            self.mapper.end_reconstruction(False)  # it still counts the image; a new one does not
+            self.mapper = self._begin()
+            return False
+        triangulation = self._options.get_triangulation()
+        self.mapper.triangulate_image(triangulation, image_id)
+        self.mapper.iterative_local_refinement(
+            self._options.ba_local_max_refinements,
+            self._options.ba_local_max_refinement_change,
+            self._local,
+            self._options.get_local_bundle_adjustment(),
+            triangulation,
+            image_id,
+        )
+        self.rejected.pop(image.name, None)
+        self.registered.append(image.name)
+        return True
+
+    def reject_contradicted(self) -> None:
+        """Check the new poses once more, after all adjustments."""
+        for name in self.registered:
+            image = self.model.find_image_with_name(name)
+            if image is not None and image.has_pose:
+                contradiction = self.check.contradiction(self.model, image.image_id)
+                if contradiction is not None:
+                    self._reject(image, contradiction)
+
+    def _reject(self, image: pycolmap.Image, contradiction: str) -> None:
+        self.rejected[image.name] = contradiction
+        self._rejections[image.name] += 1
+        self._rejected_now.add(image.name)
+        self.model.deregister_frame(image.frame_id)
+
+    def _begin(self) -> pycolmap.IncrementalMapper:
+        mapper = pycolmap.IncrementalMapper(self._cache)
+        mapper.begin_reconstruction(self.model)
+        return mapper
+
+
+def _color(model: pycolmap.Reconstruction, image_dir: str, old_points: set[int]) -> None:
+    """Colour the new points, each from the first image that shows it."""
+    images = {model.point3D(i).track.elements[0].image_id for i in model.point3D_ids() if i not in old_points}
+    for image_id in sorted(images):
+        model.extract_colors_for_image(image_id, image_dir)

@@ -1,0 +1,76 @@
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from fvs_engine.choices import CameraModel
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.colmap.database import image_cameras
+from fvs_engine.sfm.matching.features import import_images
+from fvs_engine.sfm.settings import FocalPrior, SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages
+
+EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405
+PRIOR = FocalPrior(focal_length_px=2001.3, width_px=1600)
+"""Between two whole millimetres of a 35 mm equivalent, which is all that EXIF could hold of it."""
+
+
+def save(file: Path, focal_35mm: int | None = None, size: tuple[int, int] = (64, 48)) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    exif = Image.Exif()
+    if focal_35mm is not None:
+        exif.get_ifd(EXIF_IFD)[FOCAL_LENGTH_35MM] = focal_35mm
+    Image.fromarray(pixels).save(file, exif=exif)
+
+
+def imported(folder: Path, settings: SfmSettings) -> Mapping[str, pycolmap.Camera]:
+    """Name → camera in the database."""
+    stages = Stages(SfmFolder(folder / "sfm"), settings, Monitor())
+    stages.folder.root.mkdir(exist_ok=True)
+    names = sorted(path.name for path in folder.iterdir() if path.is_file())
+    import_images(stages, folder, names)
+    with pycolmap.Database.open(stages.folder.database) as database:
+        return {
+            name: database.read_camera(camera_id)
+            for name, camera_id in image_cameras(stages.folder.database).items()
+        }
+
+
+@pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "OPENCV"])
+def test_the_focal_length_prior_is_the_camera_of_images_without_exif(tmp_path: Path, model: CameraModel):
+    save(tmp_path / "a.jpg")
+    save(tmp_path / "b.png")
+    cameras = imported(tmp_path, SfmSettings(camera_model=model, focal_prior=PRIOR))
+    first, second = cameras["a.jpg"], cameras["b.png"]
+    assert first.camera_id == second.camera_id
+    assert first.model_name == model
+    assert first.has_prior_focal_length
+    assert first.mean_focal_length() == 2001.3 * 64 / 1600
+    assert (first.principal_point_x, first.principal_point_y) == (32.0, 24.0)
+    assert not np.any(first.params[3 if model == "SIMPLE_RADIAL" else 4 :])
+
+
+def test_without_a_prior_the_focal_length_is_a_guess(tmp_path: Path):
+    save(tmp_path / "a.jpg")
+    assert not imported(tmp_path, SfmSettings())["a.jpg"].has_prior_focal_length
+
+
+def test_exif_precedes_the_prior_and_images_of_equal_focal_length_share_a_camera(tmp_path: Path):
+    save(tmp_path / "a.jpg")
+    save(tmp_path / "b.jpg", focal_35mm=43)  # 80.05 px: the prior is 79.5
+    save(tmp_path / "c.jpg", focal_35mm=24)
+    save(tmp_path / "d.jpg", size=(32, 24))
+    save(tmp_path / "e.jpg")
+    settings = SfmSettings(focal_prior=FocalPrior(focal_length_px=79.5, width_px=64))
+    cameras = imported(tmp_path, settings)
+    ids = {name: camera.camera_id for name, camera in cameras.items()}
+    assert ids["a.jpg"] == ids["b.jpg"] == ids["e.jpg"]
+    assert len({ids["a.jpg"], ids["c.jpg"], ids["d.jpg"]}) == 3
+    assert cameras["a.jpg"].mean_focal_length() == 79.5
+    assert cameras["c.jpg"].mean_focal_length() == pytest.approx(80.0 * 24 / 43.27, rel=0.01)
+    assert cameras["d.jpg"].mean_focal_length() == 79.5 / 2
+    save(tmp_path / "f.jpg")
+    assert imported(tmp_path, settings)["f.jpg"].camera_id == ids["a.jpg"]
