@@ -1,0 +1,148 @@
+"""Every code block of the documentation runs as it is written.
+
+A page is one test. Its blocks run in order, in one folder and one shell, against a real ``fvs serve`` that
+all pages share: their scenes have different names. ``_SMALLER`` makes what the pages ask for small enough for
+a test. A block that cannot run says why in a comment above it: ``<!-- not run: the reason -->``.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from fvs_service.serving.running import running_service
+
+REPOSITORY = Path(__file__).resolve().parent.parent.parent
+PAGES = [
+    REPOSITORY / "README.md",
+    REPOSITORY / "CONTRIBUTING.md",
+    REPOSITORY / "clients" / "python" / "README.md",
+    *sorted((REPOSITORY / "docs").rglob("*.md")),
+]
+_BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?^```(?P<language>[\w-]*)\n(?P<code>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+_COMMANDS, _SHOWN = {"bash", "python"}, {"text", "console", "json"}
+_SMALLER = {
+    "simulate yard --images 24": "simulate yard --images 6 --size 240x180",
+    "simulate site --images 24": "simulate site --images 8 --size 240x180",
+    "simulate courtyard --images 24": "simulate courtyard --images 9 --size 240x180",
+    "--turns 0.6": "--turns 0.3",
+    "0006 0007; do": "0006; do",
+    "steps = 3": "steps = 1",
+    "--images 60 --turns 2": "--images 12 --turns 0.5 --size 128x96",
+    "--budget 20": "--budget 6 --initial 4 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
+    "--poses known --initial 8": "--poses known",
+    "--seeds 0,1,2": "--seeds 0 --views 4,5 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
+    "--out out/kermit": "--out out/kermit --iterations 20 --long-side 96",
+}
+"""Every entry is found in some page."""
+_SMALL_SERVICE = {
+    "FVS_WORKER__LONG_SIDE_PX": "96",
+    "FVS_WORKER__INITIAL_ITERATIONS": "30",
+    "FVS_WORKER__ITERATIONS_PER_IMAGE": "2",
+    "FVS_WORKER__IDLE_S": "30",
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block; ``reason`` says why it does not run."""
+
+    line: int
+    language: str
+    code: str
+    reason: str | None
+
+
+@dataclass(frozen=True)
+class Service:
+    """A running service and the folder that it keeps everything in."""
+
+    url: str
+    root: Path
+
+
+def _blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [
+        Block(text.count("\n", 0, found.start("code")), found["language"], found["code"], found["reason"])
+        for found in _BLOCK.finditer(text)
+    ]
+
+
+def _runs(page: Path) -> list[Block]:
+    return [block for block in _blocks(page) if block.language in _COMMANDS and block.reason is None]
+
+
+def _id(page: Path) -> str:
+    return str(page.relative_to(REPOSITORY))
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service that trains quickly and badly."""
+    folder = tmp_path_factory.mktemp("documentation")
+    with running_service(folder / "service", folder / "service.log", _SMALL_SERVICE) as running:
+        yield Service(running.url, folder / "service")
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with six photographs."""
+    folder = tmp_path_factory.mktemp("photographs") / "yard"
+    program = str(Path(sys.executable).with_name("fvs"))
+    size = ["--images", "6", "--size", "240x180", "--turns", "0.25"]
+    subprocess.run([program, "simulate", str(folder), *size], check=True, capture_output=True)
+    return folder / "images"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_id)
+def test_every_block_runs_or_says_why_not(page: Path) -> None:
+    for block in _blocks(page):
+        assert block.language in _COMMANDS | _SHOWN, f"{_id(page)}, line {block.line}: name the language"
+
+
+def test_what_is_made_smaller_is_there() -> None:
+    code = "".join(block.code for page in PAGES for block in _runs(page))
+    assert [phrase for phrase in _SMALLER if phrase not in code] == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
+def test_the_blocks_run(page: Path, service: Service, photographs: Path, tmp_path: Path) -> None:
+    shutil.copytree(photographs, tmp_path / "photographs")
+    script = ["set -euo pipefail"]
+    for block in _runs(page):
+        code = block.code
+        for phrase, smaller in _SMALLER.items():
+            code = code.replace(phrase, smaller)
+        code = code.replace("http://127.0.0.1:8000", service.url)
+        script.append(f'echo "[line {block.line}]"')
+        if block.language == "python":
+            (tmp_path / f"line-{block.line}.py").write_text(code, encoding="utf-8")
+            code = f"python -W error line-{block.line}.py"
+        script.append(code)
+    environment = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "FVS_URL": service.url,
+        "FVS_ROOT": str(service.root),
+    }
+    ran = subprocess.run(
+        ["bash", "-c", "\n".join(script)],
+        cwd=tmp_path,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert ran.returncode == 0, f"{_id(page)}:\n{ran.stdout[-6000:]}"
