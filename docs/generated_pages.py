@@ -3,6 +3,7 @@
 A hook of MkDocs (``hooks:`` in ``mkdocs.yml``).
 """
 
+import ast
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,6 +14,25 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 Json = dict[str, Any]
+
+ENGINE_PACKAGES = (
+    "pipeline",
+    "select",
+    "evaluate",
+    "score",
+    "splat",
+    "scene",
+    "sfm",
+    "simulate",
+    "images",
+    "geometry",
+)
+_ENGINE = """# Engine
+
+`fvs_engine` is a plain library: no web, no database, no queue. The commands of `fvs` are thin: each calls one
+function of `fvs_engine.pipeline` or `fvs_engine.simulate`. Frames are those of [frames](../../how/frames.md);
+shapes, units and errors are in the docstrings. Here are the modules at its top; every package has a page.
+"""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -25,7 +45,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/rest.md": rest(_openapi()),
         "reference/fvs.md": commands("fvs", fvs),
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
-        "reference/engine.md": engine(Path(config.config_file_path).parent / "fvs_engine"),
+        **engine(Path(config.config_file_path).parent / "fvs_engine"),
     }
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
@@ -38,7 +58,12 @@ def commands(name: str, app: typer.Typer) -> str:
     lines = [f"# {name}", "", _sentence(group.help), ""]
     if name == "fvs":
         lines += ["`-h` or `--help` after any command prints this reference.", ""]
-    lines += _options(group.context_class(group, info_name=name), group)
+    lines += ["| command | what it does |", "|---|---|"]
+    lines += [
+        f"| [`{name} {inner}`](#{name}-{inner}) | {_cell(command.help)} |"
+        for inner, command in group.commands.items()
+    ]
+    lines += ["", *_options(group.context_class(group, info_name=name), group)]
     lines += _commands(group, name, level=2)
     lines += [f"Exit statuses: [exit statuses](exit-statuses.md#{name}).", ""]
     return "\n".join(lines)
@@ -70,7 +95,7 @@ def _options(context: Any, command: Any) -> Iterator[str]:
     if rows:
         yield from ("| argument or option | meaning |", "|---|---|")
         for names, meaning in rows:
-            yield f"| `{_cell(names)}` | {_cell(meaning)} |"
+            yield f"| `{_sentence(names)}` | {_cell(meaning)} |"
         yield ""
 
 
@@ -110,30 +135,22 @@ def rest(document: Json) -> str:
     return "\n".join(lines)
 
 
-def engine(folder: Path) -> str:
-    """The reference of the engine: what its packages export, and its modules at the top."""
-    exporting = [
-        f"fvs_engine.{path.parent.name}"
-        for path in sorted(folder.glob("*/__init__.py"))
-        if "__all__" in path.read_text(encoding="utf-8")
-    ]
-    modules = [
-        ".".join(path.relative_to(folder.parent).with_suffix("").parts)
-        for pattern in ("*.py", "pipeline/*.py", "select/*.py", "splat/*.py")
-        for path in sorted(folder.glob(pattern))
-        if path.stem != "__init__"
-    ]
-    lines = [
-        "# Engine",
-        "",
-        "`fvs_engine` is a plain library: no web, no database, no queue. These are the names that its",
-        "packages export. Shapes, units and errors are in the docstrings; frames are those of",
-        "[frames](../how/frames.md).",
-        "",
-    ]
-    for name in [*exporting, *modules]:
-        lines += [f"::: {name}", ""]
-    return "\n".join(lines)
+def engine(folder: Path) -> dict[str, str]:
+    """Pages of the engine's reference, by path: the modules at its top, and a page for each package."""
+    pages = {"reference/engine/index.md": "\n".join([_ENGINE, *_modules(folder, "fvs_engine")])}
+    for package in ENGINE_PACKAGES:
+        summary = (
+            ast.get_docstring(ast.parse((folder / package / "__init__.py").read_text("utf-8"))) or ""
+        ).strip()
+        page = [f"# {package}", "", summary, "", *_modules(folder / package, f"fvs_engine.{package}")]
+        pages[f"reference/engine/{package}.md"] = "\n".join(page)
+    return pages
+
+
+def _modules(folder: Path, package: str) -> Iterator[str]:
+    for path in sorted(folder.glob("*.py")):
+        if path.stem != "__init__" and not path.stem.startswith("_"):
+            yield from (f"::: {package}.{path.stem}", "")
 
 
 def _openapi() -> Json:
@@ -224,5 +241,5 @@ def _sentence(text: str | None) -> str:
     return " ".join((text or "").split())
 
 
-def _cell(text: str) -> str:
+def _cell(text: str | None) -> str:
     return _sentence(text).replace("|", "\\|").replace("<", "&lt;")

@@ -48,6 +48,7 @@ _SMALL_SERVICE = {
     "FVS_WORKER__INITIAL_ITERATIONS": "30",
     "FVS_WORKER__ITERATIONS_PER_IMAGE": "2",
     "FVS_WORKER__IDLE_S": "30",
+    "FVS_WORKER__QUEUE_POLL_S": "0.5",
 }
 
 
@@ -114,6 +115,7 @@ def test_what_is_made_smaller_is_there() -> None:
     assert [phrase for phrase in _SMALLER if phrase not in code] == []
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
 def test_the_blocks_run(page: Path, service: Service, photographs: Path, tmp_path: Path) -> None:
     shutil.copytree(photographs, tmp_path / "photographs")
@@ -142,7 +144,7 @@ def test_the_blocks_run(page: Path, service: Service, photographs: Path, tmp_pat
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=280,
+        timeout=800,
         check=False,
     )
     assert ran.returncode == 0, f"{_id(page)}:\n{ran.stdout[-6000:]}"

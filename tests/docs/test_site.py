@@ -44,7 +44,9 @@ def test_the_references_are_generated(site: Path) -> None:
     assert "--iterations" in fvs
     assert "fvs-client jobs wait" in (site / "reference" / "fvs-client.html").read_text(encoding="utf-8")
     assert "fvs_client.Client" in (site / "reference" / "client.html").read_text(encoding="utf-8")
-    assert "fvs_engine.score.rank" in (site / "reference" / "engine.html").read_text(encoding="utf-8")
+    assert "fvs_engine.pipeline.rank" in (site / "reference" / "engine" / "pipeline.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_the_drawings_are_those_of_the_script() -> None:
