@@ -1,13 +1,13 @@
 """Errors a user can act on.
 
-Every expected failure of the engine is an ``EngineError``: it says what is wrong, names the thing it is
-wrong with, and carries a ``hint`` that says what to do about it. The command line and the service map
+Every expected failure of the engine is an ``EngineError``: its message names what is
+wrong and where, and its ``hint`` says what to do about it. The command line and the service map
 ``code`` to an exit code or a problem document; they never parse messages.
 """
 
 
 class EngineError(Exception):
-    """An expected failure, with a stable ``code`` and a ``hint`` for whoever has to mend it."""
+    """An expected failure, with a stable ``code`` and a ``hint`` for the user."""
 
     code = "engine-error"
 
@@ -33,7 +33,7 @@ class InvalidInputError(EngineError):
 
 
 class NoImagesError(InvalidInputError):
-    """Not one usable photograph (or too few) in the input."""
+    """The input has no usable photograph, or too few."""
 
     code = "no-images"
 

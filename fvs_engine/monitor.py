@@ -35,15 +35,15 @@ class Monitor:
             self._on_progress(Progress(stage, done, total, detail))
 
     def cancel(self) -> None:
-        """Ask the computation to stop at its next safe point."""
+        """Request the computation to stop at its next safe point."""
         self._cancelled.set()
 
     @property
     def cancelled(self) -> bool:
-        """Whether the work was asked to stop."""
+        """Whether ``cancel`` was called."""
         return self._cancelled.is_set()
 
     def check(self) -> None:
-        """Raise ``Cancelled`` if the work was asked to stop."""
+        """Raise ``Cancelled`` if ``cancel`` was called."""
         if self._cancelled.is_set():
             raise Cancelled("Stopped on request.", hint="Run the same command again to resume.")

@@ -42,8 +42,8 @@ _Candidates = Annotated[
 ]
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(wanted: bool) -> None:
+    if wanted:
         typer.echo(f"fvs {importlib.metadata.version('fvs')}")
         raise typer.Exit
 

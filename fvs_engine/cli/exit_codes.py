@@ -1,4 +1,4 @@
-"""What the exit status of ``fvs`` tells a script."""
+"""The exit statuses of ``fvs``."""
 
 from fvs_engine.errors import EngineError
 

@@ -32,8 +32,9 @@ def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Resul
     """Run ``job(monitor, warn)`` with progress on stderr, and return what it returns.
 
     The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
-    The first SIGINT or SIGTERM asks the job to stop, the second ends the process at once. An ``EngineError``
-    ends the program with its exit status and one clear message (with ``machine``, also as JSON on stdout).
+    The first SIGINT or SIGTERM requests the job to stop, the second ends the process at once. An
+    ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
+    JSON on stdout).
     Warnings that the engine logs are shown as well.
     """
     outcome: list[_Result] = []

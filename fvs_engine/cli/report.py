@@ -112,7 +112,7 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
 
 
 def show_experiment(summary: "Summary", folder: Path, *, machine: bool) -> None:
-    """Print where the selectors stand after the last number of views, the notes, and where the files are."""
+    """Print the selectors' results at the last view count, the notes, and the paths of the files."""
     if machine:
         with _stdout() as stdout:
             stdout.write(json.dumps({**summary.model_dump(mode="json"), "folder": str(folder)}) + "\n")

@@ -1,4 +1,4 @@
-"""``fvs simulate``: photographs of a made-up place, for whoever has none at hand."""
+"""The command ``fvs simulate``: photographs of a synthetic scene."""
 
 import re
 from pathlib import Path

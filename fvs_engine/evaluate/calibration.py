@@ -1,4 +1,4 @@
-"""Does a score mean anything? The order in which selectors ask for views, against the true errors."""
+"""Calibration: rank correlation of selectors' scores with the true errors of renders."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,11 +22,10 @@ _FEWEST = 3
 
 
 def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> Calibration:
-    """Ask every method for its scores at every unvisited view, and compare them with the photographs there.
+    """Score every unvisited view by every method, and compare the scores with the true errors there.
 
-    This looks at photographs that nobody has visited yet; nothing of it reaches the loop, which does not
-    change. With estimated poses the candidates stand where the alignment puts them, as they do for the
-    selectors. Stage ``calibrate``, in methods.
+    This reads photographs that were not visited; the loop does not change. With estimated poses the
+    candidates' poses come from the alignment, as they do for the selectors. Stage ``calibrate``, in methods.
     """
     names, scene = loop.unvisited, loop.scene
     here = loop.dataset.by_name[loop.visited[-1]].centre
@@ -48,11 +47,11 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
 def rank_correlation(
     method: str, scores: Sequence[CandidateScore], psnr_db: Mapping[str, float], in_reach: frozenset[str]
 ) -> RankCorrelation:
-    """How well the order in which ``method`` asks for candidates follows the true error of their renders.
+    """Rank correlation between the scores of ``method`` and the true errors of the candidates' renders.
 
-    The lowest score is asked for first, and the error is −PSNR: the correlation of the two orders is that of
-    scores with PSNR. Only scores that may be compared count: what hardly shows the model is asked for last,
-    whatever its score. ``in_reach`` is left out where it holds all candidates.
+    The lowest score comes first, and the error is −PSNR: the correlation of the two orders is that of scores
+    with PSNR. Only candidates with a rank count: views that hardly show the model come last, whatever their
+    score. ``in_reach`` is left out where it holds all candidates.
     """
     scored = {
         score.name: score.score

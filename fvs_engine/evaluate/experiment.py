@@ -11,7 +11,7 @@ from fvs_engine.evaluate.plots import plot_calibration, plot_quality, plot_trave
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import BASELINES, Summary, summarise
 from fvs_engine.evaluate.results import Evaluation, Run, read_result
-from fvs_engine.evaluate.run import Laboratory, RunPlan, execute, make_start
+from fvs_engine.evaluate.run import RunPlan, Setup, execute, make_start
 from fvs_engine.evaluate.trajectories import plot_trajectories
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.owned_folder import OwnedFolder, differences
@@ -27,7 +27,7 @@ STAGE = "experiment"
 
 
 class ExperimentIdentity(Record):
-    """``experiment.json``: under which rules and on which views the runs beside it were made."""
+    """``experiment.json``: the protocol and the dataset of the runs beside it."""
 
     dataset: str
     fingerprint: str
@@ -39,7 +39,7 @@ class ExperimentFolder:
     """The paths of an experiment.
 
     experiment.json         protocol and dataset
-    starts/seed-0/          what all selectors of a seed begin with
+    starts/seed-0/          the common start of all selectors of a seed
     runs/farthest-seed-0/   one run
     report.json, report.md  the table; psnr.png, travel.png, trajectories.png, calibration.png
     """
@@ -47,11 +47,11 @@ class ExperimentFolder:
     root: Path
 
     def start(self, seed: int) -> Path:
-        """What all selectors of a seed begin with."""
+        """The common start of all selectors of a seed."""
         return self.root / "starts" / f"seed-{seed}"
 
     def run(self, method: str, seed: int) -> Path:
-        """Where one run lives."""
+        """The folder of one run."""
         return self.root / "runs" / f"{method}-seed-{seed}"
 
     def finished(self) -> tuple[Run, ...]:
@@ -96,11 +96,11 @@ def run_experiment(
     monitor: Monitor,
     warn: Callable[[str], None],
 ) -> Summary:
-    """Run every method with every seed and write the report; what was finished before is only read.
+    """Run every method with every seed and write the report; finished runs are only read.
 
-    The report is written anew after every run, so that there is one whatever happens later. A run that fails
+    The report is written after every run, so that a stop leaves one. A run that fails
     is named in it, and tried again the next time; the others go on. ``calibrated``: along the way of one
-    method (``farthest`` when it is among them, else the first), all of them are asked for their scores.
+    method (``farthest`` when it is among them, else the first), the scores of all of them are recorded.
 
     Stage ``experiment``, in views added over all runs. Raises ``InvalidInputError`` for unknown methods, a
     dataset that is too small, and no methods or seeds; ``OutputExistsError`` when ``folder`` holds something
@@ -110,7 +110,7 @@ def run_experiment(
     paths = ExperimentFolder(folder)
     paths.claim(dataset, protocol)
     lpips = find_lpips()
-    laboratory = Laboratory(dataset, protocol, rasterizer, lpips.compute, threads)
+    setup = Setup(dataset, protocol, rasterizer, lpips.compute, threads)
     notes = [f"LPIPS is left out: {lpips.reason}."] if lpips.compute is None else []
     notes += dataset.warnings
     guide = BASELINES[0] if BASELINES[0] in methods else methods[0]
@@ -130,8 +130,8 @@ def run_experiment(
     for plan in plans:
         if plan.result() is None:
             try:
-                start = make_start(laboratory, paths.start(plan.seed), plan.method, plan.seed, progress.quiet)
-                execute(laboratory, plan, start, progress.quiet, progress.of(plan))
+                start = make_start(setup, paths.start(plan.seed), plan.method, plan.seed, progress.quiet)
+                execute(setup, plan, start, progress.quiet, progress.of(plan))
             except (Cancelled, StorageError):
                 raise
             except EngineError as error:
@@ -191,14 +191,14 @@ def _draw(paths: ExperimentFolder, summary: Summary, dataset: Dataset) -> None:
 
 
 class _Quiet(Monitor):
-    """Passes on the wish to stop, and keeps the thousand little reports of a run to itself."""
+    """Forwards requests to stop, and drops a run's own reports."""
 
     def __init__(self, outer: Monitor) -> None:
         super().__init__()
         self._outer = outer
 
     def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
-        """See ``Monitor``; says nothing."""
+        """See ``Monitor``; reports nothing."""
 
     @property
     def cancelled(self) -> bool:
@@ -211,7 +211,7 @@ class _Quiet(Monitor):
 
 
 class _Progress:
-    """Counts the views that all runs have added, of those that they will have."""
+    """Counts the views that all runs have added, of all that they will add."""
 
     def __init__(self, monitor: Monitor, protocol: Protocol, plans: Sequence[RunPlan]) -> None:
         self.quiet = _Quiet(monitor)
@@ -222,7 +222,7 @@ class _Progress:
         self._before = 0
 
     def of(self, plan: RunPlan) -> Callable[[int, Evaluation | None], None]:
-        """What one run calls after its steps."""
+        """The callback of one run, after each of its steps."""
 
         def on_step(visited: int, evaluation: Evaluation | None) -> None:
             detail: dict[str, float | int | str] = {"run": f"{plan.method} {plan.seed}", "views": visited}

@@ -1,6 +1,6 @@
 """LPIPS, where it can be computed: its weights belong to others, so nothing here ever downloads them.
 
-Two packages bring the metric, ``lpips`` and ``torchmetrics``. Both ship the few numbers that were learned for
+Two packages bring the metric, ``lpips`` and ``torchmetrics``. Both ship the few weights that were trained for
 it and expect the network below them, VGG-16 as torchvision publishes it, in torch's folder of checkpoints;
 left to themselves they would fetch it. Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features
 as a Perceptual Metric", 2018; papers on Gaussian splatting report the VGG variant.
@@ -28,7 +28,7 @@ PACKAGES = ("lpips", "torchmetrics")
 class LpipsStatus:
     """``compute(a, b)`` for two images [H, W, 3] in [0, 1]: 0 for equal ones, more is worse.
 
-    Where it cannot be computed, ``compute`` is None and ``reason`` says why.
+    Where it cannot be computed, ``compute`` is None and ``reason`` explains why.
     """
 
     compute: Callable[[ArrayLike, ArrayLike], float] | None

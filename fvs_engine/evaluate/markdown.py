@@ -16,11 +16,11 @@ def markdown(summary: Summary) -> str:
 
 
 def _lines(summary: Summary) -> Iterator[str]:
-    yield f"# {summary.dataset}: which selector learns most from a view"
+    yield f"# {summary.dataset}: which selector gains most from a view"
     yield ""
     yield from _protocol(summary.protocol, summary.seeds)
     counts = list(dict.fromkeys(row.visited for row in summary.rows))
-    for visited in reversed(counts):  # the last count is the result, the others tell how it came
+    for visited in reversed(counts):  # the last count is the result, the others show how it was reached
         yield ""
         yield f"## {visited} views"
         yield ""
@@ -106,9 +106,9 @@ def _correlations(rows: Sequence[CorrelationRow]) -> Iterator[str]:
     yield "## Does the score know where the model is wrong?"
     yield ""
     yield (
-        "Spearman's rank correlation between what a selector says of the candidates and the true error of "
-        "their renders (−PSNR against the photographs). +1: it asks first for what is rendered worst; "
-        "0: it does not know; −1: for what is rendered best. All selectors are asked about the same models."
+        "Spearman's rank correlation between a selector's scores of the candidates and the true error of "
+        "their renders (−PSNR against the photographs). +1: it ranks first what is rendered worst; "
+        "0: no relation; −1: it ranks first what is rendered best. All selectors score the same models."
     )
     with_reach = any(row.in_reach is not None for row in rows)
     counts = list(dict.fromkeys(row.visited for row in rows))

@@ -24,7 +24,7 @@ def ssim(a: ArrayLike, b: ArrayLike) -> float:
     that papers on Gaussian splatting report.
     """
     x, y = _pair(a, b)
-    # float32: torch's convolutions of float64 take several times as long, for a sixth digit nobody reads
+    # float32: torch's convolutions of float64 take several times as long, for a sixth digit that is not shown
     images = (torch.from_numpy(image.astype(np.float32)) for image in (x, y))
     return float(ssim_map(*images).mean())
 

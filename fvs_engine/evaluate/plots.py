@@ -1,7 +1,7 @@
 """The curves of an experiment: quality and travel against views, and what the scores are worth.
 
-Every selector has one colour (Okabe and Ito's, which people with any colour vision tell apart) and one mark,
-and its name stands beside its curve, so that no legend has to be looked up.
+Every selector has one colour (Okabe and Ito's, distinguishable with any colour vision) and one mark,
+and its name beside its curve instead of a legend.
 """
 
 import io
@@ -82,7 +82,7 @@ def plot_calibration(path: Path, summary: Summary, styled: Mapping[str, Style]) 
         panel.set_xlim(-1.05, 1.05)
         panel.set_title(f"{visited} views", fontsize=10)
     figure.supxlabel(
-        "rank correlation with the true error at the candidates: +1 asks first for the worst render",
+        "rank correlation with the true error at the candidates: +1 ranks the worst render first",
         fontsize=10,
     )
     _save(figure, path, f"{_title(summary)}: does the score know where the model is wrong?")

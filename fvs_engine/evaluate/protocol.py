@@ -1,4 +1,4 @@
-"""Under which rules selectors are compared: everything that a number in the table depends on."""
+"""Protocols of a comparison: everything that a number in the table depends on."""
 
 from typing import Literal, Self
 
@@ -21,7 +21,7 @@ class Protocol(Record):
 
     ``poses``: ``known``, those of the dataset; ``sfm``, found from the visited photographs alone. Training
     takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s`` ends a
-    run early, which the report then says.
+    run early, which the report mentions.
 
     What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
     random, and the order of views and the splits of Gaussians in training. Nothing else, so that runs of

@@ -42,7 +42,7 @@ class CorrelationRow(Record):
 
 
 class Summary(Record):
-    """The whole table: ``rows`` by view count, best PSNR first. ``notes`` say what is missing and why."""
+    """The whole table: ``rows`` by view count, best PSNR first. ``notes`` name what is missing and why."""
 
     dataset: str
     protocol: Protocol
@@ -75,7 +75,7 @@ def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iter
     )
     lost = (
         f"{run.method}, seed {run.seed}: after {last.visited} views these test views could not be localised "
-        f"in the model, and stand where the alignment puts them: {', '.join(last.aligned_only)}."
+        f"in the model, and have the poses that the alignment gives them: {', '.join(last.aligned_only)}."
         for run in runs
         for last in run.evaluations[-1:]
         if last.aligned_only

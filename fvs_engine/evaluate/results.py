@@ -1,4 +1,4 @@
-"""What a run of one selector leaves on disk, and what a table of runs is made of."""
+"""Records of a run of one selector, from which the tables are made."""
 
 from pathlib import Path
 
@@ -18,9 +18,9 @@ class ViewQuality(Record):
 class Evaluation(Record):
     """The model after ``visited`` views, on the test views.
 
-    ``registered`` of the visited views have a camera in the model. ``travel`` is the way through all
-    visited views, centre to centre, in the dataset's unit. ``aligned_only`` test views could not be localised
-    in the model, so their cameras are those of the dataset, carried over by the alignment (poses ``sfm``).
+    ``registered`` of the visited views have a camera in the model. ``travel`` is the length of the path
+    through all visited views, in the dataset's unit. ``aligned_only`` test views could not be localised in
+    the model, so their cameras are those of the dataset, moved by the alignment (poses ``sfm``).
     """
 
     visited: int
@@ -36,11 +36,11 @@ class Evaluation(Record):
 
 
 class RankCorrelation(Record):
-    """Whether a selector asks first for what is rendered worst.
+    """Whether a selector ranks first what is rendered worst.
 
-    ``all_candidates``: Spearman's rank correlation between what the selector says of every unvisited view and
-    the true error of its render; +1: it asks first for the worst. ``in_reach``: the same among those that the
-    protocol lets it choose from. None where it is not defined: all scores equal, or fewer than three.
+    ``all_candidates``: Spearman's rank correlation between the selector's scores of all unvisited views and
+    the true errors of their renders; +1: it ranks the worst first. ``in_reach``: the same among those that
+    the protocol lets it choose from. None where it is not defined: all scores equal, or fewer than three.
     ``scored`` of ``candidates`` had a score that may be compared with others' (status ``ranked``).
     """
 

@@ -23,7 +23,7 @@ from fvs_engine.splat.raster import Rasterizer
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What is to be run; ``calibrated`` methods are asked for their scores at every evaluation.
+    """A run to do; the scores of ``calibrated`` methods are recorded at every evaluation.
 
     A run that a shorter limit than ``time_limit_s`` ended is not finished.
     The folder of a run holds ``selection/`` (the loop's own), ``evaluation-0010.json`` and
@@ -42,21 +42,21 @@ class RunPlan:
         return self.folder / "run.json"
 
     def result(self) -> Run | None:
-        """The finished run, with all that is asked of it; None when there is something left to do."""
+        """The finished run; None while something is left to do."""
         run = read_result(self.result_path, Run)
         if run is None or run.may_go_on(self.time_limit_s) or not self.is_complete():
             return None
         return run
 
     def is_complete(self) -> bool:
-        """Whether every evaluation so far has the calibration that is asked for."""
+        """Whether every evaluation so far has the calibrations of this plan."""
         numbers = (path.name.removeprefix("evaluation-") for path in self.folder.glob("evaluation-*.json"))
         known = (read_result(self.folder / f"calibration-{number}", Calibration) for number in numbers)
         return not self.calibrated or all(_covers(calibration, self.calibrated) for calibration in known)
 
 
 @dataclass(frozen=True, eq=False)
-class Laboratory:
+class Setup:
     """What all runs of an experiment share."""
 
     dataset: Dataset
@@ -96,10 +96,10 @@ class Laboratory:
         return SelectionLoop.open(folder, self.dataset, self.settings(method, seed), self.rasterizer, monitor)
 
 
-def make_start(laboratory: Laboratory, folder: Path, method: str, seed: int, monitor: Monitor) -> Path:
-    """A selection that has learned its initial views and chosen nothing, in ``folder / selection``.
+def make_start(setup: Setup, folder: Path, method: str, seed: int, monitor: Monitor) -> Path:
+    """A selection trained on its initial views that has chosen nothing, in ``folder / selection``.
 
-    What is learned of them does not depend on the method, so that all methods of a seed can begin with it.
+    Its model does not depend on the method, so that all methods of a seed can begin with it.
     """
     finished = folder / "finished"
     if not finished.exists():
@@ -107,13 +107,13 @@ def make_start(laboratory: Laboratory, folder: Path, method: str, seed: int, mon
         earlier = LoopFolder(selection).manifest()
         if earlier is not None:  # when it began, the experiment's first method may have been another
             method = earlier.settings.method
-        laboratory.open(selection, method, seed, monitor).begin(monitor)
+        setup.open(selection, method, seed, monitor).begin(monitor)
         finished.touch()
     return folder / "selection"
 
 
 def execute(
-    laboratory: Laboratory,
+    setup: Setup,
     plan: RunPlan,
     start: Path,
     monitor: Monitor,
@@ -121,33 +121,33 @@ def execute(
 ) -> Run:
     """Do what is left of a run. ``on_step(visited views, the last evaluation)`` is called after every step.
 
-    A run that was evaluated without a calibration that is now asked for begins again: the models of its
-    earlier views are gone. Raises ``Cancelled`` with everything on disk, and what the loop raises.
+    A run that lacks a calibration of the plan begins again: the models of its earlier views are gone.
+    Raises ``Cancelled`` with everything on disk, and what the loop raises.
     """
     if not plan.is_complete():
         shutil.rmtree(plan.folder)
     selection = plan.folder / "selection"
     if not selection.exists():
-        _fork(start, selection, laboratory.settings(plan.method, plan.seed))
-    loop = laboratory.open(selection, plan.method, plan.seed, monitor)
+        _fork(start, selection, setup.settings(plan.method, plan.seed))
+    loop = setup.open(selection, plan.method, plan.seed, monitor)
     loop.begin(monitor)
     evaluation: Evaluation | None = None
     while True:
         visited = len(loop.visited)
-        if visited in laboratory.protocol.view_counts:
-            evaluation = _look(laboratory, plan, loop, monitor)
+        if visited in setup.protocol.view_counts:
+            evaluation = _look(setup, plan, loop, monitor)
         on_step(visited, evaluation)
         outcome = loop.step(monitor)
         if isinstance(outcome, StopReason):
             break
-    if len(loop.visited) not in laboratory.protocol.view_counts:
-        _look(laboratory, plan, loop, monitor)
-    run = _result(laboratory.protocol, plan, loop, outcome)
+    if len(loop.visited) not in setup.protocol.view_counts:
+        _look(setup, plan, loop, monitor)
+    run = _result(setup.protocol, plan, loop, outcome)
     write_record(plan.result_path, run)
     return run
 
 
-def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
+def _look(setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
     """Evaluate and calibrate at the present views, unless that was done before."""
     visited = len(loop.visited)
     path = plan.folder / f"evaluation-{visited:04d}.json"
@@ -156,7 +156,7 @@ def _look(laboratory: Laboratory, plan: RunPlan, loop: SelectionLoop, monitor: M
         if plan.calibrated:  # first, so that no evaluation is ever without it
             calibration = calibrate(loop, plan.calibrated, monitor)
             write_record(plan.folder / f"calibration-{visited:04d}.json", calibration)
-        evaluation = evaluate(loop, monitor, laboratory.lpips)
+        evaluation = evaluate(loop, monitor, setup.lpips)
         write_record(path, evaluation)
     return evaluation
 

@@ -1,25 +1,23 @@
-"""What a handful of runs says about a selector: means with confidence intervals, and paired differences."""
+"""Statistics over a handful of runs: means with confidence intervals, and paired differences."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.stats import t as student_t
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.records import Record
 
 CONFIDENCE = 0.95
 
 
-class Estimate(BaseModel):
+class Estimate(Record):
     """The mean of ``count`` independent values; it lies within ``half_width`` of the true one.
 
     ``half_width`` is that of the two-sided 95 % interval of Student's t, which is honest for few values;
-    None for a single value, which says nothing about its own spread.
+    None for a single value, whose spread is unknown.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     mean: float
     half_width: float | None

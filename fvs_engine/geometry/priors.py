@@ -1,4 +1,4 @@
-"""Where and how a photograph was taken, as far as its own metadata tells: EXIF GPS and XMP gimbal angles.
+"""Pose priors in an image's metadata: EXIF GPS and XMP gimbal angles.
 
 Nothing here raises: metadata is often damaged, and the photograph is still good. What is there but cannot be
 true is left out and reported as ``doubtful``: fixes at (0, 0), which receivers write before they have one;
@@ -30,11 +30,11 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged files are ex
 
 @dataclass(frozen=True)
 class PhotographPriors:
-    """What a photograph says of its own camera; every part may be missing.
+    """The pose priors of one photograph; every part may be missing.
 
     ``altitude_m`` is above sea level, as EXIF has it. Angles are those of the camera (the gimbal): yaw
     clockwise from north, pitch up, roll with the right side down. ``captured_at`` always has a time zone; a
-    camera that names none is taken to have meant UTC. ``doubtful`` says that a position was there and was
+    camera that names none is taken to have meant UTC. ``doubtful``: a position was there and was
     not believed.
     """
 

@@ -31,7 +31,7 @@ UNREADABLE_SUFFIXES = frozenset(
     }
     | {".rw2", ".raf", ".pef", ".srw"}
 )
-"""Surely photographs, but of formats that are not decoded: named to the user, not passed over."""
+"""Photographs in formats that are not decoded: reported, not ignored."""
 
 MIN_SIDE_PX = 32
 
@@ -41,7 +41,7 @@ class Photograph:
     """A photograph that decodes to its last pixel.
 
     ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is
-    EXIF's focal length in px, None when EXIF does not tell; ``plain`` says that any reader sees the right
+    EXIF's focal length in px, None without one; ``plain``: any reader sees the right
     pixels in the file as it is (8 bits, upright, JPEG or PNG); ``format`` is what the content is.
     """
 
@@ -57,7 +57,7 @@ class Photograph:
 
 @dataclass(frozen=True)
 class RejectedImage:
-    """A file that is not used: ``reason`` is a sentence about it, ``hint`` says what to do."""
+    """A file that is not used: ``reason`` is a sentence about it, ``hint`` the remedy."""
 
     name: str
     reason: str
@@ -68,7 +68,7 @@ class RejectedImage:
 class ImageCatalog:
     """The photographs of a folder and what was left out; each sorted by name.
 
-    ``ignored`` are files that do not claim to be photographs.
+    ``ignored`` are files with other suffixes.
     """
 
     folder: Path
@@ -88,7 +88,7 @@ def catalog_images(
 
     Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. Of files with
     the same content the first by name is kept. Progress is reported as stage ``images``. Raises
-    ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled`` when asked to stop.
+    ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     candidates: list[str] = []
@@ -122,8 +122,7 @@ def catalog_images(
 def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | None = None) -> None:
     """Decode the images ``names`` of ``folder``, for work in which none of them can be left out later.
 
-    Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled`` when asked
-    to stop.
+    Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
     """
     for result in _examined(folder, names, monitor or Monitor(), None):
         if isinstance(result, RejectedImage):

@@ -1,4 +1,4 @@
-"""The focal length in pixels, as far as a photograph's EXIF tells it."""
+"""The focal length in px from EXIF."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | 
     """
     try:
         tags: Mapping[int, Any] = exif.get_ifd(_EXIF_IFD)
-    except Exception:  # damaged metadata says nothing
+    except Exception:  # damaged metadata counts as none
         return None
     equivalent_mm = _number(tags.get(_FOCAL_LENGTH_35MM))
     if equivalent_mm is not None:

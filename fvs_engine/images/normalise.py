@@ -1,4 +1,4 @@
-"""A folder of photographs that any reader takes the same way: upright, 8-bit, JPEG or PNG."""
+"""Normalised photographs, which every reader decodes alike: upright, 8-bit, JPEG or PNG."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ _JPEG_QUALITY = 98
 def normalised_name(photograph: Photograph) -> str:
     """The name of ``photograph`` in the normalised folder.
 
-    Its own, unless its suffix does not tell what the file holds there; then the right one is appended:
+    Its own, unless its suffix does not fit the file's format; then the right one is appended:
     ``scan.tif`` becomes ``scan.tif.png`` and cannot collide with a ``scan.png``. White space and ``#``, which
     COLMAP's text files cannot hold, are escaped as in a URL: ``IMG (1).jpg`` becomes ``IMG%20(1).jpg``.
     """
@@ -46,10 +46,10 @@ def normalise_images(
     """Fill ``folder`` with the photographs, and return normalised name → path in the order given.
 
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
-    survive. Another one is decoded and written anew with its EXIF, less the orientation: JPEG (quality 98,
-    full chroma) if it was lossy already, else PNG. Files that are there already are kept, so that an
+    survive. Another one is decoded and encoded again with its EXIF, without the orientation: JPEG (quality
+    98, full chroma) if it was lossy already, else PNG. Files that are there already are kept, so that an
     interrupted call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
-    the folder cannot be written, ``Cancelled`` when asked to stop.
+    the folder cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     paths = {normalised_name(photograph): folder / normalised_name(photograph) for photograph in photographs}
@@ -74,7 +74,7 @@ def _write(photograph: Photograph, path: Path) -> None:
         if photograph.plain:
             _link_or_copy(photograph.path, temporary)
         else:
-            _write_anew(photograph, temporary, path.suffix.lower())
+            _encode_again(photograph, temporary, path.suffix.lower())
         temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -85,11 +85,11 @@ def _write(photograph: Photograph, path: Path) -> None:
 def _link_or_copy(source: Path, target: Path) -> None:
     try:
         target.hardlink_to(source.resolve())
-    except OSError:  # another file system, or one without hard links, or somebody else's file
+    except OSError:  # another file system, or one without hard links, or another user's file
         shutil.copyfile(source, target)
 
 
-def _write_anew(photograph: Photograph, target: Path, suffix: str) -> None:
+def _encode_again(photograph: Photograph, target: Path, suffix: str) -> None:
     image = decode(photograph.path.read_bytes())
     exif = _upright_exif(image.exif)
     if suffix == ".png":

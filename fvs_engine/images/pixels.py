@@ -2,8 +2,8 @@
 
 What is decided here, once, for the whole engine:
 
-* The formats are an explicit list, and Pillow is never asked to guess beyond it.
-* Orientation: EXIF says how the camera was held; pixels are turned upright and the tag is spent.
+* The formats are an explicit list, and Pillow never guesses beyond it.
+* Orientation: from EXIF; pixels are turned upright and the tag is dropped.
 * 16-bit greyscale is scaled by 255/65535 and rounded, the same for every image, so that exposures stay
   comparable. (16-bit colour is reduced to 8 bits by the decoder.) 32-bit and float images have no
   white level that all images share: they are refused.
@@ -23,7 +23,7 @@ from PIL import Image, UnidentifiedImageError
 from fvs_engine.errors import InvalidInputError
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
-"""MPO, which phones and 3D cameras write, opens as JPEG; its first picture is the photograph."""
+"""MPO, which phones and 3D cameras write, opens as JPEG; its first image is the photograph."""
 MAX_PIXELS = 256_000_000
 """Larger images are refused before they are decoded: a small file can claim to hold terabytes."""
 
@@ -45,7 +45,7 @@ warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
 
 
 class UnusableImageError(InvalidInputError):
-    """One image cannot be used; ``message`` says why, ``hint`` what to do."""
+    """One image cannot be used; ``message`` is the reason, ``hint`` the remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def _exif(image: Image.Image) -> Image.Exif:
     try:
         exif = image.getexif()
         exif.get(_ORIENTATION_TAG)
-    except Exception:  # damaged metadata says nothing, and the pixels are still good
+    except Exception:  # damaged metadata counts as none; the pixels are still good
         return Image.Exif()
     return exif
 

@@ -33,7 +33,7 @@ def find_cameras(
 ) -> Manifest:
     """Place the normalised photographs, write the undistorted model, and remember both.
 
-    Structure from motion goes on from what it finished in an earlier call. What it doubts is told to
+    Structure from motion goes on from what it finished in an earlier call. Its warnings go to
     ``warn``. Raises ``ReconstructionError`` when the photographs support no model, ``InvalidInputError`` when
     imported cameras do not belong to them, ``StorageError`` when the folder cannot be written, ``Cancelled``.
     """
@@ -84,11 +84,11 @@ def _find(
     return source, result.model_dir, result.report
 
 
-def _sfm_settings(asked: ReconstructionSettings, threads: int | None) -> SfmSettings:
-    settings = SfmSettings(seed=asked.seed, threads=threads, intrinsics=asked.intrinsics)
-    if asked.camera_model is None:
-        return settings
-    return settings.model_copy(update={"camera_model": asked.camera_model})
+def _sfm_settings(settings: ReconstructionSettings, threads: int | None) -> SfmSettings:
+    usual = SfmSettings(seed=settings.seed, threads=threads, intrinsics=settings.intrinsics)
+    if settings.camera_model is None:
+        return usual
+    return usual.model_copy(update={"camera_model": settings.camera_model})
 
 
 def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:

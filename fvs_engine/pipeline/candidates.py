@@ -1,4 +1,4 @@
-"""Which poses a ranking is asked about: a candidates file, a transforms.json, or poses between the views."""
+"""Candidates of a ranking: from a candidates file, a transforms.json, or between the views."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -69,7 +69,7 @@ def read_candidates(
 
     ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
     transforms.json the frames that are no views of the model become candidates; the views that both have
-    place it in the model frame, unless they are too few, stand on a line or contradict it.
+    align it with the model, unless they are too few, lie on a line or contradict it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
     are not finite, quaternions that are not unit, names that occur twice, unknown views and empty lists.
@@ -100,9 +100,9 @@ def read_candidates(
 
 
 def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
-    """Poses halfway between neighbouring views, for whoever has no candidates at hand.
+    """Candidates halfway between neighbouring views.
 
-    Every view is paired with the two that stand nearest to it; each pair gives one candidate, which is
+    Every view is paired with the two nearest to it; each pair gives one candidate, which is
     named after both.
     """
     centres = np.stack([view.centre for view in views])
@@ -145,7 +145,7 @@ def _parse(
     where = f"{path}, candidate {index}"
     kind = ViewInput if isinstance(entry, dict) and "view" in entry else PoseInput
     try:
-        # Through JSON, because only there strict means what it says for arrays.
+        # Through JSON: only there does strict accept arrays for tuples.
         parsed = kind.model_validate_json(json.dumps(entry), strict=True)
     except ValidationError as error:
         raise InvalidInputError(f"{where}, {first_error(error, 'the entry')}.") from error
@@ -186,7 +186,7 @@ def _from_transforms(
     alignment = robust_umeyama(source, target)
     misfit = alignment.rms > _MAX_MISFIT * centre_spread(target)
     if misfit or alignment.ill_conditioned:
-        reason = "stand elsewhere in it" if misfit else "stand on a line, which leaves a turn open"
+        reason = "are elsewhere in it" if misfit else "lie on a line, which leaves a rotation open"
         raise InvalidInputError(
             f"{path} cannot be placed in the model: the {len(shared)} views that both have {reason}.",
             hint="Was it made from these photographs? Candidates can also be poses in the model frame.",
@@ -199,8 +199,8 @@ def _from_transforms(
     turn_deg = float(np.degrees(np.median(turns)))
     if turn_deg > _MAX_ATTITUDE_DEG:
         raise InvalidInputError(
-            f"{path} cannot be placed in the model: the {len(shared)} views that both have stand where they "
-            f"should and look {turn_deg:.0f}° away (median) from where the model says.",
+            f"{path} cannot be placed in the model: the {len(shared)} views that both have agree in "
+            f"position, but their attitudes differ by {turn_deg:.0f}° (median).",
             hint="A transforms.json has OpenGL axes (x right, y up, z backward), camera to world.",
         )
     if len(shared) == len(frames):

@@ -107,7 +107,7 @@ def _layout(count: int, width: int, height: int) -> _Layout:
 
 
 def _shared_range(spectra: Sequence[NDArray[np.float32]]) -> tuple[float, float]:
-    """What the darkest and the brightest colour stand for: all but the extremes of all spectra."""
+    """The values of the darkest and the brightest colour: all but the extremes of all spectra."""
     finite = np.concatenate([spectrum[np.isfinite(spectrum)] for spectrum in spectra])
     if finite.size == 0:
         return 0.0, 1.0

@@ -1,4 +1,4 @@
-"""What an output folder remembers about how it was made: ``manifest.json``."""
+"""``manifest.json``: the settings, inputs and stages of an output folder."""
 
 import importlib.metadata
 from datetime import UTC, datetime
@@ -19,7 +19,7 @@ CameraSource = Literal["photographs", "colmap", "transforms"]
 
 
 class ReconstructionSettings(Record):
-    """What the user asked for.
+    """The settings of a reconstruction.
 
     ``iterations`` and ``long_side_px``: None takes the preset's. ``test_every``: of the views sorted by
     name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
@@ -71,7 +71,7 @@ class ImagesRecord(Record):
 class CamerasRecord(Record):
     """The stage that found (or imported) the cameras and undistorted the images.
 
-    ``report`` is what structure from motion says about its evidence; None for an imported model.
+    ``report`` is that of structure from motion; None for an imported model.
     """
 
     source: CameraSource
@@ -96,7 +96,7 @@ class TrainingRecord(Record):
 
 
 class Manifest(Record):
-    """The whole memory of an output folder; a stage's record is there once the stage is finished."""
+    """The manifest of an output folder; a stage's record is there once the stage is finished."""
 
     version: Literal[1] = 1
     program: str = Field(default_factory=lambda: f"fvs {importlib.metadata.version('fvs')}")

@@ -1,4 +1,4 @@
-"""Ranking candidate views of a trained model: which pose should be photographed next."""
+"""Ranking candidate views of a trained model: which view should be photographed next."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -23,9 +23,9 @@ from fvs_engine.splat.trainer import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SHEET_CANDIDATES = 12
-"""How many candidates the contact sheet shows when nobody says."""
+"""How many candidates the contact sheet shows by default."""
 MOST_ON_SHEET = 48
-"""More are not drawn: a sheet is there to be looked at, and every render of it is in memory at once."""
+"""At most: every render of a sheet is in memory at once."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ _LASTING = (
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
 Warn = Callable[[str], None]
-"""Tells the user a sentence that is no error."""
+"""Shows the user a warning, a sentence."""
 
 
 def reconstruct_folder(
@@ -47,9 +47,9 @@ def reconstruct_folder(
     """Reconstruct ``photographs`` into the folder ``out``, going on from what is finished there.
 
     The same call on the same folder resumes it; with more ``iterations`` it trains on. What else may differ
-    is the backend and the number of threads; for anything else ``OutputExistsError`` says what differs. As
+    is the backend and the number of threads; for anything else ``OutputExistsError`` names what differs. As
     long as no cameras were found, all settings may differ and photographs may be added. ``overwrite`` deletes
-    an earlier result first. Files that cannot be used are told to ``warn`` and the rest is used.
+    an earlier result first. Files that cannot be used are left out with a warning.
 
     Raises ``NoImagesError`` for fewer than two photographs, ``ReconstructionError`` when they support no
     model, ``TrainingError``, ``StorageError`` (``DiskFullError``, ``OutputExistsError``), ``Cancelled``;
@@ -168,8 +168,8 @@ def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, image
 def _require_compatible(
     workspace: Workspace, earlier: Manifest, settings: ReconstructionSettings, images: ImagesRecord
 ) -> None:
-    # Until there are cameras, other settings and more photographs are what a refusal asks for; structure from
-    # motion itself forgets what no longer fits.
+    # Until there are cameras, other settings and more photographs are the remedy for a rejected model;
+    # structure from motion itself deletes what no longer fits.
     settled = earlier.cameras is not None
     differences = [
         f"{name} was {_shown(old)} and is {_shown(new)}"

@@ -1,10 +1,10 @@
 """Choosing views of a dataset into an output folder; resumable.
 
 selection.json    settings, the initial views, why it stopped
-steps/            one file per step: the ranking, the choice, what was learned
+steps/            one file per step: the ranking, the choice, the trained model's numbers
 scene/            the scene as it grew: features, cameras, the training state
 result.json       the views in the order of their visit, with score, distance and travel
-trajectory.png    the way of the camera, from above
+trajectory.png    the path of the camera, from above
 point_cloud.ply   the Gaussians, in the layout that splat viewers read
 """
 
@@ -28,7 +28,7 @@ from fvs_engine.splat.raster import create_rasterizer
 class SelectedView(Record):
     """A visited view; ``distance`` from the one before and ``travel`` up to it are in the dataset's unit.
 
-    ``score`` is None for initial views, and for choices that no score could make (``fallback`` says how).
+    ``score`` is None for initial views, and for choices without a score (``fallback`` names the rule).
     """
 
     order: int
@@ -44,7 +44,7 @@ class SelectedView(Record):
 class SelectionResult(Record):
     """``result.json``: what was visited, in order, and why the selection ended.
 
-    ``travel_of_capture`` is the way through all views that could be visited, in order of capture.
+    ``travel_of_capture`` is the path length through all views that could be visited, in order of capture.
     ``worst_rms``: of the alignments between dataset and model, in the dataset's unit.
     """
 

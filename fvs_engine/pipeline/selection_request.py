@@ -1,4 +1,4 @@
-"""What the user asks of a selection, and the loop's settings that follow for a dataset."""
+"""The settings of a selection as the user gives them, and the loop's settings for a dataset."""
 
 from pydantic import ValidationError
 

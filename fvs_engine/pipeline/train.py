@@ -43,7 +43,7 @@ _BYTES_PER_GAUSSIAN = 1_000
 
 
 def training_settings(settings: ReconstructionSettings) -> TrainingSettings:
-    """The preset, with the number of iterations that was asked for."""
+    """The preset, with the number of iterations of ``settings``."""
     preset = PRESETS[settings.quality]
     return preset if settings.iterations is None else preset.with_iterations(settings.iterations)
 
@@ -56,10 +56,10 @@ def disk_need_bytes(settings: ReconstructionSettings) -> int:
 def train(
     workspace: Workspace, manifest: Manifest, *, monitor: Monitor, warn: Callable[[str], None]
 ) -> Metrics:
-    """Train up to the iterations that ``manifest.settings`` ask for, evaluate, and write everything down.
+    """Train up to the iterations of ``manifest.settings``, evaluate, and write the results.
 
     Goes on from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
-    minute, at the end and when ``monitor`` asks to stop; then ``Cancelled`` is raised.
+    minute, at the end and on cancellation, which raises ``Cancelled``.
     """
     settings = training_settings(manifest.settings)
     finished = workspace.read_metrics()
@@ -142,7 +142,7 @@ class _State:
 def _warn_of_memory(
     settings: TrainingSettings, views: Sequence[TrainingView], warn: Callable[[str], None]
 ) -> None:
-    """Say what training may need if that is more than the machine has."""
+    """Warn when training may need more memory than the machine has."""
     largest = max((view.camera for view in views), key=lambda camera: camera.width * camera.height)
     need_bytes = memory_need_bytes(
         settings.max_gaussians, settings.sh_degree, len(views), largest.width, largest.height

@@ -112,7 +112,7 @@ class Workspace:
         Raises ``OutputExistsError`` when the folder holds something else or another process writes to
         it, ``StorageError`` when it cannot be created or its file system knows no locks.
         """
-        # Whatever its name: without a manifest `images` are somebody's photographs, not our copies.
+        # Whatever its name: without a manifest `images` are the user's photographs, not our copies.
         self._owned.create(lambda name: _BEFORE_MANIFEST.match(name) is not None)
         with locked_folder(self.root):
             yield

@@ -1,4 +1,4 @@
-"""What a view says about every parameter of the model: the diagonal of its Fisher information.
+"""The information of a view about every parameter of the model: the diagonal of its Fisher information.
 
 With unit noise on every colour, the information of an image about the parameters is JᵀJ; of it only the
 diagonal is kept. Rotations are left out, as FisherRF leaves them out: those of round Gaussians mean nothing.

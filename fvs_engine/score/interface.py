@@ -58,6 +58,6 @@ class Scorer(Protocol):
         """One score per candidate, in their order; the candidates' images must have one size.
 
         ``sh_degree``: render with only this many degrees. Progress is reported in candidates. Raises
-        ``InvalidInputError`` for sizes that differ and ``Cancelled`` when the monitor says so.
+        ``InvalidInputError`` for sizes that differ and ``Cancelled``.
         """
         ...

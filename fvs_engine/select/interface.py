@@ -1,4 +1,4 @@
-"""What every selector takes and gives, and how one view is chosen from what it says."""
+"""The interface of selectors, and the choice of one view by their scores."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from fvs_engine.views import PinholeView
 
 @dataclass(frozen=True, eq=False)
 class SelectionContext:
-    """All that a selector may know when it is asked for the next view.
+    """The input of a selector.
 
     ``gaussians``, rendered by ``rasterizer`` with ``sh_degree`` degrees (None: all), are the model so far.
     ``visited`` are the photographed views in the order of their visit, the last one where the camera is now;
-    ``candidates`` those in reach; both in the model frame. ``order`` maps the id of every view that could
-    ever be visited to its place in the order of capture. ``budget``: views at the end, the first ones
+    ``candidates`` those in reach; both in the model frame. ``order`` maps the name of every view that could
+    ever be visited to its index in the order of capture. ``budget``: views at the end, the first ones
     included. ``seed`` and ``step`` (from 0) are the only source of chance.
 
-    Raises ``InvalidInputError`` for an id that occurs twice, that is both visited and a candidate, or that
+    Raises ``InvalidInputError`` for a name that occurs twice, that is both visited and a candidate, or that
     ``order`` lacks.
     """
 
@@ -47,16 +47,16 @@ class SelectionContext:
                     f"View {view.name} occurs more than once among visited and candidates."
                 )
             if view.name not in self.order:
-                raise InvalidInputError(f"View {view.name} has no place in the order of capture.")
+                raise InvalidInputError(f"View {view.name} is not in the order of capture.")
             known.add(view.name)
 
 
 class Selector(Protocol):
-    """A way to say which candidate should be photographed next. The same context gives the same scores."""
+    """Scores candidates for the next view. The same context gives the same scores."""
 
     @property
     def name(self) -> str:
-        """What the method is called on the command line and in results."""
+        """The method's name on the command line and in results."""
         ...
 
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
@@ -72,8 +72,8 @@ class Selector(Protocol):
 class Selection:
     """What was chosen, and why.
 
-    ``chosen``: the id of the next view. ``ranked``: all candidates, the best first. ``fallback`` says how it
-    was chosen when nothing could be ranked: ``"low-coverage"`` or ``"farthest"``; None otherwise.
+    ``chosen``: the name of the next view. ``ranked``: all candidates, the best first. ``fallback`` names the
+    rule that chose when nothing could be ranked: ``"low-coverage"`` or ``"farthest"``; None otherwise.
     """
 
     chosen: str
@@ -89,8 +89,8 @@ def select(
 ) -> Selection:
     """Choose the next view.
 
-    The lowest score wins; ties are broken by ``distances`` (id → how far the camera has to travel, in the
-    unit of whoever asks), then by id. Where no candidate can be ranked, the lowest score among those of low
+    The lowest score wins; ties are broken by ``distances`` (name → how far the camera has to travel, in the
+    caller's unit), then by name. Where no candidate can be ranked, the lowest score among those of low
     coverage wins (the model fills little of any view, so seeing some of it is better than none); where none
     has a score at all, the candidate farthest from all visited views, in position and direction.
 
@@ -98,7 +98,7 @@ def select(
     """
     if not context.candidates:
         raise InvalidInputError(
-            "There is no candidate to choose from.", hint="Widen the radius, or ask for more neighbours."
+            "There is no candidate to choose from.", hint="Widen the radius, or choose among more neighbours."
         )
     with torch_threads_for(context.rasterizer.device):  # takes half of the processor time, or less
         ranked = rank(selector.score(context, monitor), distances)
@@ -115,6 +115,6 @@ def _first(context: SelectionContext, ranked: tuple[RankedCandidate, ...]) -> tu
         return best.name, CandidateStatus.LOW_COVERAGE.value
     separation = view_distances(context.candidates, context.visited).min(axis=1, initial=float("inf"))
     farthest = separation.max()
-    # As in a ranking, ties go to the smaller id, whatever the order of the candidates.
-    ids = (c.name for c, value in zip(context.candidates, separation, strict=True) if value == farthest)
-    return min(ids), "farthest"
+    # As in a ranking, ties go to the smaller name, whatever the order of the candidates.
+    names = (c.name for c, value in zip(context.candidates, separation, strict=True) if value == farthest)
+    return min(names), "farthest"

@@ -1,4 +1,4 @@
-"""The loop of the paper's Algorithm 1: learn a little, choose the next view, fly there, again."""
+"""The loop of the paper's Algorithm 1: train, choose the next view, visit it, repeat."""
 
 import time
 from collections import Counter
@@ -71,7 +71,7 @@ class SelectionLoop:
         self.dataset = dataset
         self.settings = settings
         self.scene = scene
-        """Trained on what was visited."""
+        """Trained on the visited views."""
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
@@ -144,13 +144,13 @@ class SelectionLoop:
 
     @property
     def travel(self) -> float:
-        """The way through the visited views, centre to centre, in the dataset's unit."""
+        """The length of the path through the visited views, in the dataset's unit."""
         return path_length([self._centres[name] for name in self.visited])
 
     def begin(self, monitor: Monitor) -> tuple[str, ...]:
-        """Learn the initial views, or what a resumed selection had visited; returns warnings, once.
+        """Train on the initial views, or on what a resumed selection had visited; return warnings, once.
 
-        ``step`` does it if need be. Raises ``ReconstructionError`` when the initial views do not overlap, and
+        ``step`` does so if need be. Raises ``ReconstructionError`` when the initial views do not overlap, and
         what training raises.
         """
         if self._begun:
@@ -158,12 +158,12 @@ class SelectionLoop:
         monitor.report(STAGE, len(self.visited), self.settings.budget)
         warnings: tuple[str, ...] = ()
         if self._pending is None:  # else the scene may already hold the chosen view, and is finished with it
-            warnings, _ = self._learn(self.visited, monitor)
+            warnings, _ = self._train_on(self.visited, monitor)
         self._begun = True
         return warnings
 
     def step(self, monitor: Monitor) -> StepRecord | StopReason:
-        """Choose the next view, visit it and learn from it, or say why the selection ends here.
+        """Choose the next view, visit it and train on it, or return why the selection ends here.
 
         Raises ``InvalidInputError`` when the dataset's poses contradict the photographs, ``Cancelled`` with
         everything on disk, and what ``begin`` raises.
@@ -186,7 +186,7 @@ class SelectionLoop:
         return record
 
     def align(self) -> DatasetAlignment:
-        """Where the dataset's frame lies in the model; raises ``InvalidInputError`` when they disagree."""
+        """Align the dataset with the model; raises ``InvalidInputError`` when they contradict each other."""
         if self.settings.scene.poses == "known":
             return same_frame(len(self.scene.views))
         names = [view.name for view in self.scene.views]
@@ -199,10 +199,10 @@ class SelectionLoop:
             raise InvalidInputError(error.message, hint=_ALIGNMENT_HINT) from error
 
     def context(self, candidates: Iterable[str], alignment: DatasetAlignment) -> SelectionContext:
-        """What a selector may know now, about ``candidates`` (names of views of the dataset).
+        """The input of a selector now, for ``candidates`` (names of views of the dataset).
 
-        Visited views that could not be registered yet stand where the alignment puts them: they were flown
-        to, and a method that spreads views must not go there again.
+        Unregistered visited views get the pose that the alignment gives them: they were flown to, and a
+        method that spreads views must not go there again.
         """
         registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
         return SelectionContext(
@@ -222,8 +222,8 @@ class SelectionLoop:
     def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:
         """Views of the dataset in the model frame.
 
-        Scores of different image sizes cannot be compared, so that a view of another size than most have sees
-        with the camera that most have.
+        Scores of different image sizes cannot be compared, so that a view of another size than most have gets
+        the camera that most have.
         """
         cameras = {name: self.scene.expected_camera(name) for name in names}
         if not cameras:
@@ -272,11 +272,9 @@ class SelectionLoop:
         )
 
     def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
-        warnings, seconds = self._learn([choice.chosen], monitor)
+        warnings, seconds = self._train_on([choice.chosen], monitor)
         if choice.chosen in self.scene.unregistered and not any(choice.chosen in line for line in warnings):
-            warnings += (
-                f"{choice.chosen} shows too little of what is known to be registered yet; it waits.",
-            )
+            warnings += (f"{choice.chosen} overlaps the registered images too little to be registered yet.",)
         return StepRecord(
             choice=choice,
             views=len(self.visited) + 1,
@@ -288,7 +286,7 @@ class SelectionLoop:
             seconds=StepSeconds(score=choice.seconds, **seconds),
         )
 
-    def _learn(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
+    def _train_on(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
         """Add views and train as far as the schedule goes; returns warnings and seconds per part."""
         before = self.scene.visited, self.scene.iteration
         times = [time.monotonic()]

@@ -1,11 +1,11 @@
-"""What a selection keeps on disk, so that a kill at any moment costs only the work of that moment.
+"""The folder of a selection, which survives a kill at any moment.
 
 selection.json      settings, the dataset's fingerprint, the initial views, why it stopped
-steps/0001.json …   one file per step: first the choice, and once it was learned the whole record
+steps/0001.json …   one file per step: first the choice, after training the whole record
 scene/              the growing scene
 
-A choice is written before anything learns from it: whoever resumes visits the same view instead of asking a
-model that may have seen part of it already.
+A choice is written before the model is trained on it: a resumed selection visits the same view instead of
+scoring by a model that may have been trained on part of it.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ _STEP_FILE = re.compile(r"\d{4,}\.json")
 
 
 class SelectionManifest(Record):
-    """``selection.json``: what the steps beside it belong to. ``stop`` is None while views may be added."""
+    """``selection.json``: the identity of the steps beside it. ``stop`` is None while views may be added."""
 
     version: Literal[1] = 1
     dataset: str
@@ -37,7 +37,7 @@ class SelectionManifest(Record):
 
 
 class _StepFile(Record):
-    """One step: ``record`` is None between the choice and the end of what was learned from it."""
+    """One step: ``record`` is None between the choice and the end of training on it."""
 
     choice: Choice
     record: StepRecord | None
@@ -51,7 +51,7 @@ class LoopFolder:
 
     @property
     def scene(self) -> Path:
-        """Where the growing scene lives."""
+        """The folder of the growing scene."""
         return self.root / "scene"
 
     @property

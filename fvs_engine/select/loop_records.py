@@ -1,4 +1,4 @@
-"""What a selection writes down about each of its steps."""
+"""Records of a selection's steps."""
 
 from typing import Literal
 
@@ -34,11 +34,11 @@ class AlignmentRecord(Record):
 
 
 class Choice(Record):
-    """What was chosen at a step and why; ``step`` counts from 1.
+    """The choice of one step; ``step`` counts from 1.
 
-    ``ranked`` holds every candidate in reach, the first to be visited first; ``fallback`` says how the view
-    was chosen where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``:
-    the way through all visited views up to it; both in the dataset's unit. ``seconds``: wall time of
+    ``ranked`` holds every candidate in reach, the best first; ``fallback`` names the rule that chose the view
+    where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``:
+    the path through all visited views up to it; both in the dataset's unit. ``seconds``: wall time of
     aligning, rendering and scoring.
     """
 
@@ -69,7 +69,7 @@ class StepSeconds(Record):
 
 
 class StepRecord(Record):
-    """One turn of the loop: the choice, and what became of it.
+    """One step of the loop: the choice and its outcome.
 
     ``views`` were visited, the chosen one included; ``registered`` of them are in the model, ``waiting`` are
     not yet. ``warnings`` are sentences about this view.
@@ -91,12 +91,12 @@ class StepRecord(Record):
 
     @property
     def travel(self) -> float:
-        """The way through all visited views, in the dataset's unit."""
+        """The length of the path through all visited views, in the dataset's unit."""
         return self.choice.travel
 
     @property
     def alignment(self) -> AlignmentRecord:
-        """How the candidates were taken into the model."""
+        """The alignment that took the candidates into the model frame."""
         return self.choice.alignment
 
 

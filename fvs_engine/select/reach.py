@@ -1,4 +1,4 @@
-"""Which views the camera can fly to next: those within a radius of its centre, or the nearest few."""
+"""Reach: the views that the camera can fly to next, within a radius of its centre or the nearest few."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,11 +13,10 @@ Array = NDArray[np.float64]
 SPACINGS = 8.0
 """The default radius in median distances between consecutive views.
 
-The paper gives no number, only what bounds it: how far the vehicle gets in one step. So that a step leads
-past the next few views of a dense capture to places that differ, but not across the scene, it is measured by
-that capture. On Mip-NeRF360 *bonsai* (0.27 units from view to view, 4.8 from the middle to the outermost)
-walks of random steps from the first ten views to one hundred got stuck half of the time with 5 spacings,
-never with 8."""
+The paper gives no number, only what bounds it: how far the vehicle gets in one step. It is measured by the
+capture, so that a step leads past the next few views of a dense one, but not across the scene. On
+Mip-NeRF360 *bonsai* (0.27 units from view to view, 4.8 from the middle to the outermost) walks of random
+steps from the first ten views to one hundred got stuck half of the time with 5 spacings, never with 8."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +47,11 @@ def default_radius(centres: Array) -> float:
     Views taken from one spot do not count as spaced. Raises ``InvalidInputError`` when all were.
     """
     spacings = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    # Rounding leaves a standing camera a few last bits of movement.
+    # Rounding gives a camera at rest a few last bits of movement.
     moved = spacings[spacings > 1e-9 * max(1.0, float(np.abs(centres).max(initial=0.0)))]
     if len(moved) == 0:
         raise InvalidInputError(
-            "All views of the dataset stand in one place: no radius can tell near from far.",
+            "All views of the dataset have one position: no radius can separate near from far.",
             hint="Choose among a number of nearest views instead (--nearest).",
         )
     return SPACINGS * float(np.median(moved))

@@ -1,4 +1,4 @@
-"""When a selection ends, and how it says so."""
+"""When a selection ends."""
 
 import time
 from collections.abc import Mapping
@@ -28,14 +28,14 @@ class Clock:
 
 
 def budget_spent(visited: int, budget: int) -> StopReason | None:
-    """Stop when as many views were visited as may be."""
+    """Stop when the budget is used."""
     if visited < budget:
         return None
     return StopReason(kind="budget", message=f"The budget of {budget} views is used.")
 
 
 def time_is_up(clock: Clock, last_step_s: float) -> StopReason | None:
-    """Stop when another step as long as the last would end after the limit: a battery does not wait."""
+    """Stop when another step as long as the last would end after the limit."""
     if not clock.forbids(last_step_s):
         return None
     return StopReason(
@@ -48,7 +48,7 @@ def time_is_up(clock: Clock, last_step_s: float) -> StopReason | None:
 def nothing_in_reach(
     reach: Reach, here: NDArray[np.float64], unvisited: Mapping[str, NDArray[np.float64]]
 ) -> StopReason | None:
-    """Stop when no unvisited view (name → centre [3]) is in reach; says which radius would reach one."""
+    """Stop when no unvisited view (name → centre [3]) is in reach; name a radius that reaches one."""
     if reach.distances(here, unvisited):
         return None
     if not unvisited:

@@ -1,4 +1,4 @@
-"""The way that a selection took, drawn from above: the paper's figure of trajectories, in one panel."""
+"""The path of a selection, drawn from above: the paper's figure of trajectories, in one panel."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from fvs_engine.files.atomic import replacing
+from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.scene.dataset import Dataset
 
 Array = NDArray[np.float64]
@@ -54,16 +54,15 @@ def draw_trajectory(
         colors = ScalarMappable(turns, _COLOR_MAP)
         ticks = MaxNLocator(integer=True)
         figure.colorbar(colors, ax=axes, label="view number", ticks=ticks, shrink=0.7, pad=0.02)
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=_DPI)
-    with replacing(path) as temporary:
-        temporary.write_bytes(picture.getvalue())
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=_DPI)
+    write_bytes_atomically(path, png.getvalue())
 
 
 def top_view(dataset: Dataset) -> dict[str, Array]:
-    """View → where it stands on a map [2]: its centre, seen along the direction that cameras call up.
+    """View → its centre on a map [2], seen along the cameras' common up direction.
 
-    Where the cameras do not agree on one (a nadir block), along the direction in which their centres vary
+    Where there is none (a nadir block), along the direction in which their centres vary
     least, from the side that they look from.
     """
     names = dataset.names
@@ -75,7 +74,7 @@ def top_view(dataset: Dataset) -> dict[str, Array]:
     if np.linalg.norm(up) < _MIN_UPRIGHT:
         up = axes[2] if rotations[:, 2].mean(axis=0) @ axes[2] < 0 else -axes[2]
     up = up / np.linalg.norm(up)
-    # The longest direction of the capture runs to the right; the picture is not mirrored.
+    # The longest direction of the capture runs to the right; the map is not mirrored.
     right = axes[0] - (axes[0] @ up) * up
     if np.linalg.norm(right) < 1e-6:
         right = axes[1] - (axes[1] @ up) * up

@@ -1,4 +1,4 @@
-"""Ways around the world, as a vehicle would fly them."""
+"""Camera paths around the synthetic scene."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ def orbit(
 ) -> list[RigidTransform]:
     """``count`` world_from_camera poses on circles around the origin that look at the z axis.
 
-    The height sways by a fifth so that the cameras do not stand in one plane, which would leave SfM's
+    The height sways by a fifth so that the centres do not lie in one plane, which would leave SfM's
     scale along the axis to the noise. Raises ``InvalidInputError`` for less than one pose or no radius.
     """
     if count < 1 or radius_m <= 0:

@@ -45,7 +45,7 @@ class World:
 def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World:
     """A walled yard around the origin with boxes in it that hide one another and the walls.
 
-    The ground is z = 0; the walls are 2.5 m high; boxes stand within 1.8 m of the centre, so that a
+    The ground is z = 0; the walls are 2.5 m high; boxes are within 1.8 m of the centre, so that a
     vehicle can circle them at 2.5 to 3.5 m.
     """
     generator = np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World
 
 
 def _box(foot: Array, size: Array, turn: float, generator: np.random.Generator) -> list[Rectangle]:
-    """Four sides and a lid of a box that stands on the ground, ``foot`` [3] the middle of its base."""
+    """Four sides and a lid of a box on the ground, ``foot`` [3] the middle of its base."""
     c, s = np.cos(turn), np.sin(turn)
     x, y = size[0] * np.array([c, s, 0.0]), size[1] * np.array([-s, c, 0.0])
     z = np.array([0.0, 0.0, size[2]])

@@ -1,4 +1,4 @@
-"""Checkpoints: everything that training needs to go on, in one safetensors file (no pickle)."""
+"""Checkpoints: the whole training state, in one safetensors file (no pickle)."""
 
 import json
 from collections.abc import Mapping

@@ -67,9 +67,9 @@ def point_spacing(
     if neighbors <= 0 or len(place_of_point) == 0:
         alone = 0.01 * max(float(np.linalg.norm(points[:1])), 1e-3)
         return np.full(len(place_of_point), alone)
-    asked, answer_of_point = np.unique(place_of_point, return_inverse=True)
-    distances, _ = cKDTree(places).query(places[asked], k=neighbors + 1)
+    chosen_places, index_of_point = np.unique(place_of_point, return_inverse=True)
+    distances, _ = cKDTree(places).query(places[chosen_places], k=neighbors + 1)
     spacing = distances[:, 1:].mean(axis=1)
     typical = np.median(spacing)
     bounded = np.clip(spacing, SMALLEST_SPACING * typical, LARGEST_SPACING * typical)
-    return np.asarray(bounded[answer_of_point])
+    return np.asarray(bounded[index_of_point])

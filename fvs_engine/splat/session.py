@@ -1,4 +1,4 @@
-"""Training that a stop or a kill at any moment costs little: saved every so often, resumed from there."""
+"""Resumable training: saved every so often and on cancellation, resumed from there."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -71,7 +71,7 @@ class SavingMonitor(Monitor):
         return self._outer.cancelled
 
     def check(self) -> None:
-        """Save when it is time; raise ``Cancelled`` if the work was asked to stop."""
+        """Save when it is due; raise ``Cancelled`` if the outer monitor was cancelled."""
         self._outer.check()
         if time.monotonic() - self._saved > self._every_s:
             self._save()

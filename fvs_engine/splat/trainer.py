@@ -1,4 +1,4 @@
-"""The training loop: render a view, compare it with its photograph, move the Gaussians, again."""
+"""The training loop: render a view, compare it with its photograph, update the Gaussians."""
 
 import math
 import time
@@ -37,7 +37,7 @@ _EXTENT_STEP = 0.01
 """Share of the way, in the logarithm, that the extent goes to its goal in one iteration."""
 
 _DIVERGED_HINT = (
-    "The last checkpoint is still good. Look whether the cameras are right; if they are, train anew with "
+    "The last checkpoint is still good. Check the cameras; if they are right, train again with "
     "another seed (--seed) or more views."
 )
 
@@ -81,8 +81,8 @@ class Trainer:
 
     The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``drop_views``,
     ``add_gaussians``. The Gaussians that are there keep the optimiser's moments. ``extent``, by which
-    learning rates and size limits scale, does not jump with the cameras: it goes 1 % of the way to what they
-    ask for (in the logarithm) per iteration, so that a view far outside changes the rates within some hundred
+    learning rates and size limits scale, does not jump with the cameras: it moves 1 % of the way to theirs
+    (in the logarithm) per iteration, so that a view far outside changes the rates within some hundred
     iterations.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
@@ -104,7 +104,7 @@ class Trainer:
             )
         if settings.sh_degree != gaussians.sh_degree:
             raise InvalidInputError(
-                f"The settings ask for spherical harmonics of degree {settings.sh_degree}, "
+                f"The settings have spherical harmonics of degree {settings.sh_degree}, "
                 f"the Gaussians have {gaussians.sh_degree}.",
                 hint="Initialise the Gaussians with the settings' degree.",
             )
@@ -126,7 +126,7 @@ class Trainer:
         return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
 
     def add_views(self, views: Sequence[TrainingView]) -> None:
-        """Learn from more views: each comes once before any other, then in every epoch.
+        """Train on more views: each comes once before any other, then in every epoch.
 
         Raises ``InvalidInputError`` when a view of that name is there already.
         """
@@ -157,7 +157,7 @@ class Trainer:
         self._aim_extent()
 
     def drop_views(self, names: Collection[str]) -> None:
-        """Learn no more from the views of these names: their cameras proved wrong.
+        """Stop training on the views of these names: their cameras proved wrong.
 
         Raises ``InvalidInputError`` when none would be left.
         """
@@ -361,7 +361,7 @@ def _blend(old: float | None, new: float, share: float) -> float:
 
 @contextmanager
 def torch_threads_for(device: torch.device) -> Iterator[None]:
-    """On the CPU the cores belong to the kernels: torch's own pool would only get in their way."""
+    """Limit torch to one thread on the CPU, whose cores the kernels use."""
     before = torch.get_num_threads()
     if device.type == "cpu":
         torch.set_num_threads(1)

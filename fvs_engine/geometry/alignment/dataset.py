@@ -154,6 +154,6 @@ def _require_agreement(rms: float, spread: float, attitude_deg: float, inliers: 
         )
     if attitude_deg > _MAX_ATTITUDE_DEG:
         raise InvalidInputError(
-            f"The dataset's attitudes contradict the photographs: aligned by their positions, the cameras of "
-            f"{count} visited views look {attitude_deg:.0f}° away (median) from where the model says."
+            f"The dataset's attitudes contradict the photographs: aligned by positions, the attitudes of "
+            f"{count} visited views differ by {attitude_deg:.0f}° (median) from those of the model."
         )

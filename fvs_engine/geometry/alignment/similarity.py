@@ -35,7 +35,7 @@ class AlignmentReport:
     ``transform`` is target_from_source. ``rms`` and ``median`` are residuals of the inliers in the target's
     unit; ``inliers`` is bool [N]. ``collinearity`` is 1 for points on a line and 0 for points spread evenly
     about their main plane. ``roll_uncertainty_deg`` is the standard error of the rotation about the line
-    that fits the points best: the rotation that a straight track leaves open. ``ill_conditioned`` says that
+    that fits the points best: the rotation that a straight track leaves open. ``ill_conditioned``:
     this rotation must not be trusted.
     """
 

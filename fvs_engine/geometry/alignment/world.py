@@ -1,4 +1,4 @@
-"""Placing a reconstruction in the world by what is known of where its photographs were taken."""
+"""Georeferencing: alignment of a reconstruction with position priors of its images."""
 
 import math
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ _MAX_ATTITUDE_SPREAD_DEG = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """Where the model stands: ``world_from_model``, residuals over the ``inliers`` positions in world units.
+    """``world_from_model``, and the residuals over the ``inliers`` positions in world units.
 
-    ``ill_conditioned``: the cameras stand on a line, and no attitudes fixed the turn about it.
+    ``ill_conditioned``: the camera centres lie on a line, and no attitudes fixed the rotation about it.
     """
 
     world_from_model: SimilarityTransform
@@ -39,9 +39,9 @@ def georeference(
     *,
     seed: int = 0,
 ) -> Georeference | None:
-    """Align camera centres with the positions [N, 3] where they were; None if these do not fix it.
+    """Align camera centres with position priors [N, 3]; None if these do not determine it.
 
-    Robust: up to half of the positions may be wrong. Where the centres stand on a line the turn about it is
+    Robust: up to half of the positions may be wrong. Where the centres lie on a line the rotation about it is
     taken from the attitudes (rotations [3, 3] or None per camera), when at least two agree.
     """
     if len(model_from_cameras) < 3:
@@ -71,10 +71,10 @@ def _turn_about_track(
     middle = track.mean(axis=0)
     axis = np.linalg.svd(track - middle)[2][0]
     angles = []
-    for camera, told in zip(model_from_cameras, world_from_camera_rotations, strict=True):
-        if told is None:
+    for camera, attitude in zip(model_from_cameras, world_from_camera_rotations, strict=True):
+        if attitude is None:
             continue
-        off = Rotation.from_matrix(told @ (world_from_model.rotation @ camera.rotation).T)
+        off = Rotation.from_matrix(attitude @ (world_from_model.rotation @ camera.rotation).T)
         x, y, z, w = off.as_quat()
         angles.append(2.0 * math.atan2(float(np.dot([x, y, z], axis)), float(w)))  # swing-twist
     if len(angles) < _MIN_ATTITUDES:

@@ -1,4 +1,4 @@
-"""Selectors by information gain: how much a view would tell about the parameters."""
+"""Selectors by information gain: how much a view would add to what is known of the parameters."""
 
 import zlib
 from collections.abc import Callable

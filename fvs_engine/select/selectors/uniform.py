@@ -1,4 +1,4 @@
-"""Evenly spaced over the order of capture: what a person with a video would do."""
+"""Evenly spaced over the order of capture: as one would sample a video."""
 
 import heapq
 import itertools
@@ -12,7 +12,7 @@ from fvs_engine.select.interface import SelectionContext
 
 
 class Uniform:
-    """Scores a candidate by its distance, in places of the order of capture, to the nearest planned place.
+    """Scores a candidate by its distance, in the order of capture, to the nearest planned place.
 
     The places that the budget leaves are planned at every step, so that the largest gap between neighbours
     is as small as the visited views allow (``planned_places``). Source: uniform sampling, the baseline of

@@ -1,4 +1,4 @@
-"""Which rasteriser runs here."""
+"""Creation of rasterisers by name."""
 
 import logging
 from typing import get_args
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Rasterizer:
     """Create a backend by name; ``auto`` takes ``cuda`` where CUDA and gsplat are there, else ``cpu``.
 
-    A device that ``auto`` cannot use is worth a warning in the log: the CPU takes many times as long.
+    Where ``auto`` cannot use the device it logs a warning: the CPU takes many times as long.
 
     Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
     Backends are imported here, not at the top: each brings a compiler or a device with it. The first time

@@ -239,9 +239,9 @@ def test_missing_photographs_are_said_and_the_rest_is_used(fvs: Fvs, room_dir: P
     options = (*QUICK, "--test-every", 0, "--initial", 2)
     run = fvs("select", tmp_path / "data", "--out", tmp_path / "out", *options)
     assert "images/missing.png" in run.stderr
-    # All three stand in one place, which no radius can order.
+    # All three have one position, which no radius can order.
     assert run.status == EXIT_CODES["invalid-input"]
-    assert "stand in one place" in run.stderr
+    assert "have one position" in run.stderr
 
 
 def test_a_folder_without_poses_says_where_they_are_sought(fvs: Fvs, tmp_path: Path) -> None:

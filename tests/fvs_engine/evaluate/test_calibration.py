@@ -9,7 +9,7 @@ from fvs_engine.evaluate.calibration import calibrate, rank_correlation
 from fvs_engine.evaluate.held_out import evaluate
 from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.evaluate.protocol import Protocol
-from fvs_engine.evaluate.run import Laboratory
+from fvs_engine.evaluate.run import Setup
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -71,8 +71,8 @@ def test_what_is_in_reach_is_judged_by_itself() -> None:
 
 @pytest.fixture
 def loop(ring: Dataset, quick: Protocol, tmp_path: Path) -> SelectionLoop:
-    laboratory = Laboratory(ring, quick, create_rasterizer("cpu"), None)
-    loop = laboratory.open(tmp_path / "loop", "farthest", 0, Monitor())
+    setup = Setup(ring, quick, create_rasterizer("cpu"), None)
+    loop = setup.open(tmp_path / "loop", "farthest", 0, Monitor())
     loop.begin(Monitor())
     return loop
 

@@ -124,7 +124,7 @@ def test_attitudes_of_other_axes_contradict_the_photographs() -> None:
     draw = np.random.default_rng(7)
     model = cameras_at(draw.normal(size=(10, 3)), draw)
     world = [view @ OPENGL_FROM_OPENCV for view in model]
-    with pytest.raises(InvalidInputError, match=r"look 180° away"):
+    with pytest.raises(InvalidInputError, match=r"differ by 180°"):
         align_dataset(world, model)
 
 
