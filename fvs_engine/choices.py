@@ -12,10 +12,10 @@ CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
 """Camera models that structure from motion estimates."""
 
 Poses = Literal["sfm", "known"]
-"""Where the poses of visited views come from: estimated from their images alone, or the dataset's."""
+"""Sources of the poses of visited views: estimated from their images alone, or the dataset's."""
 
 InitialChoice = Literal["first", "consecutive", "farthest"]
-"""Which views a selection begins with, see ``fvs_engine.select.initial_views``."""
+"""The initial views of a selection, see ``fvs_engine.select.initial_views``."""
 
 Method = Literal[
     "median-frequency",

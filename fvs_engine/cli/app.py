@@ -209,7 +209,7 @@ def render(
 
 @app.command()
 def info(folder: _Folder, as_json: JsonOption = False) -> None:
-    """What an output folder holds: photographs, cameras, training, quality."""
+    """Describe an output folder: photographs, cameras, training, quality."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import fail
     from fvs_engine.errors import EngineError

@@ -17,7 +17,7 @@ JsonOption = Annotated[
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a computation runs on, and how it reports."""
+    """Backend, threads and form of the output of a computation."""
 
     backend: Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")] = (
         "auto"

@@ -24,7 +24,7 @@ _UNWRAPPED_COLUMNS = 10_000
 
 @contextlib.contextmanager
 def _stdout() -> Iterator[TextIO]:
-    """Where a result is printed. A reader that left (``| head``) ends ``fvs`` as it ends other programs."""
+    """Standard output for results; a closed pipe (``| head``) ends ``fvs`` as it ends other programs."""
     sigpipe = signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     try:
         yield sys.stdout

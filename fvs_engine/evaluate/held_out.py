@@ -1,4 +1,4 @@
-"""How well a scene shows what it never saw: its renders of other photographs, beside these."""
+"""Quality on held-out views: renders compared with photographs that were never trained on."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -21,16 +21,16 @@ Lpips = Callable[[ArrayLike, ArrayLike], float]
 
 
 def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) -> Evaluation:
-    """The model as it is, on the held-out photographs; it does not change. Stage ``evaluate``.
+    """Evaluate the model on the held-out photographs; it does not change. Stage ``evaluate``.
 
-    With known poses their cameras are those of the dataset. With estimated ones each photograph is placed in
-    the standing model by its own features, so that what is measured is the model and not the error of the
-    alignment; what cannot be placed gets the dataset's camera, carried over by the alignment.
+    With known poses their cameras are those of the dataset. With estimated ones each photograph is localised
+    in the current model by its own features, so that the measure is of the model and not of the alignment;
+    one that cannot be localised gets the dataset's camera, moved by the alignment.
     """
     scene = loop.scene
-    placed = scene.localise(loop.test_names, monitor)
-    lost = tuple(name for name in loop.test_names if name not in placed)
-    views = [*placed.values(), *aligned_views(loop, lost)]
+    localised = scene.localise(loop.test_names, monitor)
+    missing = tuple(name for name in loop.test_names if name not in localised)
+    views = [*localised.values(), *aligned_views(loop, missing)]
     qualities = []
     with torch_threads_for(scene.rasterizer.device):
         for done, view in enumerate(views, start=1):
@@ -49,13 +49,13 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
         psnr_db=float(np.mean([quality.psnr_db for quality in qualities])),
         ssim=float(np.mean([quality.ssim for quality in qualities])),
         lpips=mean_lpips,
-        aligned_only=lost,
+        aligned_only=missing,
         views=tuple(qualities),
     )
 
 
 def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[TrainingView]:
-    """Photographs of the dataset where its poses, carried over by the alignment, put them in the model.
+    """Photographs of the dataset with its poses, moved into the model by the alignment.
 
     They are read one by one: there may be as many as the dataset has.
     """
@@ -70,7 +70,7 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
 
 
 def rendered(scene: GrowingScene, view: TrainingView) -> NDArray[np.float32]:
-    """What the scene shows at a view, on black: [H, W, 3] in [0, 1]."""
+    """The scene rendered at a view, on black: [H, W, 3] in [0, 1]."""
     with torch.no_grad():
         rendering = scene.rasterizer.render(
             scene.gaussians, view.camera, view.camera_from_model, sh_degree=scene.sh_degree

@@ -1,4 +1,4 @@
-"""How close a rendering is to a photograph, as the field reports it."""
+"""Image quality metrics: PSNR and SSIM."""
 
 import numpy as np
 import torch

@@ -68,7 +68,7 @@ class Protocol(Record):
 
     @property
     def budget(self) -> int:
-        """How many views are visited in all."""
+        """Number of views visited in all."""
         return self.view_counts[-1]
 
 

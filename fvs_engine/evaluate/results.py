@@ -7,7 +7,7 @@ from fvs_engine.records import Record
 
 
 class ViewQuality(Record):
-    """How close the render of one test view is to its photograph."""
+    """Quality of the render of one test view."""
 
     name: str
     psnr_db: float

@@ -57,7 +57,7 @@ class RunPlan:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What all runs of an experiment share."""
+    """Dataset, protocol and rasteriser that all runs of an experiment share."""
 
     dataset: Dataset
     protocol: Protocol
@@ -135,19 +135,19 @@ def execute(
     while True:
         visited = len(loop.visited)
         if visited in setup.protocol.view_counts:
-            evaluation = _look(setup, plan, loop, monitor)
+            evaluation = _evaluate(setup, plan, loop, monitor)
         on_step(visited, evaluation)
         outcome = loop.step(monitor)
         if isinstance(outcome, StopReason):
             break
     if len(loop.visited) not in setup.protocol.view_counts:
-        _look(setup, plan, loop, monitor)
+        _evaluate(setup, plan, loop, monitor)
     run = _result(setup.protocol, plan, loop, outcome)
     write_record(plan.result_path, run)
     return run
 
 
-def _look(setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
+def _evaluate(setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
     """Evaluate and calibrate at the present views, unless that was done before."""
     visited = len(loop.visited)
     path = plan.folder / f"evaluation-{visited:04d}.json"

@@ -51,7 +51,7 @@ def estimate(values: Sequence[float]) -> Estimate:
 
 
 def paired_difference(values: Mapping[int, float], baseline: Mapping[int, float]) -> Estimate | None:
-    """How much better ``values`` are than ``baseline``, both by seed; None when they share no seed.
+    """The mean difference ``values`` − ``baseline``, both by seed; None when they share no seed.
 
     Two selectors that start from the same views share the luck of that start. It cancels in the differences
     seed by seed, so their interval is narrower than the two means let one think.

@@ -1,4 +1,4 @@
-"""What can go wrong with a disk, as errors that name the file and the remedy."""
+"""Errors of writing files, with the file and the remedy named."""
 
 import contextlib
 import errno

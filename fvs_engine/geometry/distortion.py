@@ -24,7 +24,7 @@ class Distortion(Protocol):
     """A map of the normalised image plane onto itself, points [..., 2] to points [..., 2]."""
 
     def distort(self, points: Array) -> Array:
-        """Where the lens puts the points of an ideal image; NaN beyond the fold."""
+        """The distorted points of an ideal image's points; NaN beyond the fold."""
         ...
 
     def undistort(self, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Which files of a folder are photographs, and why the others are not."""
+"""The photographs in a folder, and the files that are rejected, with reasons."""
 
 import hashlib
 import os
@@ -134,7 +134,7 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
 def _examined(
     folder: Path, names: Sequence[str], monitor: Monitor, threads: int | None
 ) -> Iterator[Photograph | RejectedImage]:
-    """What becomes of each of ``names``, in their order."""
+    """The photograph or rejection of each of ``names``, in their order."""
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
         results = executor.map(lambda name: _examine(folder, name), names)

@@ -61,7 +61,7 @@ def find_cameras(
 def _find(
     workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
 ) -> tuple[CameraSource, Path, SfmReport | None]:
-    """Where the cameras come from, the folder of their COLMAP model, and the evidence for them."""
+    """The source of the cameras, the folder of their COLMAP model, and the report on them."""
     settings = _sfm_settings(manifest.settings, threads)
     names = [record.normalised_name for record in manifest.images.photographs]
     source: CameraSource

@@ -1,4 +1,4 @@
-"""What an output folder holds, in one record."""
+"""Description of an output folder."""
 
 import stat
 from pathlib import Path

@@ -83,7 +83,7 @@ class CamerasRecord(Record):
 
 
 class TrainingRecord(Record):
-    """How far training has come."""
+    """The state of training."""
 
     train_views: tuple[str, ...]
     test_views: tuple[str, ...]
@@ -108,7 +108,7 @@ class Manifest(Record):
 
 
 class ViewMetrics(Record):
-    """How well the model renders one held-out view."""
+    """Quality of the render of one held-out view."""
 
     name: str
     psnr_db: float

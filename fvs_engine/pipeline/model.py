@@ -1,4 +1,4 @@
-"""A trained model as it lies in an output folder: the Gaussians and the views they were trained on."""
+"""The trained model of an output folder: the Gaussians and the views they were trained on."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fvs_engine.views import PinholeView
 
 @dataclass(frozen=True, eq=False)
 class TrainedModel:
-    """What a ranking or a rendering needs; ``aliases`` are the views' names in the source folder."""
+    """A trained model with its views; ``aliases`` are the views' names in the source folder."""
 
     workspace: Workspace
     manifest: Manifest

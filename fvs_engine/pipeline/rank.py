@@ -23,7 +23,7 @@ from fvs_engine.splat.trainer import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SHEET_CANDIDATES = 12
-"""How many candidates the contact sheet shows by default."""
+"""Number of candidates on the contact sheet by default."""
 MOST_ON_SHEET = 48
 """At most: every render of a sheet is in memory at once."""
 

@@ -66,7 +66,7 @@ def render_views(
 
 
 def render_color(gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer) -> NDArray[np.float32]:
-    """What a view sees of the model on black: [H, W, 3] in [0, 1]."""
+    """The model rendered at a view, on black: [H, W, 3] in [0, 1]."""
     with torch.no_grad():
         rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model)
     return np.asarray(rendering.color.clamp(0.0, 1.0).cpu().numpy(), dtype=np.float32)

@@ -17,7 +17,7 @@ DEFAULT_BUDGET = 100
 
 
 class SelectionRequest(Record):
-    """How to choose views and what to train on them; the loop's values are those of ``LoopSettings``.
+    """Settings of a selection; those of the loop are explained in ``LoopSettings``.
 
     None takes a default: for ``budget`` the paper's, or all views where there are fewer; for
     ``long_side_px`` and ``max_gaussians`` those of the ``quality``. Structure from motion works in one thread

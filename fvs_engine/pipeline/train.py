@@ -49,7 +49,7 @@ def training_settings(settings: ReconstructionSettings) -> TrainingSettings:
 
 
 def disk_need_bytes(settings: ReconstructionSettings) -> int:
-    """What the checkpoint and the point cloud need at most, about."""
+    """Upper bound, about, of the size of the checkpoint and the point cloud."""
     return training_settings(settings).max_gaussians * _BYTES_PER_GAUSSIAN
 
 
@@ -98,7 +98,7 @@ def train(
 
 
 class _State:
-    """What a run of the trainer writes: the checkpoint, the point cloud and the manifest."""
+    """Writes the state of a training run: checkpoint, point cloud and manifest."""
 
     def __init__(
         self,

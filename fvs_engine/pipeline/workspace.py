@@ -30,7 +30,7 @@ _OWN_ENTRIES = frozenset(
     | {"undistorted.log", ".undistorted.partial"}
 )
 _BEFORE_MANIFEST = re.compile(r"\.lock$|\.manifest\.json\.\d+\.partial$")
-"""What a run that was killed before its manifest was written may have left."""
+"""Entries that a run leaves when it is killed before it writes the manifest."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Workspace:
 
     @property
     def sfm(self) -> Path:
-        """What structure from motion keeps."""
+        """The files of structure from motion."""
         return self.root / "sfm"
 
     @property

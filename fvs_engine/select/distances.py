@@ -12,7 +12,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 def view_distances(views: Sequence[PinholeView], others: Sequence[PinholeView]) -> Floats:
-    """How different every view is from every other: [len(views), len(others)], a metric without unit.
+    """The difference of every view from every other: [len(views), len(others)], a metric without unit.
 
         d(a, b)² = |c_a − c_b|² / s² + |v_a − v_b|²
 

@@ -70,7 +70,7 @@ class Selector(Protocol):
 
 @dataclass(frozen=True)
 class Selection:
-    """What was chosen, and why.
+    """The chosen view and the ranking behind it.
 
     ``chosen``: the name of the next view. ``ranked``: all candidates, the best first. ``fallback`` names the
     rule that chose when nothing could be ranked: ``"low-coverage"`` or ``"farthest"``; None otherwise.

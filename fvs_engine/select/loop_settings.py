@@ -1,4 +1,4 @@
-"""What can be chosen about a selection of views."""
+"""Settings of the loop that selects views."""
 
 from typing import Self
 
@@ -10,7 +10,7 @@ from fvs_engine.scene.settings import SceneSettings
 
 
 class LoopSettings(Record):
-    """How to choose views of a dataset; frozen, and stored with the selection.
+    """Settings of the loop; stored with the selection.
 
     ``budget`` counts all views, the ``initial`` ones included. Candidates are the unvisited views within
     ``radius`` of the current camera centre (in the dataset's unit), or the ``nearest`` so many; a number as

@@ -1,4 +1,4 @@
-"""When a selection ends."""
+"""Stop conditions of a selection."""
 
 import time
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The 3D Gaussian model: what is trained, rendered and saved."""
+"""The 3D Gaussian model."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class Gaussians:
 
     @property
     def device(self) -> torch.device:
-        """Where the tensors live."""
+        """The device of the tensors."""
         return self.means.device
 
     def tensors(self) -> dict[str, Tensor]:

@@ -1,4 +1,4 @@
-"""Every number that training depends on, and what it needs of memory."""
+"""Training settings and presets, and the memory that training needs."""
 
 from typing import Self
 
@@ -24,7 +24,7 @@ class LearningRates(Record):
 
 
 class Densification(Record):
-    """When and how Gaussians are added and removed; every interval is in iterations.
+    """Rules by which Gaussians are added and removed; every interval is in iterations.
 
     It happens at iterations that leave the remainder ``phase`` when divided by ``interval``.
     ``gradient_threshold`` is compared with the mean norm of the loss's gradient with respect to the
@@ -45,7 +45,7 @@ class Densification(Record):
 
 
 class TrainingSettings(Record):
-    """How to train; frozen, and stored with every checkpoint.
+    """Settings of training; stored with every checkpoint.
 
     The defaults are those of the 3DGS paper for 30,000 iterations. ``max_gaussians`` is a hard cap:
     densification that would exceed it takes the Gaussians with the largest gradients.
@@ -109,7 +109,7 @@ _PIXEL_FLOATS = 16
 
 
 def memory_need_bytes(gaussians: int, sh_degree: int, views: int, width_px: int, height_px: int) -> int:
-    """What training on the CPU needs beyond the program itself, at most and about.
+    """Upper bound, about, of the memory that training on the CPU needs beyond the program itself.
 
     ``views`` images of ``width_px`` × ``height_px`` (kept as bytes), and ``gaussians`` with their
     gradients, moments and rasteriser state, at the moment when Gaussians are added.

@@ -30,7 +30,7 @@ _BLOCK_RESIDUALS = 1 << 18
 
 @dataclass(frozen=True, eq=False)
 class AlignmentReport:
-    """How well source points land on target points.
+    """A similarity from source to target points, and its residuals.
 
     ``transform`` is target_from_source. ``rms`` and ``median`` are residuals of the inliers in the target's
     unit; ``inliers`` is bool [N]. ``collinearity`` is 1 for points on a line and 0 for points spread evenly

@@ -1,4 +1,4 @@
-"""COVER: the view of what has been seen least, and from elsewhere."""
+"""COVER: the view whose Gaussians were seen least, or only from other directions."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color
 from fvs_engine.views import PinholeView
 
 SEEN_PX = 0.5
-"""What a Gaussian must contribute to a visited view to count as seen: the sum of its blending weights, px."""
+"""Sum of blending weights, px, from which on a Gaussian counts as seen in a visited view."""
 
 
 @dataclass(frozen=True)
