@@ -279,7 +279,7 @@ class SelectionLoop:
             choice=choice,
             views=len(self.visited) + 1,
             registered=len(self.scene.views),
-            waiting=len(self.scene.unregistered),
+            unregistered=len(self.scene.unregistered),
             iterations=self.scene.iteration,
             gaussians=len(self.scene.gaussians),
             warnings=warnings,

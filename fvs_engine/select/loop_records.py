@@ -71,14 +71,14 @@ class StepSeconds(Record):
 class StepRecord(Record):
     """One step of the loop: the choice and its outcome.
 
-    ``views`` were visited, the chosen one included; ``registered`` of them are in the model, ``waiting`` are
-    not yet. ``warnings`` are sentences about this view.
+    ``views`` were visited, the chosen one included; of them ``registered`` are in the model and
+    ``unregistered`` are not. ``warnings`` are sentences about this view.
     """
 
     choice: Choice
     views: int
     registered: int
-    waiting: int
+    unregistered: int
     iterations: int
     gaussians: int
     warnings: tuple[str, ...]

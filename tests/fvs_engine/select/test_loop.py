@@ -352,7 +352,7 @@ def test_a_photograph_that_shares_too_little_waits_and_is_named(
     record = loop.step(Monitor())
     assert isinstance(record, StepRecord)
     assert record.chosen == "0007.jpg"
-    assert (record.registered, record.waiting, record.iterations) == (4, 1, 20)
+    assert (record.registered, record.unregistered, record.iterations) == (4, 1, 20)
     (warning,) = record.warnings
     assert "0007.jpg overlaps the registered images too little" in warning
 
