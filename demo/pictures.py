@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from fvs_client import Ranking
-from fvs_client.models import SnapshotCameras
+from fvs_client import Ranking, SnapshotCameras
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator

@@ -166,7 +166,7 @@ def test_wrong_usage_is_told(run: Run, tmp_path: Path) -> None:
     run("scenes", "create", "x", "--local", "--origin", "1", "2", "3", expect=2)
     run("upload", "scene", "/does/not/exist", expect=2)
     (tmp_path / "IMG_1.HEIC").write_bytes(b"of a telephone")
-    assert "no photograph" in run("upload", "scene", tmp_path, expect=2).stderr
+    assert "no image" in run("upload", "scene", tmp_path, expect=2).stderr
 
 
 def test_two_scenes_of_one_name_must_be_told_apart(run: Run, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from anyio.from_thread import start_blocking_portal
 from fvs_client import (
     AsyncClient,
     Client,
+    FramePose,
     FvsError,
     Grid,
     LocalWorld,
@@ -22,7 +23,6 @@ from fvs_client import (
     Retries,
     Trigger,
 )
-from fvs_client.models import FramePose
 
 Do = Callable[..., Any]
 RETRIES = Retries(first_s=0.01, longest_s=0.05)

@@ -25,7 +25,7 @@ def test_looking_at_agrees_with_the_engine(
 
 
 def test_looking_nowhere_is_refused() -> None:
-    with pytest.raises(ValueError, match="stands on its target"):
+    with pytest.raises(ValueError, match="is at its target"):
         FramePose.looking_at((1, 2, 3), (1, 2, 3))
     with pytest.raises(ValueError, match="looks along"):
         FramePose.looking_at((1, 2, 3), (1, 2, 0))

@@ -1,6 +1,6 @@
-"""Client of the fvs service: send photographs, watch the model grow, ask which view to photograph next.
+"""Client of the fvs service: upload images, update the model, rank the next views to photograph.
 
-``Client`` waits for each answer, ``AsyncClient`` has the same names with ``await``.
+``Client`` blocks; ``AsyncClient`` has the same methods for ``await``.
 """
 
 from fvs_client._async.client import AsyncClient
@@ -41,36 +41,43 @@ from fvs_client.errors import (
     UnexpectedAnswerError,
     WaitTimeoutError,
 )
-from fvs_client.models import (
+from fvs_client.models.events import Event, EventKind
+from fvs_client.models.images import DigestAnswer, Image, ImageMetadata, Prior, Registration, Verdict
+from fvs_client.models.jobs import JobFailure, JobKind, JobState
+from fvs_client.models.poses import FramePose, VehiclePose
+from fvs_client.models.rankings import (
+    AroundCurrent,
+    Candidate,
+    CandidateStatus,
+    Dataset,
+    Generator,
+    Grid,
+    Orbit,
+    Pose,
+    RankedCandidate,
+    RankingRequest,
+)
+from fvs_client.models.scenes import (
     Alignment,
     AlignmentStatus,
     AltitudeDatum,
-    AroundCurrent,
-    Artifact,
     AutomaticWorld,
     CameraPrior,
-    Candidate,
-    CandidateStatus,
-    Capabilities,
-    Dataset,
     EnuWorld,
-    Event,
-    EventKind,
-    FramePose,
-    Grid,
-    Image,
-    ImageMetadata,
-    JobKind,
-    JobState,
+    ImageCounts,
     LocalWorld,
-    Orbit,
     Origin,
     Policy,
-    RankedCandidate,
-    Registration,
     Trigger,
-    VehiclePose,
-    Verdict,
+    World,
+)
+from fvs_client.models.service import Capabilities, Health, Limits
+from fvs_client.models.snapshots import (
+    Artifact,
+    PinholeIntrinsics,
+    SnapshotCameras,
+    SnapshotMetrics,
+    SnapshotView,
 )
 from fvs_client.retries import NO_RETRIES, Retries
 from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
@@ -99,6 +106,7 @@ __all__ = [
     "ConnectionFailedError",
     "DamagedDownloadError",
     "Dataset",
+    "DigestAnswer",
     "DigestMismatchError",
     "DownloadProgress",
     "EnuWorld",
@@ -108,18 +116,23 @@ __all__ = [
     "ForbiddenError",
     "FramePose",
     "FvsError",
+    "Generator",
     "Grid",
+    "Health",
     "IdempotencyKeyReusedError",
     "Image",
+    "ImageCounts",
     "ImageMetadata",
     "InvalidRequestError",
     "Job",
     "JobCanceledError",
     "JobError",
     "JobFailedError",
+    "JobFailure",
     "JobKind",
     "JobState",
     "LimitExceededError",
+    "Limits",
     "LocalWorld",
     "MalformedRequestError",
     "NoSnapshotError",
@@ -129,14 +142,21 @@ __all__ = [
     "OutOfSpaceError",
     "Outcome",
     "PayloadTooLargeError",
+    "PinholeIntrinsics",
     "Policy",
+    "Pose",
+    "Prior",
     "RankedCandidate",
     "Ranking",
+    "RankingRequest",
     "Registration",
     "Retries",
     "Scene",
     "ServiceFailedError",
     "Snapshot",
+    "SnapshotCameras",
+    "SnapshotMetrics",
+    "SnapshotView",
     "Trigger",
     "UnauthenticatedError",
     "UnavailableError",
@@ -147,4 +167,5 @@ __all__ = [
     "VehiclePose",
     "Verdict",
     "WaitTimeoutError",
+    "World",
 ]

@@ -61,9 +61,9 @@ def _retry_after_s(headers: Mapping[str, str]) -> float | None:
 
 
 def event_number(message: httpx2.ServerSentEvent, default: int | None) -> int | None:
-    """The event number from which a stream resumes after ``message``; ``default`` when it names none.
+    """The event number after which to resume a stream, from ``message``; ``default`` when it has none.
 
-    The stream begins with a message that has a number and no event.
+    A stream begins with a message that has a number and no event.
     """
     return int(message.id) if message.id.isascii() and message.id.isdigit() else default
 

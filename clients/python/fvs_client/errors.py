@@ -1,4 +1,4 @@
-"""Every failure that a caller can meet. Decide by class, or by ``code``; show ``str(error)`` and ``hint``."""
+"""Errors of the client: distinguish them by class or ``code``, show ``str(error)`` and ``hint``."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -8,7 +8,7 @@ from fvs_client.models.jobs import JobData
 
 
 class FieldError(Answer):
-    """One part of the input that is wrong: where (``candidates.3.id``) and why."""
+    """An invalid part of the input: where (``candidates.3.id``) and why."""
 
     field: str
     message: str
@@ -28,7 +28,7 @@ class Problem(Answer):
 
 
 class FvsError(Exception):
-    """Base of all. ``retryable``: whether the same call can succeed later; ``hint``: what to do about it."""
+    """Base of all errors. ``retryable``: the same call can succeed later; ``hint``: what to do about it."""
 
     def __init__(
         self, message: str, *, hint: str = "", retryable: bool = False, request_id: str | None = None
@@ -38,7 +38,7 @@ class FvsError(Exception):
         self.hint = hint
         self.retryable = retryable
         self.request_id = request_id
-        """What the service's log calls the request; None when there was none."""
+        """Id of the request in the service's log; None when no request failed."""
 
 
 class ConnectionFailedError(FvsError):
@@ -49,19 +49,19 @@ class ConnectionFailedError(FvsError):
 
 
 class AnswerTimeoutError(ConnectionFailedError):
-    """The service is there and did not answer in time."""
+    """The service did not answer in time."""
 
 
 class UnexpectedAnswerError(FvsError):
-    """Something answered that is not the service, or not a version that this client understands."""
+    """The answer is not from an fvs service, or from a version that this client does not know."""
 
 
 class DamagedDownloadError(FvsError):
-    """What was downloaded is not what the service has."""
+    """The downloaded bytes differ from those of the service."""
 
 
 class ApiError(FvsError):
-    """The service refused; ``problem`` has all it said."""
+    """The service refused the request; ``problem`` is its problem document."""
 
     code: ClassVar[str] = ""
 
@@ -79,31 +79,31 @@ class ApiError(FvsError):
 
 
 class MalformedRequestError(ApiError):
-    """The request could not be read at all."""
+    """The request cannot be parsed."""
 
     code = "malformed-request"
 
 
 class UnauthenticatedError(ApiError):
-    """No API key, or one that is not known, expired or revoked."""
+    """The API key is missing, unknown, expired or revoked."""
 
     code = "unauthenticated"
 
 
 class ForbiddenError(ApiError):
-    """The API key is good, but not for this."""
+    """The API key does not permit the request."""
 
     code = "forbidden"
 
 
 class NotFoundError(ApiError):
-    """It does not exist, or belongs to somebody else."""
+    """The resource does not exist, or belongs to another tenant."""
 
     code = "not-found"
 
 
 class ConflictError(ApiError):
-    """The request contradicts the state of what it is about."""
+    """The request conflicts with the state of the resource."""
 
     code = "conflict"
 
@@ -121,31 +121,31 @@ class PayloadTooLargeError(ApiError):
 
 
 class InvalidRequestError(ApiError):
-    """The request could be read and cannot be used; ``errors`` says which part of it."""
+    """The request is invalid; ``errors`` has the fields."""
 
     code = "invalid-request"
 
 
 class DigestMismatchError(InvalidRequestError):
-    """The bytes did not arrive as they were when they were read."""
+    """The received bytes do not have the digest that was sent with them."""
 
     code = "digest-mismatch"
 
 
 class IdempotencyKeyReusedError(InvalidRequestError):
-    """An idempotency key came back with another request."""
+    """An idempotency key was used again for a different request."""
 
     code = "idempotency-key-reused"
 
 
 class LimitExceededError(ApiError):
-    """A limit is reached; ``retry_after_s`` says when to ask again."""
+    """A limit is reached; try again after ``retry_after_s``."""
 
     code = "limit-exceeded"
 
 
 class ServiceFailedError(ApiError):
-    """The service failed; its log has the details under ``request_id``."""
+    """The service failed; its log has the details by ``request_id``."""
 
     code = "internal"
 
@@ -157,13 +157,13 @@ class UnavailableError(ServiceFailedError):
 
 
 class OutOfSpaceError(ServiceFailedError):
-    """The service has no room left."""
+    """The service has no disk space left."""
 
     code = "out-of-space"
 
 
 class JobError(FvsError):
-    """A job did not succeed; ``job`` says how far it came."""
+    """A job did not succeed; ``job`` is its last known state."""
 
     def __init__(self, message: str, job: JobData, *, hint: str = "", retryable: bool = False) -> None:
         super().__init__(message, hint=hint, retryable=retryable)
@@ -171,12 +171,12 @@ class JobError(FvsError):
 
 
 class JobFailedError(JobError):
-    """The job failed; ``job.error`` says why."""
+    """The job failed; ``job.error`` has the reason."""
 
     def __init__(self, job: JobData) -> None:
         why = job.error
         super().__init__(
-            f"The {job.kind.value} job {job.id} failed: {why.message if why else 'it does not say why.'}",
+            f"The {job.kind.value} job {job.id} failed: {why.message if why else 'no reason given.'}",
             job,
             hint=why.hint if why else "",
             retryable=why.retryable if why else False,
@@ -184,14 +184,14 @@ class JobFailedError(JobError):
 
 
 class JobCanceledError(JobError):
-    """Somebody canceled the job."""
+    """The job was canceled."""
 
     def __init__(self, job: JobData) -> None:
         super().__init__(f"The {job.kind.value} job {job.id} was canceled.", job, retryable=True)
 
 
 class WaitTimeoutError(JobError):
-    """The job had not ended in time; it goes on."""
+    """The job has not ended in time; it goes on."""
 
     def __init__(self, job: JobData, timeout_s: float) -> None:
         super().__init__(
@@ -223,7 +223,7 @@ _BY_STATUS: Mapping[int, type[ApiError]] = {
 
 
 def error_of(problem: Problem, retry_after_s: float | None = None) -> ApiError:
-    """The error that ``problem`` is: by its code, or by its status when a newer service says a new code."""
+    """The error for ``problem``: by code, or by status for an unknown code of a newer service."""
     kind = _BY_CODE.get(problem.code) or _BY_STATUS.get(problem.status)
     if kind is None:
         kind = ServiceFailedError if problem.status >= 500 else ApiError

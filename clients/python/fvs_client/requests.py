@@ -10,12 +10,9 @@ from urllib.parse import quote
 
 from fvs_client.models.base import Input
 from fvs_client.models.images import ImageMetadata
-from fvs_client.models.jobs import JobKind, JobRequest
-from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
-from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneRequest, World
-
-Candidates = Mapping[str, Pose] | Iterable[Candidate]
-"""Poses by candidate id, or ``Candidate``s."""
+from fvs_client.models.jobs import JobRequest
+from fvs_client.models.rankings import RankingRequest
+from fvs_client.models.scenes import SceneRequest
 
 REQUEST_ID = "X-Request-Id"
 
@@ -80,18 +77,9 @@ def health() -> Request:
     return Request("GET", "/readyz")
 
 
-def create_scene(
-    name: str,
-    world: World | None,
-    camera: CameraPrior | None,
-    policy: Policy | None,
-    idempotency_key: str | None,
-) -> Request:
+def create_scene(scene: SceneRequest, idempotency_key: str | None) -> Request:
     """Create a scene."""
-    request = SceneRequest(
-        name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
-    )
-    return _keyed("/v1/scenes", request, idempotency_key)
+    return _keyed("/v1/scenes", scene, idempotency_key)
 
 
 def get_scene(scene_id: str) -> Request:
@@ -133,19 +121,9 @@ def images_of(scene_id: str) -> str:
     return f"/v1/scenes/{_part(scene_id)}/images"
 
 
-def create_job(
-    scene_id: str,
-    kind: JobKind | str,
-    iterations: int | None,
-    long_side_px: int | None,
-    test_every: int | None,
-    idempotency_key: str | None,
-) -> Request:
+def create_job(scene_id: str, job: JobRequest, idempotency_key: str | None) -> Request:
     """Create a job."""
-    request = JobRequest(
-        kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px, test_every=test_every
-    )
-    return _keyed(jobs_of(scene_id), request, idempotency_key)
+    return _keyed(jobs_of(scene_id), job, idempotency_key)
 
 
 def jobs_of(scene_id: str) -> str:
@@ -180,36 +158,10 @@ def watch_events(scene_id: str, after: int | None, timeout_s: float | None = Non
     )
 
 
-def create_ranking(
-    scene_id: str,
-    *,
-    candidates: Candidates | None,
-    generator: Generator | None,
-    current_pose: Pose | None,
-    radius_m: float | None,
-    top_k: int | None,
-    method: str,
-    snapshot_id: str | None,
-    budget: int,
-    seed: int,
-    idempotency_key: str | None,
-) -> Request:
+def create_ranking(scene_id: str, ranking: RankingRequest, idempotency_key: str | None) -> Request:
     """Create a ranking."""
-    if isinstance(candidates, Mapping):
-        candidates = [Candidate(id=name, pose=pose) for name, pose in candidates.items()]
-    request = RankingRequest(
-        candidates=None if candidates is None else tuple(candidates),
-        generator=generator,
-        current_pose=current_pose,
-        radius_m=radius_m,
-        top_k=top_k,
-        method=method,
-        snapshot_id=snapshot_id,
-        budget=budget,
-        seed=seed,
-    )
     path = f"/v1/scenes/{_part(scene_id)}/rankings"
-    return _keyed(path, request, idempotency_key, _RANKING_TIMEOUT_S)
+    return _keyed(path, ranking, idempotency_key, _RANKING_TIMEOUT_S)
 
 
 def get_ranking(ranking_id: str) -> Request:

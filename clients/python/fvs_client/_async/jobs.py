@@ -7,7 +7,7 @@ from fvs_client import requests
 from fvs_client._async import waiting
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshot
-from fvs_client.models.jobs import JobData, JobKind
+from fvs_client.models.jobs import JobData, JobKind, JobRequest
 
 
 class AsyncJob(AsyncResource, JobData):
@@ -24,14 +24,7 @@ class AsyncJob(AsyncResource, JobData):
 
         Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
         """
-        return await waiting.wait(
-            self._session,
-            type(self),
-            self.id,
-            self.scene_id,
-            timeout_s=timeout_s,
-            on_progress=on_progress,
-        )
+        return await waiting.wait(self._session, self, timeout_s, on_progress)
 
     async def cancel(self) -> Self:
         """Cancel the job; one that has ended stays unchanged."""
@@ -78,9 +71,10 @@ class AsyncSceneJobs:
 
         Raises ``ConflictError`` when a queued job has other settings.
         """
-        request = requests.create_job(
-            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        job = JobRequest(
+            kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px, test_every=test_every
         )
+        request = requests.create_job(self._scene_id, job, idempotency_key)
         return await self._session.fetch(AsyncJob, request)
 
     def list(self) -> AsyncIterator[AsyncJob]:

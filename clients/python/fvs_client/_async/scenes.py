@@ -1,6 +1,6 @@
 """Scenes."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Mapping
 from typing import Self
 
 from fvs_client import requests
@@ -12,9 +12,8 @@ from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.rankings import Generator, Pose
-from fvs_client.models.scenes import CameraPrior, Policy, SceneData, World
-from fvs_client.requests import Candidates
+from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
+from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneData, SceneRequest, World
 
 
 class AsyncScene(AsyncResource, SceneData):
@@ -57,7 +56,7 @@ class AsyncScene(AsyncResource, SceneData):
 
     async def rank(
         self,
-        candidates: Candidates | None = None,
+        candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         *,
         generator: Generator | None = None,
         current_pose: Pose | None = None,
@@ -75,9 +74,10 @@ class AsyncScene(AsyncResource, SceneData):
         candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
         scene has no model.
         """
-        request = requests.create_ranking(
-            self.id,
-            candidates=candidates,
+        if isinstance(candidates, Mapping):
+            candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
+        ranking = RankingRequest(
+            candidates=None if candidates is None else tuple(candidates),
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
@@ -86,8 +86,8 @@ class AsyncScene(AsyncResource, SceneData):
             snapshot_id=snapshot_id,
             budget=budget,
             seed=seed,
-            idempotency_key=idempotency_key,
         )
+        request = requests.create_ranking(self.id, ranking, idempotency_key)
         return await self._session.fetch(AsyncRanking, request)
 
     def events(self, after: int | None = 0) -> AsyncIterator[Event]:
@@ -114,9 +114,10 @@ class AsyncScenes:
         idempotency_key: str | None = None,
     ) -> AsyncScene:
         """Create a scene; by default its world comes from the GPS positions of its images."""
-        return await self._session.fetch(
-            AsyncScene, requests.create_scene(name, world, camera, policy, idempotency_key)
+        scene = SceneRequest(
+            name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
         )
+        return await self._session.fetch(AsyncScene, requests.create_scene(scene, idempotency_key))
 
     async def get(self, scene_id: str) -> AsyncScene:
         """Get a scene."""

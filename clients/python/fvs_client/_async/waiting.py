@@ -24,13 +24,7 @@ _SILENCE_S = 30.0
 
 
 async def wait(
-    session: AsyncSession,
-    kind: type[J],
-    job_id: str,
-    scene_id: str,
-    *,
-    timeout_s: float | None,
-    on_progress: Callable[[J], object] | None,
+    session: AsyncSession, job: J, timeout_s: float | None, on_progress: Callable[[J], object] | None
 ) -> J:
     """Return the job once it has succeeded; ``on_progress`` gets every change.
 
@@ -38,7 +32,7 @@ async def wait(
     so the result never depends on events alone. Raises ``JobFailedError``, ``JobCanceledError`` or, when the
     job has not ended after ``timeout_s``, ``WaitTimeoutError``.
     """
-    watch = _Watch(session, kind, job_id, scene_id, timeout_s, on_progress)
+    watch = _Watch(session, job, timeout_s, on_progress)
     pause = _FIRST_POLL_S
     while True:
         if watch.left_s > _SILENCE_S:
@@ -66,19 +60,15 @@ async def wait(
 class _Watch(Generic[J]):
     """The latest known state of one job."""
 
-    job: J
-
     def __init__(
         self,
         session: AsyncSession,
-        kind: type[J],
-        job_id: str,
-        scene_id: str,
+        job: J,
         timeout_s: float | None,
         on_progress: Callable[[J], object] | None,
     ) -> None:
+        self.job = job
         self._session = session
-        self._kind, self._id, self._scene_id = kind, job_id, scene_id
         self._deadline = None if timeout_s is None else time.monotonic() + timeout_s
         self._on_progress = on_progress
         self._reported: tuple[object, ...] = ()
@@ -92,12 +82,12 @@ class _Watch(Generic[J]):
 
     async def poll(self) -> bool:
         """Fetch the job; return whether it has ended."""
-        self._update(await self._session.fetch(self._kind, requests.get_job(self._id)))
+        self._update(await self._session.fetch(type(self.job), requests.get_job(self.job.id)))
         return self.job.ended
 
     async def follow_events(self) -> bool:
         """Follow events until the job or the stream ends, or the deadline is near; whether the job ended."""
-        request = requests.watch_events(self._scene_id, self._after, _SILENCE_S)
+        request = requests.watch_events(self.job.scene_id, self._after, _SILENCE_S)
         async with self._session.open(request) as response:
             ended = await self.poll()  # all later changes are in the stream
             if ended:
@@ -123,7 +113,7 @@ class _Watch(Generic[J]):
 
     def _apply(self, event: Event) -> bool:
         """Take the progress from an event; return whether the event means that the job must be fetched."""
-        if event.data.get("job_id") != self._id:
+        if event.data.get("job_id") != self.job.id:
             return False
         if event.kind is not EventKind.JOB_PROGRESS:
             return True

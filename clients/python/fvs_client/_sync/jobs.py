@@ -8,7 +8,7 @@ from fvs_client import requests
 from fvs_client._sync import waiting
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import Snapshot
-from fvs_client.models.jobs import JobData, JobKind
+from fvs_client.models.jobs import JobData, JobKind, JobRequest
 
 
 class Job(Resource, JobData):
@@ -25,14 +25,7 @@ class Job(Resource, JobData):
 
         Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
         """
-        return waiting.wait(
-            self._session,
-            type(self),
-            self.id,
-            self.scene_id,
-            timeout_s=timeout_s,
-            on_progress=on_progress,
-        )
+        return waiting.wait(self._session, self, timeout_s, on_progress)
 
     def cancel(self) -> Self:
         """Cancel the job; one that has ended stays unchanged."""
@@ -79,9 +72,10 @@ class SceneJobs:
 
         Raises ``ConflictError`` when a queued job has other settings.
         """
-        request = requests.create_job(
-            self._scene_id, kind, iterations, long_side_px, test_every, idempotency_key
+        job = JobRequest(
+            kind=JobKind(kind), iterations=iterations, long_side_px=long_side_px, test_every=test_every
         )
+        request = requests.create_job(self._scene_id, job, idempotency_key)
         return self._session.fetch(Job, request)
 
     def list(self) -> Iterator[Job]:

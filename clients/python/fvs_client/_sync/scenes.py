@@ -1,7 +1,7 @@
 # Generated from _async/scenes.py by `make generate`. Do not edit.
 """Scenes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Self
 
 from fvs_client import requests
@@ -13,9 +13,8 @@ from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.rankings import Generator, Pose
-from fvs_client.models.scenes import CameraPrior, Policy, SceneData, World
-from fvs_client.requests import Candidates
+from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
+from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneData, SceneRequest, World
 
 
 class Scene(Resource, SceneData):
@@ -58,7 +57,7 @@ class Scene(Resource, SceneData):
 
     def rank(
         self,
-        candidates: Candidates | None = None,
+        candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         *,
         generator: Generator | None = None,
         current_pose: Pose | None = None,
@@ -76,9 +75,10 @@ class Scene(Resource, SceneData):
         candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
         scene has no model.
         """
-        request = requests.create_ranking(
-            self.id,
-            candidates=candidates,
+        if isinstance(candidates, Mapping):
+            candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
+        ranking = RankingRequest(
+            candidates=None if candidates is None else tuple(candidates),
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
@@ -87,8 +87,8 @@ class Scene(Resource, SceneData):
             snapshot_id=snapshot_id,
             budget=budget,
             seed=seed,
-            idempotency_key=idempotency_key,
         )
+        request = requests.create_ranking(self.id, ranking, idempotency_key)
         return self._session.fetch(Ranking, request)
 
     def events(self, after: int | None = 0) -> Iterator[Event]:
@@ -115,7 +115,10 @@ class Scenes:
         idempotency_key: str | None = None,
     ) -> Scene:
         """Create a scene; by default its world comes from the GPS positions of its images."""
-        return self._session.fetch(Scene, requests.create_scene(name, world, camera, policy, idempotency_key))
+        scene = SceneRequest(
+            name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
+        )
+        return self._session.fetch(Scene, requests.create_scene(scene, idempotency_key))
 
     def get(self, scene_id: str) -> Scene:
         """Get a scene."""

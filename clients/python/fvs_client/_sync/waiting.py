@@ -24,22 +24,14 @@ _SILENCE_S = 30.0
 """A stream without even a heartbeat for so long is given up. Nearer to the deadline than this: poll."""
 
 
-def wait(
-    session: Session,
-    kind: type[J],
-    job_id: str,
-    scene_id: str,
-    *,
-    timeout_s: float | None,
-    on_progress: Callable[[J], object] | None,
-) -> J:
+def wait(session: Session, job: J, timeout_s: float | None, on_progress: Callable[[J], object] | None) -> J:
     """Return the job once it has succeeded; ``on_progress`` gets every change.
 
     The job is fetched whenever a stream of events begins and whenever an event says that its state changed,
     so the result never depends on events alone. Raises ``JobFailedError``, ``JobCanceledError`` or, when the
     job has not ended after ``timeout_s``, ``WaitTimeoutError``.
     """
-    watch = _Watch(session, kind, job_id, scene_id, timeout_s, on_progress)
+    watch = _Watch(session, job, timeout_s, on_progress)
     pause = _FIRST_POLL_S
     while True:
         if watch.left_s > _SILENCE_S:
@@ -67,19 +59,15 @@ def wait(
 class _Watch(Generic[J]):
     """The latest known state of one job."""
 
-    job: J
-
     def __init__(
         self,
         session: Session,
-        kind: type[J],
-        job_id: str,
-        scene_id: str,
+        job: J,
         timeout_s: float | None,
         on_progress: Callable[[J], object] | None,
     ) -> None:
+        self.job = job
         self._session = session
-        self._kind, self._id, self._scene_id = kind, job_id, scene_id
         self._deadline = None if timeout_s is None else time.monotonic() + timeout_s
         self._on_progress = on_progress
         self._reported: tuple[object, ...] = ()
@@ -93,12 +81,12 @@ class _Watch(Generic[J]):
 
     def poll(self) -> bool:
         """Fetch the job; return whether it has ended."""
-        self._update(self._session.fetch(self._kind, requests.get_job(self._id)))
+        self._update(self._session.fetch(type(self.job), requests.get_job(self.job.id)))
         return self.job.ended
 
     def follow_events(self) -> bool:
         """Follow events until the job or the stream ends, or the deadline is near; whether the job ended."""
-        request = requests.watch_events(self._scene_id, self._after, _SILENCE_S)
+        request = requests.watch_events(self.job.scene_id, self._after, _SILENCE_S)
         with self._session.open(request) as response:
             ended = self.poll()  # all later changes are in the stream
             if ended:
@@ -124,7 +112,7 @@ class _Watch(Generic[J]):
 
     def _apply(self, event: Event) -> bool:
         """Take the progress from an event; return whether the event means that the job must be fetched."""
-        if event.data.get("job_id") != self._id:
+        if event.data.get("job_id") != self.job.id:
             return False
         if event.kind is not EventKind.JOB_PROGRESS:
             return True

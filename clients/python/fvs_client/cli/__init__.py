@@ -1,4 +1,4 @@
-"""``fvs-client``: the service from the command line."""
+"""``fvs-client``: the command line of the service."""
 
 import sys
 

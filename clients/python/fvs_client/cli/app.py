@@ -4,12 +4,14 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli import images, jobs, rankings, scenes, transfers
-from fvs_client.cli.session import JsonOption, SceneArgument, Target, find_scene, print_json, service
+from fvs_client.cli import images, jobs, rankings, scenes, snapshots
+from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.output import print_json
+from fvs_client.cli.session import Target, find_scene, service
 from fvs_client.connection import DEFAULT_URL
 
 app = typer.Typer(
-    help="Send photographs to an fvs service, watch the model grow, and ask which view to photograph next.",
+    help="Upload images to an fvs service, update its model, and rank the next views to photograph.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -19,26 +21,24 @@ app = typer.Typer(
 def options(
     context: typer.Context,
     url: Annotated[
-        str | None, typer.Option(envvar="FVS_URL", help="Where the service is.", show_default=DEFAULT_URL)
+        str | None, typer.Option(envvar="FVS_URL", help="URL of the service.", show_default=DEFAULT_URL)
     ] = None,
     api_key: Annotated[
         str | None,
-        typer.Option(
-            envvar="FVS_API_KEY", show_default=False, help="Your key; better given by the variable."
-        ),
+        typer.Option(envvar="FVS_API_KEY", show_default=False, help="Your API key; safer in the variable."),
     ] = None,
 ) -> None:
-    """Where the service is, and who asks."""
+    """Connect to a service."""
     context.obj = Target(url, api_key)
 
 
 app.add_typer(scenes.scenes, name="scenes")
-app.command("upload")(transfers.upload)
+app.command("upload")(images.upload)
 app.command("images")(images.images)
 app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)
-app.command("download")(transfers.download)
+app.command("download")(snapshots.download)
 app.add_typer(jobs.jobs, name="jobs")
 
 
@@ -46,25 +46,25 @@ app.add_typer(jobs.jobs, name="jobs")
 def events(
     context: typer.Context,
     scene: SceneArgument,
-    after: Annotated[int, typer.Option(min=0, metavar="N", help="Begin after event number N.")] = 0,
-    tail: Annotated[bool, typer.Option("--tail", help="Leave out the past.")] = False,
+    after: Annotated[int, typer.Option(min=0, metavar="N", help="Start after event number N.")] = 0,
+    tail: Annotated[bool, typer.Option("--tail", help="Only new events.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what happens in a scene, as it happens, until Ctrl-C; with --json one event per line."""
+    """Print the events of a scene as they happen, until Ctrl-C; with --json one JSON object per line."""
     with service(context, as_json=as_json, patient=True) as client:
         for event in find_scene(client, scene).events(None if tail else after):
             if as_json:
                 typer.echo(event.model_dump_json())
             else:
-                told = " ".join(
+                details = " ".join(
                     f"{name}={value}" for name, value in event.data.items() if value not in (None, "", [])
                 )
-                typer.echo(f"{event.number:>6}  {event.created_at:%F %T}  {event.kind.value:<16}  {told}")
+                typer.echo(f"{event.number:>6}  {event.created_at:%F %T}  {event.kind.value:<16}  {details}")
 
 
 @app.command("status")
 def status(context: typer.Context, as_json: JsonOption = False) -> None:
-    """Say whether the service runs, and what it can do."""
+    """Check that the service is ready, and show its capabilities."""
     with service(context, as_json=as_json) as client:
         client.health()
         found = client.capabilities()

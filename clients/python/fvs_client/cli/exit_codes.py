@@ -1,4 +1,4 @@
-"""What the exit status of ``fvs-client`` tells a script. Statuses are never reassigned."""
+"""Exit codes of ``fvs-client``. They are never reassigned."""
 
 from fvs_client.errors import (
     ApiError,
@@ -16,7 +16,7 @@ OK = 0
 BUG = 1
 USAGE = 2
 SOME_FILES = 10
-"""Some files did not arrive, or cannot be used."""
+"""Some files were not uploaded, or cannot be used."""
 INTERRUPTED = 130
 
 _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
@@ -33,5 +33,5 @@ _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
 
 
 def exit_code_of(error: FvsError) -> int:
-    """The status of an error."""
+    """Exit code for an error."""
     return next(status for kind, status in _STATUSES if isinstance(error, kind))

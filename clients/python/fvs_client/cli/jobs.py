@@ -1,59 +1,36 @@
 """``fvs-client jobs``, and ``update`` and ``fine``, which queue one."""
 
-from typing import Annotated
-
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from fvs_client import Job
-from fvs_client.cli.progress import display, job_progress
-from fvs_client.cli.quality import in_words
-from fvs_client.cli.session import (
+from fvs_client.cli.options import (
+    IterationsOption,
+    JobArgument,
     JsonOption,
+    LongSideOption,
     SceneArgument,
+    TestEveryOption,
     TimeoutOption,
     WaitOption,
-    find_scene,
-    print_json,
-    service,
 )
+from fvs_client.cli.output import describe_metrics, print_json, print_table
+from fvs_client.cli.progress import display, job_progress
+from fvs_client.cli.session import find_scene, service
 from fvs_client.models.jobs import JobKind, JobRequest
 
-jobs = typer.Typer(help="Show, await, cancel and retry jobs.", no_args_is_help=True)
-
-_JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A job's id.")]
-_Iterations = Annotated[
-    int | None, typer.Option(min=1, help="Training iterations.", show_default="as many as it needs")
-]
-_LongSide = Annotated[
-    int | None,
-    typer.Option("--long-side", min=64, metavar="PX", help="Train on images reduced to this size."),
-]
-
-
-_TestEvery = Annotated[
-    int | None,
-    typer.Option(
-        "--test-every",
-        min=2,
-        metavar="N",
-        help="Keep every Nth image out of the training, and measure the model by it.",
-        show_default="learn from all",
-    ),
-]
+jobs = typer.Typer(help="List, show, wait for, cancel and retry jobs.", no_args_is_help=True)
 
 
 def update(
     context: typer.Context,
     scene: SceneArgument,
-    iterations: _Iterations = None,
-    long_side: _LongSide = None,
+    iterations: IterationsOption = None,
+    long_side: LongSideOption = None,
     wait: WaitOption = True,
     timeout: TimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Take up all images that have arrived, and train the model on."""
+    """Register all pending images and train the model further."""
     request = JobRequest(kind=JobKind.UPDATE, iterations=iterations, long_side_px=long_side)
     _queue(context, scene, request, wait=wait, timeout=timeout, as_json=as_json)
 
@@ -61,9 +38,9 @@ def update(
 def fine(
     context: typer.Context,
     scene: SceneArgument,
-    iterations: _Iterations = None,
-    long_side: _LongSide = None,
-    test_every: _TestEvery = None,
+    iterations: IterationsOption = None,
+    long_side: LongSideOption = None,
+    test_every: TestEveryOption = None,
     wait: WaitOption = True,
     timeout: TimeoutOption = None,
     as_json: JsonOption = False,
@@ -77,42 +54,48 @@ def fine(
 
 @jobs.command("list")
 def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """List the jobs of a scene, the oldest first."""
+    """List the jobs of a scene, oldest first."""
     with service(context, as_json=as_json, patient=True) as client:
         found = list(find_scene(client, scene).jobs.list())
     if as_json:
         print_json([job.model_dump(mode="json") for job in found])
         return
-    table = Table(box=None, pad_edge=False)
-    for heading in ("id", "kind", "state", "progress", "stage", "made"):
-        table.add_column(
-            heading, justify="right" if heading == "progress" else "left", no_wrap=heading == "id"
-        )
-    for job in found:
-        made = job.created_at.strftime("%F %H:%M")
-        table.add_row(job.id, job.kind.value, job.state.value, f"{job.progress:.0%}", job.stage or "", made)
-    Console().print(table)
+    print_table(
+        ("id", "kind", "state", "progress", "stage", "created"),
+        [
+            (
+                job.id,
+                job.kind.value,
+                job.state.value,
+                f"{job.progress:.0%}",
+                job.stage or "",
+                job.created_at.strftime("%F %H:%M"),
+            )
+            for job in found
+        ],
+        right_aligned=("progress",),
+    )
 
 
 @jobs.command("show")
-def show(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
-    """Show a job and how far it is."""
+def show(context: typer.Context, job: JobArgument, as_json: JsonOption = False) -> None:
+    """Show a job and its progress."""
     with service(context, as_json=as_json, patient=True) as client:
         _print(client.jobs.get(job), as_json=as_json)
 
 
 @jobs.command("wait")
 def wait_for(
-    context: typer.Context, job: _JobArgument, timeout: TimeoutOption = None, as_json: JsonOption = False
+    context: typer.Context, job: JobArgument, timeout: TimeoutOption = None, as_json: JsonOption = False
 ) -> None:
-    """Stay until a job has ended."""
+    """Wait until a job has ended."""
     with service(context, as_json=as_json, patient=True) as client:
         _print(_wait(client.jobs.get(job), timeout, as_json=as_json), as_json=as_json)
 
 
 @jobs.command("cancel")
-def cancel(context: typer.Context, job: _JobArgument, as_json: JsonOption = False) -> None:
-    """Stop a job."""
+def cancel(context: typer.Context, job: JobArgument, as_json: JsonOption = False) -> None:
+    """Cancel a job."""
     with service(context, as_json=as_json, patient=True) as client:
         _print(client.jobs.get(job).cancel(), as_json=as_json)
 
@@ -120,7 +103,7 @@ def cancel(context: typer.Context, job: _JobArgument, as_json: JsonOption = Fals
 @jobs.command("retry")
 def retry(
     context: typer.Context,
-    job: _JobArgument,
+    job: JobArgument,
     wait: WaitOption = True,
     timeout: TimeoutOption = None,
     as_json: JsonOption = False,
@@ -171,4 +154,4 @@ def _print(job: Job, *, as_json: bool) -> None:
         typer.echo(f"warning: {warning}")
     snapshot = job.snapshot()
     if snapshot is not None:
-        typer.echo(f"{snapshot.id}  {in_words(snapshot.metrics)}")
+        typer.echo(f"{snapshot.id}  {describe_metrics(snapshot.metrics)}")

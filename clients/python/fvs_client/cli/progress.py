@@ -1,4 +1,4 @@
-"""Progress on stderr: bars on a terminal, a line now and then elsewhere, JSON lines for programs."""
+"""Progress on stderr: bars on a terminal, occasional lines elsewhere, JSON lines for programs."""
 
 import json
 import sys
@@ -30,20 +30,20 @@ _JSON_EVERY_S = 0.2
 
 
 class Display(Protocol):
-    """Shows one thing's progress."""
+    """Displays the progress of one operation."""
 
     def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:
-        """``done`` of ``total``, in words, and as data."""
+        """Show ``done`` of ``total``, with a ``text`` for people and ``details`` for programs."""
         ...
 
-    def say(self, sentence: str) -> None:
-        """A sentence that stays."""
+    def print(self, line: str) -> None:
+        """Print a line that stays."""
         ...
 
 
 @contextmanager
 def display(label: str, *, as_json: bool, in_bytes: bool = False) -> Iterator[Display]:
-    """The display that fits where stderr goes."""
+    """Open the display that suits stderr."""
     if as_json:
         yield _Lines(label, machine=True)
     elif not sys.stderr.isatty():
@@ -57,7 +57,7 @@ def display(label: str, *, as_json: bool, in_bytes: bool = False) -> Iterator[Di
 
 
 def upload_progress(shown: Display, progress: UploadProgress) -> None:
-    """Show how far an upload is; each file that failed or cannot be used, at once."""
+    """Show the progress of an upload."""
     details: dict[str, object] = {
         "files_done": progress.files_done,
         "files_total": progress.files_total,
@@ -65,24 +65,24 @@ def upload_progress(shown: Display, progress: UploadProgress) -> None:
     }
     text = f"{progress.files_done} of {progress.files_total}"
     done = progress.bytes_done
-    if progress.files_done < progress.files_total:  # all bytes may have gone; verdicts are still to come
+    if progress.files_done < progress.files_total:  # all bytes may be sent while verdicts are missing
         done = min(done, progress.bytes_total - 1)
     shown.show(done, progress.bytes_total, text, details)
 
 
-def verdict_of(file: UploadedFile) -> str:
-    """What became of a file, in words."""
+def describe_outcome(file: UploadedFile) -> str:
+    """Outcome of a file, with its error or verdict."""
     if file.error is not None:
-        said = f"failed: {getattr(file.error, 'message', file.error)}"
-        return f"{said} {getattr(file.error, 'hint', '')}".rstrip()
+        reason = f"failed: {getattr(file.error, 'message', file.error)}"
+        return f"{reason} {getattr(file.error, 'hint', '')}".rstrip()
     if file.image is None or file.image.accepted:
-        doubts = ", ".join(file.image.warnings) if file.image else ""
-        return f"{file.outcome.value.replace('-', ' ')}{f' ({doubts})' if doubts else ''}"
+        warnings = ", ".join(file.image.warnings) if file.image else ""
+        return f"{file.outcome.value.replace('-', ' ')}{f' ({warnings})' if warnings else ''}"
     return f"{file.image.verdict.value}: {file.image.reason}"
 
 
 def job_progress(shown: Display, job: JobData) -> None:
-    """Show how far a job is."""
+    """Show the progress of a job."""
     stage = job.stage or job.state.value
     left = "" if job.eta_s is None else f", about {_duration(job.eta_s)} left"
     details: dict[str, object] = {"state": job.state.value, "stage": job.stage, "eta_s": job.eta_s}
@@ -90,7 +90,7 @@ def job_progress(shown: Display, job: JobData) -> None:
 
 
 def download_progress(shown: Display, progress: DownloadProgress) -> None:
-    """Show how far a download is."""
+    """Show the progress of a download."""
     shown.show(progress.bytes_done, progress.bytes_total, progress.name, {"name": progress.name})
 
 
@@ -107,8 +107,8 @@ class _Bar:
     def show(self, done: float, total: float, text: str, details: dict[str, object]) -> None:  # noqa: ARG002
         self._progress.update(self._task, completed=done, total=total or 1.0, text=text)
 
-    def say(self, sentence: str) -> None:
-        self._progress.console.print(sentence, markup=False, highlight=False)
+    def print(self, line: str) -> None:
+        self._progress.console.print(line, markup=False, highlight=False)
 
 
 class _Lines:
@@ -130,9 +130,9 @@ class _Lines:
         else:
             print(f"{self._label}: {share:4.0%}  {text}", file=sys.stderr, flush=True)  # noqa: T201
 
-    def say(self, sentence: str) -> None:
+    def print(self, line: str) -> None:
         if not self._machine:
-            print(sentence, file=sys.stderr, flush=True)  # noqa: T201
+            print(line, file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _duration(seconds: float) -> str:

@@ -7,11 +7,11 @@ from typing import Annotated, TypeVar
 
 import pydantic
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from fvs_client import Ranking
-from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
+from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.session import find_scene, service
 from fvs_client.models.rankings import (
     AroundCurrent,
     Candidate,
@@ -29,7 +29,7 @@ _CANDIDATES_FORM = f'[{{"id": "left", "pose": {_POSE_FORM}}}, …]'
 
 
 class GeneratorName(StrEnum):
-    """The generators of candidates."""
+    """Generators of candidates."""
 
     ORBIT = "orbit"
     GRID = "grid"
@@ -45,47 +45,50 @@ def rank(
         typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
     ] = None,
     generator: Annotated[
-        GeneratorName | None, typer.Option(help="Who makes the candidates.", show_default="orbit")
+        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
-    count: Annotated[int | None, typer.Option(min=1, help="How many orbit and around-current make.")] = None,
-    method: Annotated[str, typer.Option(help="How to score; `fvs-client status` lists the methods.")] = (
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Number of candidates of orbit and around-current.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
     ),
     current: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, metavar="FILE", help="JSON: the pose where the camera is."),
+        typer.Option(exists=True, dir_okay=False, metavar="FILE", help="JSON: the current pose."),
     ] = None,
     radius: Annotated[
-        float | None, typer.Option(min=0, metavar="M", help="How far it can go from there.")
+        float | None,
+        typer.Option(min=0, metavar="M", help="Rank only candidates within M of the current pose."),
     ] = None,
-    top: Annotated[int | None, typer.Option(min=1, metavar="K", help="Show only the first K.")] = None,
+    top: Annotated[int | None, typer.Option(min=1, metavar="K", help="Only the first K candidates.")] = None,
     snapshot: Annotated[
-        str | None, typer.Option(metavar="ID", help="Rank on this snapshot.", show_default="the newest model")
+        str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
     ] = None,
-    budget: Annotated[int, typer.Option(min=1, help="How many photographs are still to be taken.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="For methods that draw lots.")] = 0,
+    budget: Annotated[int, typer.Option(min=1, help="Number of photographs still to be taken.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of random methods.")] = 0,
     renders: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Save what the candidates see, and their spectra.")
+        Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Rank poses, the one to photograph next first."""
+    """Rank candidates for the next view, best first."""
     if candidates is not None and generator is not None:
         raise typer.BadParameter("Give --candidates or --generator, not both.")
     if radius is not None and current is None:
-        raise typer.BadParameter("--radius needs --current: where the camera is.")
+        raise typer.BadParameter("--radius needs --current.")
     listed = (
         None
         if candidates is None
         else _read(candidates, pydantic.TypeAdapter(list[Candidate]), _CANDIDATES_FORM)
     )
-    here = None if current is None else _read(current, pydantic.TypeAdapter(Pose), _POSE_FORM)
+    current_pose = None if current is None else _read(current, pydantic.TypeAdapter(Pose), _POSE_FORM)
     chosen = None if listed is not None else _generator(generator or GeneratorName.ORBIT, count)
     with service(context, as_json=as_json) as client:
         ranking = find_scene(client, scene).rank(
             listed,
             generator=chosen,
-            current_pose=here,
+            current_pose=current_pose,
             radius_m=radius,
             top_k=top,
             method=method,
@@ -94,31 +97,32 @@ def rank(
             seed=seed,
         )
         if renders is not None:
-            _save_pictures(ranking, renders)
+            _save_renders(ranking, renders)
     if as_json:
         print_json(ranking.model_dump(mode="json"))
     else:
-        print_table(ranking)
+        _print(ranking)
 
 
-def print_table(ranking: Ranking) -> None:
-    """The candidates, the first to be photographed first."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("rank", "id", "score", "coverage", "distance", "status"):
-        table.add_column(heading, justify="left" if heading in ("id", "status") else "right")
-    for item in ranking.candidates:
-        table.add_row(
-            "" if item.rank is None else str(item.rank),
-            item.id,
-            "" if item.score is None else f"{item.score:.4g}",
-            "" if item.coverage is None else f"{item.coverage:.0%}",
-            "" if item.distance_m is None else f"{item.distance_m:.2f}",
-            item.status.value,
-        )
-    Console().print(table)
+def _print(ranking: Ranking) -> None:
+    print_table(
+        ("rank", "id", "score", "coverage", "distance", "status"),
+        [
+            (
+                "" if item.rank is None else str(item.rank),
+                item.id,
+                "" if item.score is None else f"{item.score:.4g}",
+                "" if item.coverage is None else f"{item.coverage:.0%}",
+                "" if item.distance_m is None else f"{item.distance_m:.2f}",
+                item.status.value,
+            )
+            for item in ranking.candidates
+        ],
+        right_aligned=("rank", "score", "coverage", "distance"),
+    )
     more = ranking.total - len(ranking.candidates)
     rest = f"{more} more; " if more > 0 else ""
-    fallback = f"; chosen by {ranking.fallback}, because the method could not" if ranking.fallback else ""
+    fallback = f"; ranked by {ranking.fallback}, because the method could not" if ranking.fallback else ""
     typer.echo(
         f"{rest}by {ranking.request.method} on {ranking.snapshot_id}, {ranking.gaussians:,} Gaussians after "
         f"{ranking.iterations:,} iterations, in {ranking.seconds:.2f} s{fallback}"
@@ -148,10 +152,10 @@ def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
         raise typer.BadParameter(f"{path}: {reason}. Write {form}.") from error
 
 
-def _save_pictures(ranking: Ranking, folder: Path) -> None:
+def _save_renders(ranking: Ranking, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for place, item in enumerate(ranking.candidates, start=1):
+    for number, item in enumerate(ranking.candidates, start=1):
         if item.coverage is None:  # not rendered: visited, or out of range
             continue
-        (folder / f"{place:04d}-{item.id}-render.png").write_bytes(ranking.render(item))
-        (folder / f"{place:04d}-{item.id}-spectrum.png").write_bytes(ranking.spectrum(item))
+        (folder / f"{number:04d}-{item.id}-render.png").write_bytes(ranking.render(item))
+        (folder / f"{number:04d}-{item.id}-spectrum.png").write_bytes(ranking.spectrum(item))

@@ -3,11 +3,10 @@
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from fvs_client.cli.quality import in_words
-from fvs_client.cli.session import JsonOption, SceneArgument, find_scene, print_json, service
+from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.output import describe_metrics, print_json, print_table
+from fvs_client.cli.session import find_scene, service
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -20,22 +19,25 @@ from fvs_client.models.scenes import (
     World,
 )
 
-scenes = typer.Typer(help="Make and show scenes: one per capture.", no_args_is_help=True)
+scenes = typer.Typer(help="Create, list and show scenes (one per capture).", no_args_is_help=True)
 
 
 @scenes.command("create")
 def create(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(help="What to call it.")],
+    name: Annotated[str, typer.Argument(help="Name of the scene.")],
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            metavar="LAT LON ALT", help="Zero of the world: degrees, degrees, metres above the sea."
+            metavar="LAT LON ALT", help="Origin of the world: degrees, degrees, metres above sea level."
         ),
     ] = None,
-    local: Annotated[bool, typer.Option("--local", help="The world is a frame of yours, in metres.")] = False,
+    local: Annotated[
+        bool, typer.Option("--local", help="The world is a frame of your own, in metres.")
+    ] = False,
     every: Annotated[
-        int | None, typer.Option(min=1, metavar="K", help="Update the model after every K images by itself.")
+        int | None,
+        typer.Option(min=1, metavar="K", help="Update the model automatically after every K images."),
     ] = None,
     first: Annotated[
         int,
@@ -45,14 +47,14 @@ def create(
         tuple[float, int] | None,
         typer.Option(
             metavar="PX WIDTH",
-            help="Focal length in px, in images so many px wide: of images whose EXIF does not tell.",
+            help="Focal length in px at an image width in px, for images without one in their EXIF data.",
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a scene and print its id."""
+    """Create a scene and print its id."""
     if origin is not None and local:
-        raise typer.BadParameter("A world has an origin on earth, or is local.")
+        raise typer.BadParameter("Give --origin or --local, not both.")
     world: World = AutomaticWorld()
     if origin is not None:
         latitude, longitude, altitude = origin
@@ -74,26 +76,31 @@ def create(
 
 @scenes.command("list")
 def list_all(context: typer.Context, as_json: JsonOption = False) -> None:
-    """List the scenes, the oldest first."""
+    """List the scenes, oldest first."""
     with service(context, as_json=as_json) as client:
         found = list(client.scenes.list())
     if as_json:
         print_json([scene.model_dump(mode="json", by_alias=True) for scene in found])
         return
-    table = Table(box=None, pad_edge=False)
-    for heading in ("id", "name", "images", "model", "made"):
-        table.add_column(heading, justify="right" if heading == "images" else "left", no_wrap=heading == "id")
-    for scene in found:
-        made = scene.created_at.strftime("%F %H:%M")
-        table.add_row(
-            scene.id, scene.name, str(scene.image_counts.received), scene.snapshot_id or "none yet", made
-        )
-    Console().print(table)
+    print_table(
+        ("id", "name", "images", "model", "created"),
+        [
+            (
+                scene.id,
+                scene.name,
+                str(scene.image_counts.received),
+                scene.snapshot_id or "none yet",
+                scene.created_at.strftime("%F %H:%M"),
+            )
+            for scene in found
+        ],
+        right_aligned=("images",),
+    )
 
 
 @scenes.command("show")
 def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """Show a scene: its counts, its model, and its place in the world."""
+    """Show a scene: its image counts, world and model."""
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
         snapshot = found.snapshots.latest()
@@ -103,13 +110,13 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
     counts = found.image_counts
     lines = {
         "scene": f"{found.id}  {found.name}",
-        "images": f"{counts.received} received, {counts.accepted} accepted, {counts.rejected} not, "
-        f"{counts.pending} not yet in the model",
+        "images": f"{counts.received} received, {counts.accepted} accepted, {counts.rejected} rejected, "
+        f"{counts.pending} pending",
         "world": _world(found),
         "model": "none yet",
     }
     if snapshot is not None:
-        lines["model"] = f"{snapshot.id}  {snapshot.kind.value}, {in_words(snapshot.metrics)}"
+        lines["model"] = f"{snapshot.id}  {snapshot.kind.value}, {describe_metrics(snapshot.metrics)}"
         lines["files"] = ", ".join(artifact.name for artifact in snapshot.artifacts)
     for name, text in lines.items():
         typer.echo(f"{name:<8}{text}")
@@ -118,10 +125,10 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
 def _world(scene: SceneData) -> str:
     alignment = scene.alignment
     origin = scene.origin
-    place = f"ENU about {origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}; " if origin is not None else ""
+    enu = f"ENU about {origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}; " if origin is not None else ""
     if alignment is None:
-        return f"{place}{scene.world.kind}, no model to place yet"
+        return f"{enu}{scene.world.kind}, no model to align yet"
     rms = (
         "" if alignment.rms_m is None else f", RMS {alignment.rms_m:.3f} m over {alignment.inliers} positions"
     )
-    return f"{place}{alignment.status.value}{rms}"
+    return f"{enu}{alignment.status.value}{rms}"

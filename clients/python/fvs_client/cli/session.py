@@ -1,10 +1,9 @@
-"""What every command does: reach the service, and say what went wrong in words."""
+"""The client of a command: connects to the service, and turns errors into messages and exit codes."""
 
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any
 
 import typer
 
@@ -13,22 +12,12 @@ from fvs_client.cli.exit_codes import INTERRUPTED, USAGE, exit_code_of
 from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
 from fvs_client.retries import Retries
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="The result as JSON on stdout; progress and errors as JSON on stderr.")
-]
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's id, or its name.")]
-WaitOption = Annotated[bool, typer.Option("--wait/--no-wait", help="Stay until it has ended.")]
-TimeoutOption = Annotated[
-    float | None,
-    typer.Option("--timeout", min=0, metavar="S", help="Wait at most so long.", show_default="ever"),
-]
-
-_IMPATIENT = Retries(attempts=3, first_s=0.25)
+_FEW_RETRIES = Retries(attempts=3, first_s=0.25)
 
 
 @dataclass(frozen=True)
 class Target:
-    """Where the service is, as the options before the command say."""
+    """The service that the options before the command name."""
 
     url: str | None
     api_key: str | None
@@ -36,51 +25,46 @@ class Target:
 
 @contextmanager
 def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> Iterator[Client]:
-    """A client for one command; what it meets ends the program with a status of its own.
+    """Open a client for one command; errors inside the block are printed and end it with their exit code.
 
-    ``patient`` commands go on over bad links; the others soon say that there is no service.
+    ``patient`` commands retry over bad links; the others soon report that there is no service.
     """
     target: Target = context.find_object(Target) or Target(None, None)
     try:
-        client = Client(target.url, target.api_key, retries=Retries() if patient else _IMPATIENT)
+        client = Client(target.url, target.api_key, retries=Retries() if patient else _FEW_RETRIES)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--url") from error
     with client:
         try:
             yield client
         except FvsError as error:
-            _show(error, as_json=as_json)
+            _print_error(error, as_json=as_json)
             raise typer.Exit(exit_code_of(error)) from error
         except OSError as error:
             typer.echo(f"Error: {error}", err=True)
             raise typer.Exit(USAGE) from error
         except KeyboardInterrupt as error:
-            typer.echo("Stopped. What the service was asked to do goes on.", err=True)
+            typer.echo("Interrupted. Jobs in the service go on.", err=True)
             raise typer.Exit(INTERRUPTED) from error
 
 
 def find_scene(client: Client, name: str) -> Scene:
-    """The scene with this id, or with this name if only one has it."""
+    """Get the scene with this id, or the only scene with this name."""
     if name.startswith("scn_"):
         return client.scenes.get(name)
     found = [scene for scene in client.scenes.list() if scene.name == name]
     if len(found) == 1:
         return found[0]
     if not found:
-        told = f"There is no scene called {name!r}."
-        hint = "`fvs-client scenes list` shows all; `fvs-client scenes create` makes one."
-        raise NotFoundError(Problem(status=404, code=NotFoundError.code, detail=told, hint=hint))
+        detail = f"There is no scene called {name!r}."
+        hint = "`fvs-client scenes list` lists all; `fvs-client scenes create` creates one."
+        raise NotFoundError(Problem(status=404, code=NotFoundError.code, detail=detail, hint=hint))
     raise typer.BadParameter(
         f"{len(found)} scenes are called {name!r}: {', '.join(scene.id for scene in found)}; give an id."
     )
 
 
-def print_json(document: Any) -> None:
-    """One JSON document on stdout."""
-    typer.echo(json.dumps(document, ensure_ascii=False, indent=2))
-
-
-def _show(error: FvsError, *, as_json: bool) -> None:
+def _print_error(error: FvsError, *, as_json: bool) -> None:
     code = error.problem.code if isinstance(error, ApiError) else type(error).__name__
     if isinstance(error, JobFailedError) and error.job.error is not None:
         code = error.job.error.code
@@ -99,7 +83,7 @@ def _show(error: FvsError, *, as_json: bool) -> None:
         typer.echo(json.dumps(document, ensure_ascii=False), err=True)
         return
     typer.echo(f"Error: {error.message}", err=True)
-    for field in fields[1:] if len(fields) > 1 else ():
+    for field in fields[1:]:  # the message has the first one
         typer.echo(f"       {field.field or 'request'}: {field.message}", err=True)
     if error.hint:
         typer.echo(error.hint, err=True)

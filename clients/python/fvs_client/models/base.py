@@ -1,4 +1,4 @@
-"""What all models have in common."""
+"""Bases of the models, and the types they share."""
 
 from enum import StrEnum
 from typing import Any, Self
@@ -12,31 +12,31 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Answer(BaseModel):
-    """Base of what the service answers: immutable; fields that a newer service adds are left out."""
+    """Base of what the service answers: immutable; unknown fields of a newer service are ignored."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class Input(BaseModel):
-    """Base of what the service is sent: immutable, and strict, so that a misspelt field fails here."""
+    """Base of what is sent to the service: immutable and strict, so that misspelt fields are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
     def _of_a_newer_service(cls, value: Any, info: ValidationInfo) -> Any:
-        """An echoed input may have fields that only a newer service knows."""
+        """Ignore unknown fields where a newer service echoes an input."""
         if info.context is None or not isinstance(value, dict):
             return value
         return {name: part for name, part in value.items() if name in cls.model_fields}
 
     def document(self) -> dict[str, Any]:
-        """As JSON has it, without what was not given."""
+        """The JSON object, without fields that are None."""
         return self.model_dump(mode="json", exclude_none=True)
 
 
 class Word(StrEnum):
-    """Base of the words of the API: a word that a newer service says is kept, not refused."""
+    """Base of the API's enumerations: an unknown value of a newer service is kept, not refused."""
 
     @classmethod
     def _missing_(cls, value: object) -> Self | None:

@@ -1,4 +1,4 @@
-"""Events: what happened in a scene."""
+"""Events of a scene."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from fvs_client.models.base import Answer, Timestamp, Word
 
 
 class EventKind(Word):
-    """What happened."""
+    """What an event reports."""
 
     SCENE_CREATED = "scene.created"
     IMAGE_RECEIVED = "image.received"
@@ -21,7 +21,7 @@ class EventKind(Word):
 
 
 class Event(Answer):
-    """One thing that happened; ``number`` grows, and ``scene.events(after=number)`` goes on from it."""
+    """An event; ``number`` increases, and ``scene.events(after=number)`` resumes after it."""
 
     number: int
     scene_id: str

@@ -1,6 +1,8 @@
-"""Images: what is sent, and what became of it."""
+"""Images and their metadata."""
 
 from datetime import datetime
+
+from pydantic import BaseModel
 
 from fvs_client.models.base import Answer, Input, Timestamp, Word
 from fvs_client.models.scenes import AltitudeDatum
@@ -17,7 +19,7 @@ class Verdict(Word):
 
 
 class Registration(Word):
-    """Whether structure from motion has found the image's place."""
+    """Whether the image has a pose in the current model."""
 
     PENDING = "pending"
     REGISTERED = "registered"
@@ -25,55 +27,48 @@ class Registration(Word):
     UNUSED = "unused"
 
 
-class ImageMetadata(Input):
-    """What you know of an image; it wins over what the file says. All of it is optional.
+class _PosePrior(BaseModel):
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    altitude_m: float | None = None
+    altitude_datum: AltitudeDatum | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
 
-    A position is geodetic (latitude, longitude and altitude) or, in a scene with a local world, x, y and z.
-    Yaw is clockwise from north, pitch up, roll with the right side down.
+
+class ImageMetadata(_PosePrior, Input):
+    """What is known of an image; it replaces what the file says. All fields are optional.
+
+    A position is geodetic (latitude, longitude, altitude) or, in a scene with a local world, x, y and z. Yaw
+    is clockwise from north, pitch up, roll right side down.
     """
 
     name: str | None = None
     captured_at: datetime | None = None
-    latitude_deg: float | None = None
-    longitude_deg: float | None = None
-    altitude_m: float | None = None
-    altitude_datum: AltitudeDatum | None = None
-    x_m: float | None = None
-    y_m: float | None = None
-    z_m: float | None = None
-    yaw_deg: float | None = None
-    pitch_deg: float | None = None
-    roll_deg: float | None = None
 
 
-class Prior(Answer):
-    """Where an image was taken, as far as it was told: by the sender, or by the file."""
+class Prior(_PosePrior, Answer):
+    """Position prior of an image; ``source`` says whether the sender or the file gave it."""
 
     source: str
-    latitude_deg: float | None = None
-    longitude_deg: float | None = None
-    altitude_m: float | None = None
-    altitude_datum: AltitudeDatum | None = None
-    x_m: float | None = None
-    y_m: float | None = None
-    z_m: float | None = None
-    yaw_deg: float | None = None
-    pitch_deg: float | None = None
-    roll_deg: float | None = None
 
 
 class Image(Answer):
-    """One photograph of a scene."""
+    """An image of a scene."""
 
     digest: str
     """``sha256:…`` of its bytes."""
     scene_id: str
     number: int
-    """Its place in the order of arrival."""
+    """Position in the order of arrival."""
     name: str
     verdict: Verdict
     reason: str
-    """Why it is not accepted; empty when it is."""
+    """Why the image was not accepted; empty otherwise."""
     hint: str
     warnings: tuple[str, ...]
     duplicate_of: str | None
@@ -90,12 +85,12 @@ class Image(Answer):
 
     @property
     def accepted(self) -> bool:
-        """Whether it can be used."""
+        """Whether the image can be used."""
         return self.verdict is Verdict.ACCEPTED
 
 
 class DigestAnswer(Answer):
-    """Which digests the scene has, and which are worth sending."""
+    """Which of the digests the scene has, and which it does not."""
 
     known: tuple[str, ...]
     missing: tuple[str, ...]

@@ -1,19 +1,19 @@
-"""Jobs: what the service is doing for a scene."""
+"""Jobs."""
 
 from fvs_client.models.base import Answer, Input, Timestamp, Word
 
 
 class JobKind(Word):
-    """What a job makes."""
+    """What a job does."""
 
     UPDATE = "update"
-    """Takes up all images that have arrived, and trains the coarse model on."""
+    """Registers all pending images and trains the model further."""
     FINE = "fine"
     """Trains the final model from the latest cameras."""
 
 
 class JobState(Word):
-    """Where a job is in its life."""
+    """State of a job."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -26,15 +26,15 @@ _ENDED = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED})
 
 
 class JobRequest(Input):
-    """A job to be done."""
+    """Settings of a new job."""
 
     kind: JobKind
     iterations: int | None = None
-    """Training iterations; by default as many as the kind of job needs for the images there are."""
+    """Training iterations; by default chosen by kind of job and number of images."""
     long_side_px: int | None = None
-    """Train on images reduced to this long side."""
+    """Reduce training images to this long side."""
     test_every: int | None = None
-    """Of a fine model: keep every so many-th image out of the training, and measure the model by it."""
+    """Fine jobs only: hold out every Nth image and measure the model on it."""
 
 
 class JobFailure(Answer):
@@ -48,7 +48,7 @@ class JobFailure(Answer):
 
 
 class JobData(Answer):
-    """One job and how far it is."""
+    """A job and its progress."""
 
     id: str
     scene_id: str
@@ -56,19 +56,19 @@ class JobData(Answer):
     state: JobState
     stage: str | None
     progress: float
-    """Of the whole job, in [0, 1]; never goes back within an attempt."""
+    """Of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: float | None
     attempt: int
     cancel_requested: bool
     warnings: tuple[str, ...]
     error: JobFailure | None
     snapshot_id: str | None
-    """The latest snapshot that the job made."""
+    """The latest snapshot of the job."""
     created_at: Timestamp
     started_at: Timestamp | None
     finished_at: Timestamp | None
 
     @property
     def ended(self) -> bool:
-        """Whether nothing will change any more, unless it is retried."""
+        """Whether the job has succeeded, failed or been canceled."""
         return self.state in _ENDED

@@ -1,4 +1,4 @@
-"""Poses of cameras, as the service reads and writes them."""
+"""Poses of cameras."""
 
 import math
 from typing import Literal, Self
@@ -12,7 +12,7 @@ _UNIT_TOLERANCE = 1e-3
 
 
 class FramePose(Input):
-    """A camera in the world (frame_from_camera of an OpenCV camera: x right, y down, z forward)."""
+    """Pose of an OpenCV camera (x right, y down, z forward), as frame_from_camera."""
 
     frame: Literal["world", "model"] = "world"
     position: Vector
@@ -35,9 +35,9 @@ class FramePose(Input):
         up: Vector = (0.0, 0.0, 1.0),
         frame: Literal["world", "model"] = "world",
     ) -> Self:
-        """A camera at ``position`` that looks at ``target``, upright with regard to ``up``.
+        """Pose of a camera at ``position`` that looks at ``target``, with ``up`` upwards in its image.
 
-        Raises ``ValueError`` when it stands on the target, or looks along ``up``.
+        Raises ``ValueError`` when the two coincide, or the camera would look along ``up``.
         """
         forward = _unit_vector(_minus(target, position))
         right = _unit_vector(_cross(forward, up))
@@ -46,7 +46,7 @@ class FramePose(Input):
 
 
 class VehiclePose(Input):
-    """A camera as a vehicle tells it: yaw clockwise from north, pitch up, roll with the right side down."""
+    """Geodetic pose of a vehicle's camera: yaw clockwise from north, pitch up, roll right side down."""
 
     latitude_deg: float
     longitude_deg: float
@@ -68,12 +68,12 @@ def _cross(a: Vector, b: Vector) -> Vector:
 def _unit_vector(vector: Vector) -> Vector:
     length = math.hypot(*vector)
     if length < 1e-12:
-        raise ValueError("the camera stands on its target, or looks along `up`")
+        raise ValueError("the camera is at its target, or looks along `up`")
     return (vector[0] / length, vector[1] / length, vector[2] / length)
 
 
 def _quaternion(x: Vector, y: Vector, z: Vector) -> Quaternion:
-    """Of the rotation whose columns are ``x``, ``y`` and ``z``: computed from its largest part, so stably."""
+    """Quaternion of the rotation with columns ``x``, ``y``, ``z``, by its largest part for stability."""
     squares = (
         1.0 + x[0] + y[1] + z[2],
         1.0 + x[0] - y[1] - z[2],

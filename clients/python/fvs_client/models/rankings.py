@@ -1,4 +1,4 @@
-"""Rankings: the question which pose should be photographed next, and its answer."""
+"""Rankings: candidates for the next view, and their order."""
 
 from typing import Annotated, Any, Literal
 
@@ -20,39 +20,39 @@ Pose = Annotated[
 
 
 class CandidateStatus(Word):
-    """Whether a candidate takes part."""
+    """Whether a candidate was ranked, or why not."""
 
     RANKED = "ranked"
     VISITED = "visited"
-    """An image was taken there already."""
+    """An image was taken there."""
     OUT_OF_RANGE = "out-of-range"
     OUT_OF_MODEL = "out-of-model"
-    """Nothing of the model is in view."""
+    """The view shows nothing of the model."""
     LOW_COVERAGE = "low-coverage"
-    """The model fills so little of the view that its score describes the void around it."""
+    """The model fills too little of the view for a meaningful score."""
 
 
 class Candidate(Input):
-    """A pose that could be photographed next."""
+    """A view that could be photographed next."""
 
     id: str
     pose: Pose
 
 
 class Orbit(Input):
-    """Poses on a circle around the middle of the model, looking at it."""
+    """Candidates on a circle around the centre of the model, looking at it."""
 
     kind: Literal["orbit"] = "orbit"
     count: int = 24
     radius_m: float | None = None
-    """By default as far away as the images were taken."""
+    """By default the distance from which the images were taken."""
     height_m: float | None = None
-    """Above the middle of the model; by default as high as the images were taken."""
+    """Above the centre of the model; by default the height from which the images were taken."""
     centre: Vector | None = None
 
 
 class Grid(Input):
-    """Poses on a level grid above the model, looking straight down or at its middle."""
+    """Candidates on a level grid above the model, looking straight down or at its centre."""
 
     kind: Literal["grid"] = "grid"
     columns: int = 6
@@ -62,13 +62,13 @@ class Grid(Input):
 
 
 class Dataset(Input):
-    """Poses halfway between neighbouring images."""
+    """Candidates halfway between neighbouring images."""
 
     kind: Literal["dataset"] = "dataset"
 
 
 class AroundCurrent(Input):
-    """Poses spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
+    """Candidates spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
 
     kind: Literal["around-current"] = "around-current"
     count: int = 32
@@ -78,7 +78,7 @@ Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminato
 
 
 class RankingRequest(Input):
-    """The question. Lengths are in the unit of the scene's world: metres once it is georeferenced."""
+    """Settings of a ranking. Lengths are in units of the scene's world: metres when georeferenced."""
 
     candidates: tuple[Candidate, ...] | None = None
     generator: Generator | None = None
@@ -92,22 +92,22 @@ class RankingRequest(Input):
 
 
 class RankedCandidate(Answer):
-    """One candidate's place; `rank` is None for what cannot be compared (see `status`)."""
+    """A candidate with its score; `rank` is None for candidates that were not ranked (see `status`)."""
 
     id: str
     rank: int | None
     score: float | None
-    """The lower, the less is known of what the view shows."""
+    """Lower where the model is less certain of what the view shows."""
     status: CandidateStatus
     coverage: float | None
-    """The share of the view that the model fills; None when it was not rendered."""
+    """Share of the view that the model fills; None when the view was not rendered."""
     distance_m: float | None
-    """From the current pose; None without one."""
+    """Distance from the current pose; None without one."""
     pose: FramePose
 
 
 class RankingData(Answer):
-    """An immutable answer, with all that is needed to ask the same again."""
+    """An immutable ranking, with the inputs to repeat it."""
 
     id: str
     scene_id: str
@@ -115,21 +115,21 @@ class RankingData(Answer):
     request: RankingRequest
     alignment: Alignment
     iterations: int
-    """How long the model had been trained."""
+    """Training iterations of the snapshot."""
     gaussians: int
     fallback: str | None
-    """The rule that chose when the method could not."""
+    """The rule that ranked instead of the method; None when the method could."""
     candidates: tuple[RankedCandidate, ...]
-    """The first to be photographed first."""
+    """In order, the next view first."""
     total: int
-    """How many candidates there were before `top_k`."""
+    """Number of candidates before `top_k`."""
     seconds: float
-    """What scoring took."""
+    """Time that scoring took."""
     waited_s: float = 0.0
-    """How long other questions about the same scene went before."""
+    """Time spent waiting for other rankings of the scene."""
     created_at: Timestamp
 
     @property
     def best(self) -> RankedCandidate | None:
-        """The candidate to photograph next; None when nothing can be compared."""
+        """The first ranked candidate; None when none was ranked."""
         return next((candidate for candidate in self.candidates if candidate.rank is not None), None)

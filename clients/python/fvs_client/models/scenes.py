@@ -1,4 +1,4 @@
-"""Scenes: one per capture."""
+"""Scenes, their worlds and policies."""
 
 from typing import Annotated, Literal
 
@@ -8,7 +8,7 @@ from fvs_client.models.base import Answer, Input, Quaternion, Timestamp, Vector,
 
 
 class AltitudeDatum(Word):
-    """What altitudes are measured from."""
+    """Reference of altitudes."""
 
     ELLIPSOID = "ellipsoid"
     SEA_LEVEL = "sea-level"
@@ -16,7 +16,7 @@ class AltitudeDatum(Word):
 
 
 class Origin(Input):
-    """Where an ENU world has its zero: x east, y north, z up, in metres."""
+    """Origin of an ENU world (x east, y north, z up, in metres)."""
 
     latitude_deg: float
     longitude_deg: float
@@ -25,19 +25,19 @@ class Origin(Input):
 
 
 class AutomaticWorld(Input):
-    """ENU metres about the first position that the images tell; the model's frame while there is none."""
+    """ENU metres about the first position prior of the images; the model's frame without one."""
 
     kind: Literal["automatic"] = "automatic"
 
 
 class LocalWorld(Input):
-    """Metres in a frame of yours (z up): positions of images are given in it."""
+    """Metres in a frame of your own (z up), in which positions of images are given."""
 
     kind: Literal["local"] = "local"
 
 
 class EnuWorld(Input):
-    """ENU metres about an origin of yours."""
+    """ENU metres about a given origin."""
 
     kind: Literal["enu"] = "enu"
     origin: Origin
@@ -47,15 +47,15 @@ World = Annotated[AutomaticWorld | LocalWorld | EnuWorld, Field(discriminator="k
 
 
 class CameraPrior(Input):
-    """What is known of the camera beforehand, for images whose EXIF does not tell."""
+    """Focal length prior for images without one in their EXIF data."""
 
     focal_length_px: float
     width_px: int
-    """The image width that the focal length belongs to."""
+    """Image width that the focal length refers to."""
 
 
 class Trigger(Word):
-    """What starts an update by itself."""
+    """What starts an update."""
 
     ON_REQUEST = "on-request"
     EACH_IMAGE = "each-image"
@@ -63,17 +63,17 @@ class Trigger(Word):
 
 
 class Policy(Input):
-    """When the scene is updated without being asked."""
+    """When the scene is updated automatically."""
 
     trigger: Trigger = Trigger.ON_REQUEST
     k: int = 10
-    """With `every-k-images`: after so many new images."""
+    """Number of new images that start an update, with `every-k-images`."""
     first: int = 8
-    """The first update waits for so many images."""
+    """Number of images that the first update waits for."""
 
 
 class SceneRequest(Input):
-    """A scene to be made."""
+    """Settings of a new scene."""
 
     name: str
     world: World = AutomaticWorld()
@@ -82,17 +82,17 @@ class SceneRequest(Input):
 
 
 class AlignmentStatus(Word):
-    """How the model stands in the world."""
+    """How well the model is aligned with the world."""
 
     MODEL = "model"
-    """Nothing places it: the model's frame is the world."""
+    """Not aligned, for lack of position priors: the model's frame is the world."""
     ALIGNED = "aligned"
     ILL_CONDITIONED = "ill-conditioned"
-    """The cameras stand on a line, so the turn about that line is open."""
+    """The camera centres are collinear, so the rotation about their line is undetermined."""
 
 
 class Alignment(Answer):
-    """The similarity that takes the model's frame to the world, and how well it fits."""
+    """The similarity world_from_model, and how well it fits."""
 
     status: AlignmentStatus
     scale: float
@@ -105,17 +105,17 @@ class Alignment(Answer):
 
 
 class ImageCounts(Answer):
-    """How many images were received, and what became of them."""
+    """Numbers of images by verdict and state."""
 
     received: int
     accepted: int
     rejected: int
     pending: int
-    """Accepted, and not yet offered to an update."""
+    """Accepted, and not processed by an update yet."""
 
 
 class SceneData(Answer):
-    """One capture: its settings, its counts, and its latest snapshot."""
+    """A scene (one capture): its settings, image counts and latest snapshot."""
 
     id: str
     name: str

@@ -1,10 +1,10 @@
-"""What the service says of itself."""
+"""Capabilities and health of the service."""
 
 from fvs_client.models.base import Answer
 
 
 class Limits(Answer):
-    """What one request, scene or tenant may use; a limit that the service does not tell is None."""
+    """Limits of a request, a scene or a tenant; None where the service does not publish one."""
 
     image_bytes: int | None = None
     image_pixels: int | None = None
@@ -16,12 +16,12 @@ class Limits(Answer):
 
 
 class Capabilities(Answer):
-    """What the service can do, and how much of it."""
+    """Capabilities and limits of the service."""
 
     version: str
     api: tuple[str, ...]
     methods: tuple[str, ...]
-    """What candidates can be ranked by."""
+    """Methods of ranking."""
     generators: tuple[str, ...]
     image_formats: tuple[str, ...]
     keys_required: bool
@@ -29,6 +29,6 @@ class Capabilities(Answer):
 
 
 class Health(Answer):
-    """That the service is up."""
+    """Health of the service."""
 
     status: str

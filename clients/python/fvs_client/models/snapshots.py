@@ -1,4 +1,4 @@
-"""Snapshots: immutable models, and their files."""
+"""Snapshots: immutable models and their artifacts."""
 
 from fvs_client.models.base import Answer, Quaternion, Timestamp, Vector
 from fvs_client.models.jobs import JobKind
@@ -6,7 +6,7 @@ from fvs_client.models.scenes import Alignment
 
 
 class Artifact(Answer):
-    """One file of a snapshot."""
+    """A file of a snapshot."""
 
     name: str
     media_type: str
@@ -15,7 +15,7 @@ class Artifact(Answer):
 
 
 class SnapshotMetrics(Answer):
-    """How large and how good the model is."""
+    """Size and quality of the model."""
 
     registered: int
     """Images that have their place."""
@@ -26,14 +26,14 @@ class SnapshotMetrics(Answer):
     gaussians: int
     sh_degree: int
     psnr_db: float | None
-    """Over the images that a fine model was kept from (``test_every``)."""
+    """Over the held-out views of a fine model (``test_every``)."""
     ssim: float | None
     new_images_psnr_db: float | None = None
     """What the snapshot before made of the images that are new in this one, which it had not seen."""
 
 
 class SnapshotData(Answer):
-    """An immutable model: its metrics, its place in the world, and the files it consists of."""
+    """An immutable model: its metrics, alignment and artifacts."""
 
     id: str
     scene_id: str
@@ -46,7 +46,7 @@ class SnapshotData(Answer):
 
 
 class PinholeIntrinsics(Answer):
-    """A pinhole camera, in px."""
+    """Intrinsics of a pinhole camera."""
 
     width_px: int
     height_px: int
@@ -57,7 +57,7 @@ class PinholeIntrinsics(Answer):
 
 
 class SnapshotView(Answer):
-    """A registered image: its camera's place in the model's frame (model_from_camera)."""
+    """A registered image and its pose in the model's frame (model_from_camera)."""
 
     image: str
     name: str
@@ -66,10 +66,10 @@ class SnapshotView(Answer):
 
 
 class SnapshotCameras(Answer):
-    """What `cameras.json` says: where the registered images were taken, in the model's frame.
+    """The content of `cameras.json`: cameras of the registered images, in the model's frame.
 
-    ``centre`` is the middle of what the model shows, ``up`` its upward direction, ``lower`` and ``upper`` a
-    box around its points.
+    ``centre`` is the centre of what the images show, ``up`` its upward direction, ``lower`` and ``upper``
+    bound its points.
     """
 
     camera: PinholeIntrinsics
