@@ -1,10 +1,11 @@
-"""The service core, wired: what the gateway and the workers both stand on."""
+"""The storage and the services, opened together for the gateway and the workers."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from fvs_service.auth import Keys
+from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.images.inspection import InspectionLimits
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.service import Images
@@ -12,7 +13,6 @@ from fvs_service.images.staging import StagingArea
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.port import JobEngine
 from fvs_service.jobs.service import Jobs
-from fvs_service.limiter import AtOnce
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
 from fvs_service.scenes.lease import Leases
@@ -25,7 +25,7 @@ from fvs_service.storage.database import Database
 
 @dataclass(frozen=True)
 class Storage:
-    """What every process of the service opens: the gateway, the workers, the command line."""
+    """What every process of the service opens."""
 
     settings: Settings
     database: Database
@@ -38,13 +38,13 @@ class Storage:
 
 @dataclass(frozen=True)
 class Application:
-    """Everything that a request can reach."""
+    """The storage and all services, for a gateway."""
 
     storage: Storage
     engine: JobEngine
     runners: SceneRunners
     staging: StagingArea
-    uploads_at_once: AtOnce
+    upload_limit: ConcurrencyLimit
     scenes: Scenes
     images: Images
     jobs: Jobs
@@ -53,7 +53,7 @@ class Application:
 
 @dataclass(frozen=True)
 class Backend:
-    """What computes: made of the storage, so that whoever opens the application chooses it."""
+    """How to make the job engine and the client of the runners for a storage."""
 
     engine: Callable[[Storage], JobEngine]
     runners: Callable[[Storage], SceneRunners]
@@ -61,7 +61,7 @@ class Backend:
 
 @contextmanager
 def open_storage(settings: Settings) -> Iterator[Storage]:
-    """Open the database (and bring its schema up to date) and the blobs; close them at the end."""
+    """Open the database, after migrating its schema, and the blobs; close them at the end."""
     settings.root.mkdir(parents=True, exist_ok=True)
     database = Database(settings.database)
     try:
@@ -101,7 +101,7 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
                 staging=StagingArea(
                     settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
                 ),
-                uploads_at_once=AtOnce("uploads", limits.open_uploads_per_tenant),
+                upload_limit=ConcurrencyLimit("uploads", limits.open_uploads_per_tenant),
                 scenes=Scenes(storage.database, limits),
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 jobs=jobs,

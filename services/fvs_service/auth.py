@@ -1,8 +1,7 @@
-"""API keys: who holds one, and who needs none.
+"""API keys: created, listed, revoked and checked.
 
-A key reads ``fvs_<id>_<secret>``. It is shown once; the database keeps the SHA-256 of the secret, which has
-256 bits of chance in it, so a slow hash would protect nothing. A key may be bound to one scene: a device's
-key.
+A key is ``fvs_<id>_<secret>``. It is shown once; the database keeps the SHA-256 of the secret, whose 256
+random bits need no slow hash. A key may be restricted to one scene: a device's key.
 """
 
 import hashlib
@@ -25,7 +24,7 @@ _NO_HASH = hashlib.sha256(b"").hexdigest()
 
 @dataclass(frozen=True)
 class ApiKey:
-    """A key as it can be listed: without its secret."""
+    """A key without its secret."""
 
     id: str
     tenant_id: str
@@ -38,12 +37,12 @@ class ApiKey:
 
     @property
     def valid(self) -> bool:
-        """Whether it opens anything now."""
+        """Whether it is neither revoked nor expired."""
         return self.revoked_at is None and (self.expires_at is None or self.expires_at > now())
 
 
 class Keys:
-    """Makes, lists, revokes and checks API keys."""
+    """Creates, lists, revokes and checks API keys."""
 
     def __init__(self, database: Database, *, required: bool) -> None:
         self._database = database
@@ -58,7 +57,7 @@ class Keys:
         scene_id: str | None = None,
         valid_for: timedelta | None = None,
     ) -> str:
-        """Make a key and return it: the only time that it can be read."""
+        """Create a key and return it; it cannot be read again."""
         key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(32)
         with self._database.writing() as session:
             session.add(
@@ -82,14 +81,14 @@ class Keys:
             return tuple(map(_key, session.scalars(select(ApiKeyRow).order_by(ApiKeyRow.created_at))))
 
     def revoke(self, key_id: str) -> None:
-        """Make a key useless at once; raises ``NotFoundError``."""
+        """Revoke a key at once; raises ``NotFoundError``."""
         with self._database.writing() as session:
             if session.get(ApiKeyRow, key_id) is None:
                 raise NotFoundError(f"There is no key {key_id}.", hint="fvs keys list shows them.")
             session.execute(update(ApiKeyRow).where(ApiKeyRow.id == key_id).values(revoked_at=now()))
 
     def authenticate(self, key: str | None) -> Principal:
-        """Who shows ``key``; raises ``UnauthenticatedError``.
+        """The principal of a key; raises ``UnauthenticatedError``.
 
         Without a key it is the local user, unless keys are required.
         """
@@ -108,8 +107,8 @@ class Keys:
             matches = hmac.compare_digest(_hash(secret), row.sha256 if row else _NO_HASH)
             if row is None or not matches or not _key(row).valid:
                 raise UnauthenticatedError(
-                    "The API key is not known, expired or revoked.",
-                    hint="fvs keys list and fvs keys create, with the service's --root, show and make keys.",
+                    "The API key is unknown, expired or revoked.",
+                    hint="List keys with fvs keys list --root …, or create one with fvs keys create.",
                 )
             return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id)
 

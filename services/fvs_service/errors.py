@@ -1,7 +1,7 @@
-"""Every failure that a caller can cause or meet, with its HTTP and its gRPC status.
+"""Every failure that a caller can cause or meet, with its HTTP status.
 
-Services raise these; the transports turn them into problem documents (RFC 9457) and ``google.rpc`` details
-without knowing any of them by name.
+Services raise these errors; the transport turns them into problem documents (RFC 9457) without naming any of
+them.
 """
 
 from collections.abc import Sequence
@@ -13,20 +13,36 @@ from fvs_engine import errors as engine
 
 @dataclass(frozen=True)
 class FieldError:
-    """One part of the input that is wrong: where (``candidates.3.id``) and why."""
+    """A part of the input that is invalid: where (``candidates.3.id``) and why."""
 
     field: str
     message: str
 
 
 class ServiceError(Exception):
-    """A failure with a stable ``code``; ``retryable`` says whether the same request can succeed later."""
+    """A failure with a stable ``code``; ``retryable``: the same request can succeed later.
+
+    Subclasses set what differs from their base as keyword arguments of the class statement.
+    """
 
     code: ClassVar[str] = "internal"
     title: ClassVar[str] = "Something went wrong in the service"
-    http_status: ClassVar[int] = 500
-    grpc_status: ClassVar[str] = "INTERNAL"
+    status: ClassVar[int] = 500
     retryable: ClassVar[bool] = True
+
+    def __init_subclass__(
+        cls,
+        *,
+        code: str | None = None,
+        title: str | None = None,
+        status: int | None = None,
+        retryable: bool | None = None,
+    ) -> None:
+        super().__init_subclass__()
+        cls.code = cls.code if code is None else code
+        cls.title = cls.title if title is None else title
+        cls.status = cls.status if status is None else status
+        cls.retryable = cls.retryable if retryable is None else retryable
 
     def __init__(
         self,
@@ -44,136 +60,133 @@ class ServiceError(Exception):
 
 
 class InternalError(ServiceError):
-    """A defect of the service; its log has the details under the request's id."""
+    """A defect of the service; the log has the details under the request's id."""
 
 
-class MalformedRequestError(ServiceError):
-    """The request cannot be read at all."""
-
-    code, title = "malformed-request", "The request cannot be read"
-    http_status, grpc_status, retryable = 400, "INVALID_ARGUMENT", False
-
-
-class UnauthenticatedError(ServiceError):
-    """No key, or one that is not known, expired or revoked."""
-
-    code, title = "unauthenticated", "A valid API key is needed"
-    http_status, grpc_status, retryable = 401, "UNAUTHENTICATED", False
+class MalformedRequestError(
+    ServiceError, code="malformed-request", title="The request cannot be read", status=400, retryable=False
+):
+    """The request cannot be parsed."""
 
 
-class ForbiddenError(ServiceError):
-    """The key is good, but not for this."""
-
-    code, title = "forbidden", "The API key does not allow this"
-    http_status, grpc_status, retryable = 403, "PERMISSION_DENIED", False
-
-
-class NotFoundError(ServiceError):
-    """It does not exist, or belongs to somebody else: both answer alike."""
-
-    code, title = "not-found", "Not found"
-    http_status, grpc_status, retryable = 404, "NOT_FOUND", False
+class UnauthenticatedError(
+    ServiceError, code="unauthenticated", title="A valid API key is needed", status=401, retryable=False
+):
+    """No key, or one that is unknown, expired or revoked."""
 
 
-class MethodNotAllowedError(ServiceError):
+class ForbiddenError(
+    ServiceError, code="forbidden", title="The API key does not allow this", status=403, retryable=False
+):
+    """The key is valid but lacks the scope."""
+
+
+class NotFoundError(ServiceError, code="not-found", title="Not found", status=404, retryable=False):
+    """It does not exist, or belongs to another tenant: the responses are the same."""
+
+
+class MethodNotAllowedError(
+    ServiceError,
+    code="method-not-allowed",
+    title="The method is not allowed here",
+    status=405,
+    retryable=False,
+):
     """The path exists, the method does not."""
 
-    code, title = "method-not-allowed", "The method is not allowed here"
-    http_status, grpc_status, retryable = 405, "UNIMPLEMENTED", False
+
+class SlowRequestError(
+    ServiceError, code="request-timeout", title="The request took too long to arrive", status=408
+):
+    """No byte of the body arrived for too long."""
 
 
-class SlowRequestError(ServiceError):
-    """The body stopped coming."""
-
-    code, title = "request-timeout", "The request took too long to arrive"
-    http_status, grpc_status, retryable = 408, "DEADLINE_EXCEEDED", True
-
-
-class ConflictError(ServiceError):
-    """The request contradicts the state of what it is about."""
-
-    code, title = "conflict", "The request does not fit the current state"
-    http_status, grpc_status, retryable = 409, "FAILED_PRECONDITION", False
+class ConflictError(
+    ServiceError,
+    code="conflict",
+    title="The request does not fit the current state",
+    status=409,
+    retryable=False,
+):
+    """The request contradicts the state of its resource."""
 
 
-class NoSnapshotError(ConflictError):
+class NoSnapshotError(ConflictError, code="no-snapshot", title="The scene has no model yet", retryable=True):
     """The scene has no model yet."""
 
-    code, title, retryable = "no-snapshot", "The scene has no model yet", True
+
+class StaleLeaseError(ConflictError, code="stale-lease", title="Another worker has leased the scene"):
+    """Another worker has taken the lease: the operation must stop."""
 
 
-class StaleLeaseError(ConflictError):
-    """Somebody else holds the scene now; whoever meets this must stop."""
-
-    code, title, grpc_status = "stale-lease", "The scene is held by another worker", "ABORTED"
-
-
-class PayloadTooLargeError(ServiceError):
+class PayloadTooLargeError(
+    ServiceError, code="payload-too-large", title="The body is too large", status=413, retryable=False
+):
     """The body is larger than the limit."""
 
-    code, title = "payload-too-large", "The body is too large"
-    http_status, grpc_status, retryable = 413, "INVALID_ARGUMENT", False
+
+class UnsupportedMediaTypeError(
+    ServiceError,
+    code="unsupported-media-type",
+    title="The body's type is not supported",
+    status=415,
+    retryable=False,
+):
+    """The route does not accept this type of body."""
 
 
-class UnsupportedMediaTypeError(ServiceError):
-    """The body is of a type that this route does not take."""
-
-    code, title = "unsupported-media-type", "The body's type is not supported"
-    http_status, grpc_status, retryable = 415, "INVALID_ARGUMENT", False
-
-
-class RangeError(ServiceError):
-    """The range lies outside the artefact."""
-
-    code, title = "range-not-satisfiable", "The range is not satisfiable"
-    http_status, grpc_status, retryable = 416, "OUT_OF_RANGE", False
+class RangeError(
+    ServiceError,
+    code="range-not-satisfiable",
+    title="The range is not satisfiable",
+    status=416,
+    retryable=False,
+):
+    """The range lies outside of the artifact."""
 
     def __init__(self, size_bytes: int) -> None:
         super().__init__(f"The range lies outside of the {size_bytes} bytes.")
         self.size_bytes = size_bytes
 
 
-class InvalidRequestError(ServiceError):
-    """The request can be read and cannot be used."""
-
-    code, title = "invalid-request", "The request is not valid"
-    http_status, grpc_status, retryable = 422, "INVALID_ARGUMENT", False
-
-
-class DigestMismatchError(InvalidRequestError):
-    """The bytes are not those that the digest promised: damaged on the way, or the wrong file."""
-
-    code, title, retryable = "digest-mismatch", "The bytes do not have the digest they should", True
+class InvalidRequestError(
+    ServiceError, code="invalid-request", title="The request is not valid", status=422, retryable=False
+):
+    """The request can be parsed but not be fulfilled."""
 
 
-class KeyReusedError(InvalidRequestError):
-    """An idempotency key came back with another request."""
+class DigestMismatchError(
+    InvalidRequestError,
+    code="digest-mismatch",
+    title="The bytes do not have the digest they should",
+    retryable=True,
+):
+    """The bytes do not have the declared digest: damaged in transit, or the wrong file."""
 
-    code, title = "idempotency-key-reused", "The idempotency key belongs to another request"
+
+class KeyReusedError(
+    InvalidRequestError,
+    code="idempotency-key-reused",
+    title="The idempotency key belongs to another request",
+):
+    """An idempotency key was used with another request before."""
 
 
-class LimitExceededError(ServiceError):
-    """The tenant uses as much as it may; ``retry_after_s`` says when to ask again."""
-
-    code, title = "limit-exceeded", "A limit is reached"
-    http_status, grpc_status, retryable = 429, "RESOURCE_EXHAUSTED", True
+class LimitExceededError(ServiceError, code="limit-exceeded", title="A limit is reached", status=429):
+    """The tenant has reached a limit; ``retry_after_s`` says when to try again."""
 
     def __init__(self, message: str, *, hint: str = "", retry_after_s: int = 5) -> None:
         super().__init__(message, hint=hint, retry_after_s=retry_after_s)
 
 
-class UnavailableError(ServiceError):
-    """No worker can answer now."""
+class UnavailableError(
+    ServiceError, code="unavailable", title="The service is not available now", status=503
+):
+    """No worker, queue or database is available now."""
 
-    code, title = "unavailable", "The service cannot answer now"
-    http_status, grpc_status, retryable = 503, "UNAVAILABLE", True
 
-
-class OutOfSpaceError(ServiceError):
-    """There is no room left for the bytes."""
-
-    code, title = "out-of-space", "There is no room left"
-    http_status, grpc_status, retryable = 507, "RESOURCE_EXHAUSTED", True
+class OutOfSpaceError(ServiceError, code="out-of-space", title="There is no room left", status=507):
+    """The disk is full."""
 
 
 _OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (
@@ -184,7 +197,7 @@ _OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (
 
 
 def from_engine(error: engine.EngineError) -> ServiceError:
-    """What a failure of the engine is to a caller of the service."""
+    """The service's error for one of the engine's."""
     if error.code == "disk-full":
         return OutOfSpaceError(error.message, hint=error.hint)
     for kind, service_kind in _OF_ENGINE:

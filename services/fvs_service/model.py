@@ -1,19 +1,23 @@
-"""What all domain models have in common: immutable, unknown fields and non-finite numbers refused."""
+"""The base of all models on the wire, and their common types."""
 
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Generic, Self, TypeVar
 
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 
 class Model(BaseModel):
-    """Base of everything that crosses an interface, in either direction."""
+    """Base of requests and responses: frozen; unknown fields and non-finite numbers are errors.
+
+    Docstrings of fields become descriptions in the OpenAPI document.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""A finite number; not a string that looks like one."""
+"""A finite number; strings are not converted."""
 
 
 def _whole(value: object) -> object:
@@ -21,7 +25,7 @@ def _whole(value: object) -> object:
 
 
 WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
-"""A whole number, also written ``3.0``, which JSON does not tell apart; not a string, not ``true``."""
+"""A whole number, also as ``3.0``, which is the same in JSON; strings and ``true`` are not converted."""
 Count = Annotated[WholeNumber, Field(ge=0)]
 PositiveNumber = Annotated[Number, Field(gt=0)]
 Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
@@ -30,10 +34,10 @@ Timestamp = AwareDatetime
 
 
 class Page(Model):
-    """The part of a list that is asked for: ``limit`` items after the one that ``after`` names."""
+    """A page of a list: ``limit`` items after the one with the cursor ``after``."""
 
     after: str | None = Field(default=None, max_length=128)
-    """`next` of the page before."""
+    """The `next` of the previous page."""
     limit: int = Field(default=100, ge=1, le=1000)
 
 
@@ -41,9 +45,26 @@ class NumberedPage(Page):
     """A page of a list whose items are numbered."""
 
     after: Annotated[str, Field(pattern=r"^[0-9]{1,9}$")] | None = None
-    """`next` of the page before."""
+    """The `next` of the previous page."""
+
+
+ItemT = TypeVar("ItemT", bound=Model)
+
+
+class Listing(Model, Generic[ItemT]):
+    """A page of a list."""
+
+    items: tuple[ItemT, ...]
+    next: str | None
+    """The cursor of the next page; null on the last one."""
+
+    @classmethod
+    def of(cls, found: Sequence[ItemT], limit: int, cursor: Callable[[ItemT], str]) -> Self:
+        """The first ``limit`` of ``found``, which has one more when there is a next page."""
+        items = tuple(found[:limit])
+        return cls(items=items, next=cursor(items[-1]) if len(found) > limit else None)
 
 
 def now() -> datetime:
-    """The present, in UTC."""
+    """The current time in UTC."""
     return datetime.now(UTC)

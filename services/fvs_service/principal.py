@@ -1,4 +1,4 @@
-"""Who asks, and what they may do."""
+"""Principals: the authenticated callers, and their permissions."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,13 +9,13 @@ LOCAL_TENANT = "local"
 
 
 class Scope(StrEnum):
-    """What a key may do."""
+    """A permission of a key."""
 
     READ = "read"
     UPLOAD = "upload"
-    """Send images; all that a device needs."""
+    """Send images: what a device needs."""
     OPERATE = "operate"
-    """Make scenes, start and stop jobs, ask for rankings."""
+    """Create scenes, start and cancel jobs, create rankings."""
 
 
 ALL_SCOPES = frozenset(Scope)
@@ -23,23 +23,27 @@ ALL_SCOPES = frozenset(Scope)
 
 @dataclass(frozen=True)
 class Principal:
-    """Who asks, and what they may do; ``scene_id`` limits a device's key to its scene."""
+    """An authenticated caller; ``scene_id`` restricts a device's key to its scene."""
 
     tenant_id: str
     scopes: frozenset[Scope]
     scene_id: str | None = None
 
+    def owns(self, tenant_id: str, scene_id: str) -> bool:
+        """Whether a scene of a tenant is visible to the caller."""
+        return tenant_id == self.tenant_id and self.scene_id in (None, scene_id)
+
     def require(self, scope: Scope, scene_id: str | None = None) -> None:
-        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` for a scene the key is not for."""
+        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` for a scene other than the key's."""
         if self.scene_id is not None and scene_id is not None and scene_id != self.scene_id:
             raise NotFoundError("There is no such scene.")
         if scope not in self.scopes or (self.scene_id is not None and scene_id is None):
             raise ForbiddenError(
-                f"This needs a key with the scope {scope.value!r}"
+                f"A key is needed with the scope {scope.value!r}"
                 + (" that is not bound to one scene." if self.scene_id is not None else "."),
-                hint="Ask for another key: fvs keys create --scope …",
+                hint="Create another key: fvs keys create --scope …",
             )
 
 
 LOCAL_USER = Principal(LOCAL_TENANT, ALL_SCOPES)
-"""Whoever sits at a machine that serves only itself."""
+"""The caller without a key, where none is required."""

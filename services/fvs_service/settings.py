@@ -1,18 +1,18 @@
-"""Every setting of the service, in one frozen object that is read once and passed down."""
+"""The settings of the service: one frozen object."""
 
 import ipaddress
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, FilePath, PositiveFloat, PositiveInt
+from pydantic import Field, FilePath, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from fvs_engine.records import Record
 
 MEGABYTE = 1_000_000
 
 
-class Limits(BaseModel):
-    """What one request, scene or tenant may use; published by ``GET /v1/capabilities``."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class Limits(Record):
+    """Limits per request, scene and tenant; published by ``GET /v1/capabilities``."""
 
     image_bytes: PositiveInt = 64 * MEGABYTE
     image_pixels: PositiveInt = Field(default=128_000_000, le=256_000_000)
@@ -31,14 +31,13 @@ class Limits(BaseModel):
     page_items: PositiveInt = 1_000
 
 
-class WorkerSettings(BaseModel):
-    """How workers share the machine, and how scenes learn unless a job says otherwise.
+class WorkerSettings(Record):
+    """How workers share the machine, and the defaults of jobs.
 
-    ``memory_bytes`` is for all scenes of one worker, by default three quarters of the machine's shared by its
-    workers; what does not fit waits. ``threads`` are those of one job, by default all cores.
+    ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of the machine's
+    memory; jobs that do not fit wait. ``threads`` is per job, by default all cores. A runner that is idle for
+    ``idle_s`` ends.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     count: PositiveInt = 1
     jobs_at_once: PositiveInt = 1
@@ -56,10 +55,10 @@ class WorkerSettings(BaseModel):
 
 
 class Settings(BaseSettings):
-    """Read from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or given in code.
+    """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
-    ``root`` holds everything that the service keeps on one machine. ``database_url`` and ``blobs_url`` move
-    the database and the blobs elsewhere; by default they are SQLite and a folder in ``root``.
+    ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` and
+    ``blobs_url`` are other places for the database and the blobs, by default SQLite and a folder in ``root``.
     """
 
     model_config = SettingsConfigDict(
@@ -88,29 +87,29 @@ class Settings(BaseSettings):
 
     @property
     def database(self) -> str:
-        """The database's URL, as SQLAlchemy spells it."""
+        """The database's URL for SQLAlchemy."""
         return self.database_url or f"sqlite:///{self.root.absolute() / 'fvs.sqlite3'}"
 
     @property
     def queue(self) -> str:
-        """The URL of the job engine's database: the same server, or a file of its own."""
+        """The URL of the job engine's database: the same server, or an SQLite file of its own."""
         if self.database_url and not self.database_url.startswith("sqlite"):
             return self.database_url
         return f"sqlite:///{self.root.absolute() / 'queue.sqlite3'}"
 
     @property
     def scenes(self) -> Path:
-        """Where workers keep what scenes go on from."""
+        """The folder of the scenes' working files on a worker."""
         return self.root / "scenes"
 
     @property
     def staging(self) -> Path:
-        """Where uploads are written until they are whole; on the disk of ``root``."""
+        """The folder of uploads that have not fully arrived."""
         return self.root / "staging"
 
     @property
     def loopback(self) -> bool:
-        """Whether only programs on this machine can reach the gateway."""
+        """Whether the gateway can only be reached from this machine."""
         if self.host == "localhost":
             return True
         try:
@@ -120,5 +119,5 @@ class Settings(BaseSettings):
 
     @property
     def keys_required(self) -> bool:
-        """Whether requests without an API key are refused."""
+        """Whether requests need an API key."""
         return self.require_keys or not self.loopback

@@ -1,4 +1,4 @@
-"""What the service tells of itself: structured logs, and metrics that Prometheus reads."""
+"""Structured logs, and metrics for Prometheus."""
 
 import logging
 import sys
@@ -19,11 +19,11 @@ class Metrics:
         ProcessCollector(registry=self.registry)
         GCCollector(registry=self.registry)
         self.requests = Counter(
-            "fvs_requests", "Requests answered.", ("method", "route", "status"), registry=self.registry
+            "fvs_requests", "Responses to requests.", ("method", "route", "status"), registry=self.registry
         )
         self.seconds = Histogram(
             "fvs_request_seconds",
-            "Time from a request's first byte to its answer's last.",
+            "Time from the first byte of a request to the last one of its response.",
             ("method", "route"),
             buckets=_SECONDS,
             registry=self.registry,
@@ -37,7 +37,7 @@ class Metrics:
 
 def configure_logging(*, machine: bool) -> None:
     """Log to stderr: JSON lines for machines, colours on a terminal. Call once, when a program starts."""
-    people = structlog.dev.ConsoleRenderer(
+    console = structlog.dev.ConsoleRenderer(
         colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
     )
     structlog.configure(
@@ -48,7 +48,7 @@ def configure_logging(*, machine: bool) -> None:
             *(
                 [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
                 if machine
-                else [people]
+                else [console]
             ),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
@@ -57,5 +57,5 @@ def configure_logging(*, machine: bool) -> None:
 
 
 def _to_stderr(*_: object) -> structlog.PrintLogger:
-    """A logger to whatever stderr is by now: the one of the start may have been closed since."""
+    """A logger to the current stderr: that of the start may be closed."""
     return structlog.PrintLogger(sys.stderr)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 TARGETS = {
-    "gateway": "fvs_service.serving.gateway_process",
-    "worker": "fvs_service.serving.worker_process",
+    "gateway": "fvs_service.serving.process gateway",
+    "worker": "fvs_service.serving.process worker",
     "runner": "fvs_service.worker.runner.process",
     "sfm": "fvs_engine.sfm.native.child",
 }
@@ -208,7 +208,7 @@ def _processes() -> Iterator[tuple[int, int, str]]:
                     yield int(folder.name), int(parent), rest[17]
 
 
-def _command(pid: int) -> list[str]:
+def _command(pid: int) -> str:
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-    return []
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().replace("\0", " ")
+    return ""

@@ -21,7 +21,7 @@ from fvs_service.application import Application, Backend, Storage
 from fvs_service.errors import UnavailableError
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.jobs.port import JobTicket
-from fvs_service.rankings.port import DrawView, RankedView, RankedViews, RankViews
+from fvs_service.rankings.port import RankedViews, RankViews, RenderView
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.settings import Settings
@@ -41,7 +41,6 @@ from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.views import PinholeView
 
 Overrides = Mapping[str, Any]
 
@@ -70,7 +69,7 @@ class TicketBox:
 
 
 class ComputingRunners:
-    """Ranks and draws with the engine, from the snapshot's own artefacts."""
+    """Ranks and renders with the engine, from the snapshot's own artefacts."""
 
     methods = ("median-frequency",)
 
@@ -84,16 +83,15 @@ class ComputingRunners:
         self._require_reachable()
         self.asked.append(request)
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
-        candidates = [PinholeView(view.id, view.camera, view.camera_from_model) for view in request.views]
-        scores = MedianFrequency().score(gaussians, candidates, self._rasterizer)
-        distances = {view.id: view.distance_m for view in request.views if view.distance_m is not None}
-        views = tuple(
-            RankedView(place.name, place.rank, place.score, place.status.value, place.coverage)
-            for place in rank(scores, distances)
+        scores = MedianFrequency().score(gaussians, request.views, self._rasterizer)
+        return RankedViews(
+            snapshot_id=request.snapshot_id,
+            iterations=7,
+            gaussians=len(gaussians),
+            candidates=rank(scores, request.distances),
         )
-        return RankedViews(request.snapshot_id, 7, len(gaussians), views)
 
-    def draw(self, request: DrawView) -> bytes:
+    def render(self, request: RenderView) -> bytes:
         self._require_reachable()
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
         with torch.no_grad():

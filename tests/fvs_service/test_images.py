@@ -385,7 +385,7 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     gateway: Any, photograph: Photograph
 ) -> None:
     from fvs_service.images.model import Image as SceneImage
-    from fvs_service.images.service import file_name, with_senders_names
+    from fvs_service.images.service import file_name, with_original_names
 
     scene = gateway.scene()
     sent = [gateway.put(scene, photograph(seed), name=f"IMG {seed}.jpg").json() for seed in range(2)]
@@ -393,4 +393,4 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     first, second = map(file_name, images)
     said = f"{first}, {second}.png and 000009-0123456789ab.jpg show nothing. 000001-4."
     told = "IMG 0.jpg, IMG 1.jpg and 000009-0123456789ab.jpg show nothing. 000001-4."
-    assert with_senders_names(said, images) == told
+    assert with_original_names(said, images) == told

@@ -49,7 +49,7 @@ def test_a_job_whose_queue_was_away_is_submitted_later(gateway: Any) -> None:
         assert f"{job_id}.1" not in gateway.engine.submitted
     finally:
         gateway.engine.reachable = True
-    gateway.application.jobs.submit_waiting()
+    gateway.application.jobs.submit_unsubmitted()
     assert f"{job_id}.1" in gateway.engine.submitted
 
 

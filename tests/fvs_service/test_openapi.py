@@ -45,7 +45,7 @@ def test_the_document_is_openapi_31_and_names_every_operation(document: dict[str
         "/v1/scenes/{scene_id}/events",
         "/v1/jobs/{job_id}:cancel",
         "/v1/jobs/{job_id}:retry",
-        "/v1/rankings/{ranking_id}/candidates/{candidate_id}/{picture}.png",
+        "/v1/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png",
         "/v1/snapshots/{snapshot_id}/artifacts/{name}",
         "/v1/capabilities",
         "/livez",

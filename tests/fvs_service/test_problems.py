@@ -15,8 +15,7 @@ def test_every_error_has_a_code_of_its_own() -> None:
     codes = [kind.code for kind in kinds]
     assert len(set(codes)) == len(codes)
     for kind in kinds:
-        assert 400 <= kind.http_status < 600
-        assert kind.grpc_status.isupper()
+        assert 400 <= kind.status < 600
         assert kind.title
 
 

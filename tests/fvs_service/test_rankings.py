@@ -65,7 +65,7 @@ def test_what_is_out_of_range_or_visited_is_not_rendered(gateway: Any, scene: st
     ]
     gateway.runners.asked.clear()
     ranking = _rank(gateway, scene, candidates=candidates, current_pose=LOOK, radius_m=10.0).json()
-    assert [view.id for view in gateway.runners.asked[0].views] == ["good"]
+    assert [view.name for view in gateway.runners.asked[0].views] == ["good"]
     status = {place["id"]: (place["status"], place["distance_m"]) for place in ranking["candidates"]}
     assert status["beyond"] == ("out-of-range", 36.0)
     assert status["visited"][0] == "visited"
@@ -131,7 +131,7 @@ def test_the_world_is_where_the_alignment_says(gateway: Any) -> None:
     assert in_model["candidates"][0]["pose"]["position"] == pytest.approx(pose["position"])
 
 
-def test_candidates_are_drawn(gateway: Any, scene: str) -> None:
+def test_candidates_are_rendered(gateway: Any, scene: str) -> None:
     ranking = _rank(gateway, scene, candidates=[{"id": "a", "pose": LOOK}]).json()
     path = f"/v1/rankings/{ranking['id']}/candidates/a/render.png"
     drawn = gateway.client.get(path)

@@ -40,7 +40,7 @@ def test_a_file_is_moved_into_the_store(blobs: Blobs, tmp_path: Path) -> None:
 def test_a_blob_is_placed_for_programs_that_need_files(blobs: Blobs, tmp_path: Path) -> None:
     blobs.put(b"content", "x")
     for _ in range(2):
-        blobs.place("x", tmp_path / "work" / "x.jpg")
+        blobs.export("x", tmp_path / "work" / "x.jpg")
     assert (tmp_path / "work" / "x.jpg").read_bytes() == b"content"
 
 
@@ -49,7 +49,7 @@ def test_what_is_not_stored_is_not_found(blobs: Blobs, tmp_path: Path) -> None:
     with pytest.raises(NotFoundError):
         blobs.read("nothing")
     with pytest.raises(NotFoundError):
-        blobs.place("nothing", tmp_path / "nothing")
+        blobs.export("nothing", tmp_path / "nothing")
 
 
 def test_a_full_disk_leaves_no_part_of_a_blob(

@@ -1,4 +1,4 @@
-"""``fvs serve`` and ``fvs keys``: the service on this machine, and who may use it."""
+"""``fvs serve`` and ``fvs keys``: the service on this machine, and its API keys."""
 
 from datetime import timedelta
 from pathlib import Path
@@ -16,7 +16,7 @@ keys = typer.Typer(help="API keys of the service.", no_args_is_help=True)
 
 _Root = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Where the service keeps everything.", show_default="fvs-service"),
+    typer.Option(metavar="DIR", help="Folder of the service's data.", show_default="fvs-service"),
 ]
 
 
@@ -31,14 +31,14 @@ def serve(
     host: Annotated[
         str | None,
         typer.Option(
-            help="Address to listen on; others than this machine's own need an API key.",
+            help="Address to listen on; addresses other than loopback need an API key.",
             show_default="127.0.0.1",
         ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65_535, help="0 takes a free one.", show_default="8000")
+        int | None, typer.Option(min=0, max=65_535, help="0: a free one.", show_default="8000")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="How many workers.", show_default="1")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Number of workers.", show_default="1")] = None,
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
@@ -61,14 +61,18 @@ def serve(
 
 @keys.command("create")
 def create_key(
-    name: Annotated[str, typer.Argument(help="What the key is for.")],
-    tenant: Annotated[str, typer.Option(help="Whose key it is.")] = LOCAL_TENANT,
-    scope: Annotated[list[Scope] | None, typer.Option(help="What it may do.", show_default="all")] = None,
-    scene: Annotated[str | None, typer.Option(help="Only for this scene: a device's key.")] = None,
-    days: Annotated[int | None, typer.Option(min=1, help="Valid for so long.", show_default="ever")] = None,
+    name: Annotated[str, typer.Argument(help="A description of the key.")],
+    tenant: Annotated[str, typer.Option(help="The tenant that the key belongs to.")] = LOCAL_TENANT,
+    scope: Annotated[
+        list[Scope] | None, typer.Option(help="Permissions of the key.", show_default="all")
+    ] = None,
+    scene: Annotated[str | None, typer.Option(help="Restrict the key to this scene: a device's key.")] = None,
+    days: Annotated[
+        int | None, typer.Option(min=1, help="Valid for so many days.", show_default="ever")
+    ] = None,
     root: _Root = None,
 ) -> None:
-    """Make a key and print it. It cannot be shown again."""
+    """Create a key and print it. It cannot be shown again."""
     from fvs_service.application import open_storage
 
     with open_storage(_settings(root=root)) as storage:
@@ -104,7 +108,7 @@ def list_keys(root: _Root = None) -> None:
 
 @keys.command("revoke")
 def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: _Root = None) -> None:
-    """Make a key useless at once."""
+    """Revoke a key at once."""
     from fvs_service.application import open_storage
     from fvs_service.errors import ServiceError
 

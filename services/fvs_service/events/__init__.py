@@ -1,1 +1,1 @@
-"""Events: what happened to a scene, in order, for whoever watches it."""
+"""Events: what happened to a scene, in order."""

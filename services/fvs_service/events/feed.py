@@ -1,4 +1,4 @@
-"""Watching events: one look at the database serves every watcher of this process."""
+"""Streams of events: one query of the database serves all streams of this process."""
 
 import asyncio
 import contextlib
@@ -7,9 +7,9 @@ from typing import TypeVar
 
 import anyio.to_thread
 
+from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.events.model import Event
 from fvs_service.events.repository import events_after, last_number
-from fvs_service.limiter import AtOnce
 from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database
 
@@ -18,9 +18,9 @@ _Result = TypeVar("_Result")
 
 
 class EventFeed:
-    """Hands committed events on, also those that other processes wrote.
+    """Streams committed events, also those of other processes.
 
-    ``require`` raises unless the principal may watch the scene; it is given, because events lie below scenes.
+    ``require`` raises unless the principal may read the scene (events must not import scenes).
     """
 
     def __init__(
@@ -35,35 +35,35 @@ class EventFeed:
         self._database = database
         self._require = require
         self._poll_s, self._heartbeat_s = poll_s, heartbeat_s
-        self.at_once = AtOnce("event streams", streams_per_tenant)
+        self.stream_limit = ConcurrencyLimit("event streams", streams_per_tenant)
         self._newest = 0
-        self._watchers = 0
-        self._grown = asyncio.Condition()
+        self._followers = 0
+        self._changed = asyncio.Condition()
 
     def check(self, principal: Principal, scene_id: str) -> None:
-        """Raise unless the principal may watch the scene."""
+        """Raise unless the principal may read the scene."""
         principal.require(Scope.READ, scene_id)
         self._require(principal, scene_id)
 
     async def newest(self) -> int:
-        """The number of the newest event of all scenes: who follows from it sees only what comes."""
+        """The number of the newest event of all scenes: a stream after it has only new events."""
         return await self._read(last_number)
 
     async def watch(self) -> None:
-        """Look for new events while somebody watches, until cancelled."""
+        """Poll for new events while there are streams, until cancelled."""
         while True:
             await asyncio.sleep(self._poll_s)
-            if self._watchers == 0:
+            if self._followers == 0:
                 continue
             newest = await self._read(last_number)
             if newest > self._newest:
-                async with self._grown:
+                async with self._changed:
                     self._newest = newest
-                    self._grown.notify_all()
+                    self._changed.notify_all()
 
     async def follow(self, scene_id: str, after: int) -> AsyncIterator[Event | None]:
-        """The events of a scene after number ``after``, for ever; None when nothing came for a while."""
-        self._watchers += 1
+        """The events of a scene after number ``after``, without end; None is a heartbeat without an event."""
+        self._followers += 1
         try:
             while True:
                 seen = self._newest
@@ -74,13 +74,13 @@ class EventFeed:
                 if not events and not await self._wait(seen):
                     yield None
         finally:
-            self._watchers -= 1
+            self._followers -= 1
 
     async def _wait(self, seen: int) -> bool:
-        """Wait until there is an event newer than ``seen``; False when none came within a heartbeat."""
+        """Wait until there is an event newer than ``seen``; False when a heartbeat is due first."""
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(self._heartbeat_s), self._grown:
-                await self._grown.wait_for(lambda: self._newest > seen)
+            async with asyncio.timeout(self._heartbeat_s), self._changed:
+                await self._changed.wait_for(lambda: self._newest > seen)
                 return True
         return False
 

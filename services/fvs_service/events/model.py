@@ -1,4 +1,4 @@
-"""What an event is."""
+"""Events of scenes."""
 
 from enum import StrEnum
 from typing import Any
@@ -7,7 +7,7 @@ from fvs_service.model import Model, Timestamp
 
 
 class EventKind(StrEnum):
-    """What happened."""
+    """The kind of an event."""
 
     SCENE_CREATED = "scene.created"
     IMAGE_RECEIVED = "image.received"
@@ -22,7 +22,7 @@ class EventKind(StrEnum):
 
 
 class Event(Model):
-    """One thing that happened; ``number`` grows, and is what a client resumes from."""
+    """One event; ``number`` increases, and a client resumes after it."""
 
     number: int
     scene_id: str

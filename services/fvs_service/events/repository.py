@@ -1,4 +1,4 @@
-"""Events in the database, written in the transaction of what they tell."""
+"""Events in the database, written in the transaction of the change that they report."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,14 +14,14 @@ from fvs_service.storage.tables import EventRow
 def publish(
     session: Session, scene_id: str, kind: EventKind, data: Mapping[str, Any], *, subject: str | None = None
 ) -> None:
-    """Record an event; watchers see it once the transaction of ``session`` is committed."""
+    """Add an event; it is streamed once the transaction of ``session`` is committed."""
     session.add(
         EventRow(scene_id=scene_id, kind=kind.value, subject=subject, data=dict(data), created_at=now())
     )
 
 
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:
-    """The events of a scene that follow ``number``, the oldest first."""
+    """The events of a scene after ``number``, the oldest first."""
     rows = session.scalars(
         select(EventRow)
         .where(EventRow.scene_id == scene_id, EventRow.number > number)
@@ -45,8 +45,8 @@ def last_number(session: Session) -> int:
     return session.scalar(select(func.max(EventRow.number))) or 0
 
 
-def forget_progress(session: Session, job_id: str) -> None:
-    """Drop a finished job's progress reports: nobody resumes into the middle of them."""
+def delete_progress(session: Session, job_id: str) -> None:
+    """Delete the progress events of a job that has ended: streams never resume between them."""
     session.execute(
         delete(EventRow).where(EventRow.subject == job_id, EventRow.kind == EventKind.JOB_PROGRESS.value)
     )

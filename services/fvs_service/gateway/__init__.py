@@ -1,1 +1,1 @@
-"""The transports: thin adapters over the same services."""
+"""The gateway: HTTP over the services."""

@@ -1,7 +1,7 @@
-"""HTTP connections that end when the head of a request does not.
+"""HTTP connections with a time limit for the headers of a request.
 
-uvicorn waits for ever for the rest of a request's headers. Connections cost descriptors, of which a process
-has few, and nobody is asked for a key before the headers are there.
+uvicorn waits without limit for the rest of a request's headers. Each connection takes a file descriptor, of
+which a process has few, and no key is checked before the headers have arrived.
 """
 
 import asyncio
@@ -10,9 +10,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 
 def http_protocol(head_within_s: float) -> type[H11Protocol]:
-    """A protocol for uvicorn that gives every request's line and headers so long to arrive."""
+    """A protocol for uvicorn that closes connections whose request line and headers take longer."""
 
-    class Impatient(H11Protocol):
+    class LimitedProtocol(H11Protocol):
         _deadline: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -29,7 +29,7 @@ def http_protocol(head_within_s: float) -> type[H11Protocol]:
 
         def _watch(self) -> None:
             if self.cycle is not None and not self.cycle.response_complete:
-                self._stop()  # the head is there; the body has a limit of its own
+                self._stop()  # the headers have arrived; the body has a limit of its own
             elif self._deadline is None:
                 self._deadline = self.loop.call_later(head_within_s, self.transport.close)
 
@@ -38,4 +38,4 @@ def http_protocol(head_within_s: float) -> type[H11Protocol]:
                 self._deadline.cancel()
                 self._deadline = None
 
-    return Impatient
+    return LimitedProtocol

@@ -1,4 +1,4 @@
-"""The gateway's process: a socket, perhaps TLS, and the rule that nobody else gets in without a key."""
+"""The gateway's HTTP server: socket, TLS, and the rule that remote access needs keys."""
 
 import socket
 import ssl
@@ -18,9 +18,9 @@ _STOP_WITHIN_S = 5
 def run_gateway(
     settings: Settings, backend: Backend, *, announce: Callable[[str], object] = lambda _: None
 ) -> None:
-    """Serve until SIGINT or SIGTERM; ``announce`` is told where.
+    """Serve until SIGINT or SIGTERM; calls ``announce`` with the URL once requests are served.
 
-    Raises ``ForbiddenError`` when others could reach the service and no API key protects it.
+    Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
     """
     require_protection(settings)
     config = uvicorn.Config(
@@ -46,9 +46,9 @@ def run_gateway(
 
 
 def listen(config: uvicorn.Config) -> socket.socket:
-    """The socket that the gateway listens on, whose connections send what they have at once.
+    """The socket that the gateway listens on, without Nagle's algorithm.
 
-    asyncio sees to that only on sockets that were made for TCP by name, and uvicorn's is not: most answers
+    asyncio disables it only on sockets made with the protocol TCP, and uvicorn's has none: most responses
     would wait 40 ms for the client's acknowledgement of their first part.
     """
     listening = config.bind_socket()
@@ -57,21 +57,21 @@ def listen(config: uvicorn.Config) -> socket.socket:
 
 
 class _Server(uvicorn.Server):
-    """Says when it answers."""
+    """Calls ``started`` once it serves requests."""
 
     def __init__(self, config: uvicorn.Config, started: Callable[[], object]) -> None:
         super().__init__(config)
-        self._say_started = started
+        self._started = started
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Open the application, then listen, then say so."""
+        """Open the application, listen, and call ``started``."""
         await super().startup(sockets)
         if self.started:
-            self._say_started()
+            self._started()
 
 
 def require_protection(settings: Settings) -> None:
-    """Raise ``ForbiddenError`` when others could reach the service and no API key protects it."""
+    """Raise ``ForbiddenError`` when keys are required and there is none."""
     if not settings.keys_required:
         return
     with open_storage(settings) as storage:
@@ -80,9 +80,9 @@ def require_protection(settings: Settings) -> None:
     if settings.loopback:
         raise ForbiddenError(
             "FVS_REQUIRE_KEYS is set, and there is no API key.",
-            hint="Make one first: fvs keys create NAME.",
+            hint="Create one first: fvs keys create NAME.",
         )
     raise ForbiddenError(
         f"Programs on other machines can reach {settings.host}, and there is no API key.",
-        hint="Make one first: fvs keys create NAME. Or listen on 127.0.0.1.",
+        hint="Create one first: fvs keys create NAME. Or listen on 127.0.0.1.",
     )

@@ -1,1 +1,1 @@
-"""Images: content-addressed photographs of a scene, each with a verdict."""
+"""Images: the content-addressed photographs of a scene, each with a verdict."""

@@ -1,6 +1,6 @@
-"""Judging one uploaded file: whether it is a photograph that can be used, and what it tells of itself.
+"""Inspection of one uploaded file: whether it can be used, its properties and its priors.
 
-This runs in a child process with limits (see ``inspector``), because it decodes bytes from anywhere.
+It runs in a child process with limits (see ``inspector``), because it decodes untrusted bytes.
 """
 
 import hashlib
@@ -18,17 +18,17 @@ from fvs_engine.images.pixels import FORMATS, UnusableImageError, decode
 from fvs_service.images.model import ImageWarning, Verdict
 
 SHARP = 0.25
-"""Below this ``sharpness`` an image is called blurred: real photographs of ten scenes have 0.5 to 3.0; after
-a Gaussian blur of 2 px (of 1024) they have 0.07 to 0.18."""
+"""Images below this ``sharpness`` are blurred: photographs of ten scenes have 0.5 to 3.0, and 0.07 to 0.18
+after a Gaussian blur of 2 px (of 1024)."""
 _SHARPNESS_SIDE_PX = 1024
 _REDUCING_GAP = 1.5
-"""What is larger still is first halved (thirded, …) in a quick way, down to so many times that size: it takes
-half the time, and changes the sharpness by some per cent."""
+"""Larger images are first reduced by a whole factor to at least so many times that size: that takes half the
+time, and changes the sharpness by some per cent."""
 
 
 @dataclass(frozen=True)
 class InspectionLimits:
-    """What an image may be."""
+    """Limits of images."""
 
     max_pixels: int
     min_side_px: int
@@ -36,7 +36,7 @@ class InspectionLimits:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found; without pixels when they could not be decoded."""
+    """The verdict on a file, and its properties as far as it could be decoded."""
 
     verdict: Verdict
     reason: str = ""
@@ -52,14 +52,14 @@ class Inspection:
 
     @property
     def captured_at(self) -> datetime | None:
-        """When the camera says that it took the photograph."""
+        """The capture time in the file's metadata."""
         return self.priors.captured_at
 
 
 def inspect(path: Path, limits: InspectionLimits) -> Inspection:
-    """Decode the file to its last pixel and judge it; raises nothing that the file's content can cause."""
+    """Decode the whole file and return the verdict; no content makes it raise."""
     content = path.read_bytes()
-    if _claims_more_than(limits.max_pixels, content):
+    if _declares_more_than(limits.max_pixels, content):
         return Inspection(
             Verdict.TOO_LARGE,
             f"It has more than {limits.max_pixels / 1_000_000:g} megapixels.",
@@ -84,7 +84,7 @@ def inspect(path: Path, limits: InspectionLimits) -> Inspection:
             warning
             for warning, applies in (
                 (ImageWarning.BLURRED, sharpness < SHARP),
-                (ImageWarning.NO_FIX, priors.doubtful),
+                (ImageWarning.POSITION_IGNORED, priors.doubtful),
             )
             if applies
         ),
@@ -103,11 +103,11 @@ def inspect(path: Path, limits: InspectionLimits) -> Inspection:
 
 
 def measure_sharpness(image: Image.Image) -> float:
-    """How much an image keeps at its finest scale of what it has at the next coarser one.
+    """The gradient energy of an image at its finest scale relative to the next coarser one.
 
-    The image is reduced to 1024 px. Where it is smooth, halving it doubles every gradient, so that the
-    energy of the gradients grows fourfold: that gives 0, whatever is in the picture. Detail at the finest
-    scale gives more. Flat images give 1: nothing shows that they are blurred.
+    The image is reduced to 1024 px. In a smooth image halving doubles every gradient, so that their energy
+    grows fourfold: its sharpness is 0, whatever it shows. Detail at the finest scale increases it. Flat
+    images have 1: nothing shows that they are blurred.
     """
     grey = image.convert("L")
     grey.thumbnail((_SHARPNESS_SIDE_PX, _SHARPNESS_SIDE_PX), Image.Resampling.LANCZOS, _REDUCING_GAP)
@@ -122,14 +122,14 @@ def _gradient_energy(image: Image.Image) -> float:
     return float(np.mean(down**2) + np.mean(across**2)) if min(values.shape) > 1 else 0.0
 
 
-def _claims_more_than(max_pixels: int, content: bytes) -> bool:
-    """Whether the file's header promises more pixels; nothing is decoded."""
+def _declares_more_than(max_pixels: int, content: bytes) -> bool:
+    """Whether the file's header declares more pixels; nothing is decoded."""
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
             return image.width * image.height > max_pixels
     except Image.DecompressionBombError:
         return True
-    except Exception:  # decoding says what is wrong, in better words
+    except Exception:  # decoding fails with a better message
         return False
 
 

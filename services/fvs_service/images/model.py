@@ -1,15 +1,15 @@
-"""What an image is."""
+"""Images: verdicts, priors, uploads."""
 
 from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from fvs_service.model import Count, Digest, Model, Number, PositiveNumber, Timestamp
+from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp
 from fvs_service.scenes.model import AltitudeDatum
 
 ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[^/\\\x00-\x1f\x7f]+$")]
-"""What the sender calls the image. It names nothing on our disk."""
+"""The sender's name of the image; it is never a path."""
 
 
 class Verdict(StrEnum):
@@ -36,25 +36,24 @@ class Registration(StrEnum):
 
 
 class ImageWarning(StrEnum):
-    """What is doubtful about an accepted image."""
+    """A warning about an accepted image."""
 
     BLURRED = "blurred"
-    NO_FIX = "position-ignored"
-    """It tells a position that cannot be true, cannot be read, or has an altitude that is not above what the
-    scene's are above."""
+    POSITION_IGNORED = "position-ignored"
+    """Its position is impossible or unreadable, or its altitude has another datum than the scene's."""
 
 
 class PriorSource(StrEnum):
-    """Who told where an image was taken (or how it was turned, where nobody told a place)."""
+    """The source of a prior's position (of its angles when there is no position)."""
 
     REQUEST = "request"
     METADATA = "metadata"
 
 
 class Prior(Model):
-    """Where an image was taken, as far as it was told.
+    """The pose of an image as far as it is known before structure from motion.
 
-    Either geodetic, or in the scene's local frame; angles as vehicles have them (yaw clockwise from north,
+    Positions are geodetic or in the scene's local frame; angles are a vehicle's (yaw clockwise from north,
     pitch up, roll with the right side down).
     """
 
@@ -72,19 +71,19 @@ class Prior(Model):
 
     @property
     def geodetic(self) -> bool:
-        """Whether it tells a place on earth."""
+        """Whether it has a geodetic position."""
         return self.latitude_deg is not None
 
     @property
     def local(self) -> bool:
-        """Whether it tells a place in the scene's frame."""
+        """Whether it has a position in the scene's local frame."""
         return self.x_m is not None
 
 
 class ImageMetadata(Model):
-    """What the sender knows of an image; it wins over what the file says. All of it is optional.
+    """Metadata from the sender, all optional; they override those in the file.
 
-    Where nothing is told, the file's own position and angles are taken.
+    Position and angles that are not given are read from the file.
     """
 
     name: ImageName | None = None
@@ -120,24 +119,24 @@ class ImageMetadata(Model):
         if geodetic[0] is not None and local[0] is not None:
             raise ValueError("a position is geodetic or local, not both")
         if self.altitude_datum is not None and self.altitude_m is None:
-            raise ValueError("altitude_datum says what an altitude_m is above, and there is none")
+            raise ValueError("altitude_datum needs an altitude_m")
         return self
 
     def prior(self) -> Prior | None:
-        """The pose that the sender told, None when it told none."""
-        told = self.model_dump(exclude={"name", "captured_at"}, exclude_none=True)
+        """The prior of the request; None without position and angles."""
+        given = self.model_dump(exclude={"name", "captured_at"}, exclude_none=True)
         if self.latitude_deg is not None:
-            told.setdefault("altitude_datum", AltitudeDatum.SEA_LEVEL)
-        return Prior(source=PriorSource.REQUEST, **told) if told else None
+            given.setdefault("altitude_datum", AltitudeDatum.SEA_LEVEL)
+        return Prior(source=PriorSource.REQUEST, **given) if given else None
 
 
 class Image(Model):
-    """One photograph of a scene, and what became of it."""
+    """An image of a scene, its verdict and its registration."""
 
     digest: Digest
     scene_id: str
     number: Count
-    """Its place in the order of arrival."""
+    """Counts in the order of arrival."""
     name: str
     verdict: Verdict
     reason: str
@@ -157,15 +156,12 @@ class Image(Model):
     received_at: Timestamp
 
 
-class ImageList(Model):
+class ImageList(Listing[Image]):
     """Images of a scene in the order of arrival."""
-
-    items: tuple[Image, ...]
-    next: str | None
 
 
 class DigestCheck(Model):
-    """Digests of images that could be sent."""
+    """Digests of images that may be sent."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -179,22 +175,22 @@ class DigestCheck(Model):
 
 
 class DigestAnswer(Model):
-    """Which of the digests are here, and which are worth sending."""
+    """The digests that the scene has, and those that it lacks."""
 
     known: tuple[Digest, ...]
     missing: tuple[Digest, ...]
 
 
 class UploadItem(Model):
-    """What became of one file of a multipart upload: an image, or why it is none."""
+    """The image of one file of a multipart upload."""
 
     name: str
     created: bool
-    """Whether it was new."""
+    """Whether it is new to the scene."""
     image: Image
 
 
 class UploadAnswer(Model):
-    """What became of the files of a multipart upload, in their order."""
+    """The images of a multipart upload, in the order of its files."""
 
     items: tuple[UploadItem, ...]

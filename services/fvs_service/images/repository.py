@@ -10,11 +10,11 @@ from fvs_service.storage.tables import ImageRow
 
 _HEX = len("sha256:")
 _VARIABLES = 500
-"""Values in one query: databases limit them."""
+"""Databases limit the values in one query."""
 
 
 def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None:
-    """A new image."""
+    """Add an image."""
     session.add(
         ImageRow(
             scene_id=image.scene_id,
@@ -32,13 +32,13 @@ def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None
 
 
 def find_image(session: Session, scene_id: str, digest: str) -> Image | None:
-    """The image with this digest, None when the scene has none."""
+    """The image with this digest; None when the scene does not have it."""
     row = session.get(ImageRow, (scene_id, digest[_HEX:]))
     return None if row is None else _image(row)
 
 
 def same_pixels(session: Session, scene_id: str, pixels_sha256: str | None) -> Image | None:
-    """The accepted image that has these pixels; None when there is none or they are not known."""
+    """The accepted image with these pixels; None when there is none, or when they are unknown."""
     if pixels_sha256 is None:
         return None
     row = session.scalar(

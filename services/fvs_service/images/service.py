@@ -1,8 +1,8 @@
-"""What can be done with images.
+"""The operations on images.
 
-An upload is staged first (``staging``): its bytes are on disk, whole, with a known digest. ``store`` then
-judges them and commits the image: the bytes first, the row after, so that a crash between the two loses
-nothing that was answered for, and sending it again stores it once.
+An upload is staged first (``staging``): all of its bytes are on disk, and their digest is known. ``store``
+then inspects them and commits the image, the bytes before the row: a crash in between loses no image that was
+acknowledged, and an image that is sent again is stored once.
 """
 
 import re
@@ -39,11 +39,11 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 
-_PLACE = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
+_POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
 
 
 class Images:
-    """Checks, stores and shows images."""
+    """Checks, stores and returns images."""
 
     def __init__(
         self, database: Database, blobs: Blobs, inspector: Inspector, jobs: Jobs, limits: Limits
@@ -55,12 +55,12 @@ class Images:
         self._limits = limits
 
     def check(self, principal: Principal, scene_id: str, request: DigestCheck) -> DigestAnswer:
-        """Which of these digests the scene has already."""
+        """Which of these digests the scene has."""
         principal.require(Scope.UPLOAD, scene_id)
         if len(request.digests) > self._limits.digests_per_check:
             raise InvalidRequestError(
                 f"There are {len(request.digests)} digests; {self._limits.digests_per_check} are allowed.",
-                hint="Ask several times.",
+                hint="Split them into several requests.",
             )
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
@@ -71,7 +71,7 @@ class Images:
         )
 
     def require_open(self, principal: Principal, scene_id: str) -> None:
-        """Raise unless the principal may send images to the scene, and it takes more."""
+        """Raise unless the principal may send images to the scene and the scene is not full."""
         principal.require(Scope.UPLOAD, scene_id)
         with self._database.reading() as session:
             self._require_room(scene_of(session, principal, scene_id))
@@ -79,7 +79,7 @@ class Images:
     def known(
         self, principal: Principal, scene_id: str, digest: str, metadata: ImageMetadata
     ) -> Image | None:
-        """The image with this digest, None when it is still to be sent, and ``metadata`` fits the scene."""
+        """The image with this digest; None when the scene lacks it and ``metadata`` are valid."""
         principal.require(Scope.UPLOAD, scene_id)
         with self._database.reading() as session:
             scene = scene_of(session, principal, scene_id)
@@ -92,7 +92,7 @@ class Images:
     def store(
         self, principal: Principal, scene_id: str, staged: StagedFile, metadata: ImageMetadata
     ) -> tuple[Image, bool]:
-        """Judge a staged file and keep it; returns the image, and whether it is new to the scene."""
+        """Inspect and store a staged file; returns the image, and whether it is new to the scene."""
         found = self.known(principal, scene_id, staged.digest, metadata)
         if found is not None:
             return found, False
@@ -109,12 +109,12 @@ class Images:
             number = repository.next_number(session, scene_id)
             image = _image(scene, staged, metadata, inspection, twin, number)
             repository.add_image(session, image, inspection.pixels_sha256)
-            self._fix_origin(session, scene, image)
-            told = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
-            publish(session, scene_id, EventKind.IMAGE_RECEIVED, told, subject=image.digest)
+            self._set_origin(session, scene, image)
+            data = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
+            publish(session, scene_id, EventKind.IMAGE_RECEIVED, data, subject=image.digest)
             session.flush()
             self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
-        self._jobs.submit_waiting()
+        self._jobs.submit_unsubmitted()
         return image, True
 
     def get(self, principal: Principal, scene_id: str, digest: str) -> Image:
@@ -133,21 +133,20 @@ class Images:
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             images = repository.images_after(session, scene_id, int(page.after or 0), page.limit + 1)
-        items = images[: page.limit]
-        return ImageList(items=items, next=str(items[-1].number) if len(images) > page.limit else None)
+        return ImageList.of(images, page.limit, lambda image: str(image.number))
 
     def _require_room(self, scene: Scene) -> None:
         if scene.images.received >= self._limits.images_per_scene:
             raise ConflictError(
-                f"The scene has {self._limits.images_per_scene} images, and no more are allowed.",
-                hint="Make another scene.",
+                f"The scene has {self._limits.images_per_scene} images, the most that are allowed.",
+                hint="Create another scene.",
             )
 
     def _has_twin(self, scene_id: str, inspection: Inspection) -> bool:
         with self._database.reading() as session:
             return repository.same_pixels(session, scene_id, inspection.pixels_sha256) is not None
 
-    def _fix_origin(self, session: Session, scene: Scene, image: Image) -> None:
+    def _set_origin(self, session: Session, scene: Scene, image: Image) -> None:
         prior = image.prior
         wanted = isinstance(scene.world, AutomaticWorld) and scene.origin is None
         if not wanted or image.verdict is not Verdict.ACCEPTED or prior is None:
@@ -167,24 +166,24 @@ class Images:
 
 
 def blob_key(scene_id: str, digest: str) -> str:
-    """Where an image's bytes are."""
+    """The blob key of an image."""
     return f"scenes/{scene_id}/images/{digest.removeprefix('sha256:')}"
 
 
-def fill_folder(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
-    """Put accepted images into ``folder`` for the engine; returns file name → image, in the order of arrival.
+def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
+    """Write accepted images into ``folder`` for the engine; returns them by file name.
 
-    Names sort in that order (``000017-3fa9c2d41b7e.jpg``). Files that are there already are kept.
+    Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept.
     """
     named = {file_name(image): image for image in images}
     for name, image in named.items():
         if not (folder / name).exists():
-            blobs.place(blob_key(image.scene_id, image.digest), folder / name)
+            blobs.export(blob_key(image.scene_id, image.digest), folder / name)
     return named
 
 
 def file_name(image: Image) -> str:
-    """What an image is called in the engine's folders."""
+    """The name of an image's file for the engine."""
     suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
     return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
 
@@ -192,8 +191,8 @@ def file_name(image: Image) -> str:
 _FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")
 
 
-def with_senders_names(sentence: str, images: Iterable[Image]) -> str:
-    """What the engine says of its files, told with the names that their senders gave them."""
+def with_original_names(sentence: str, images: Iterable[Image]) -> str:
+    """A sentence of the engine with file names replaced by the names that the senders gave."""
     names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
     return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)
 
@@ -201,25 +200,26 @@ def with_senders_names(sentence: str, images: Iterable[Image]) -> str:
 def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
     if metadata.latitude_deg is not None and isinstance(scene.world, LocalWorld):
         raise InvalidRequestError(
-            "The scene's world is local, and has no place for a latitude.", hint="Give x_m, y_m and z_m."
+            "The scene's world is local, so geodetic positions have no meaning in it.",
+            hint="Give x_m, y_m and z_m.",
         )
     if metadata.x_m is not None and not isinstance(scene.world, LocalWorld):
         raise InvalidRequestError(
-            "Only a scene with a local world takes x_m, y_m and z_m.",
-            hint='Make the scene with {"world": {"kind": "local"}}, or give a latitude and a longitude.',
+            "Only scenes with a local world accept x_m, y_m and z_m.",
+            hint='Create the scene with {"world": {"kind": "local"}}, or give a latitude and a longitude.',
         )
     prior = metadata.prior()
-    if prior is not None and not _fits(prior, scene):
+    if prior is not None and not _same_datum(prior, scene):
         assert scene.origin is not None
         datum = scene.origin.altitude_datum.value
         raise InvalidRequestError(
             f"Altitudes of the scene are above {datum}, not {prior.altitude_datum}.",
-            hint=f"Convert the altitude and say altitude_datum={datum}; or leave the position out.",
+            hint=f"Convert the altitude and send altitude_datum={datum}; or omit the position.",
         )
 
 
-def _fits(prior: Prior, scene: Scene) -> bool:
-    """Whether an altitude can be compared with those of the scene."""
+def _same_datum(prior: Prior, scene: Scene) -> bool:
+    """Whether a prior's altitude has the datum of the scene's altitudes."""
     if prior.altitude_datum is None or scene.origin is None:
         return True
     return prior.altitude_datum is scene.origin.altitude_datum
@@ -236,12 +236,12 @@ def _image(
     verdict, reason, hint = inspection.verdict, inspection.reason, inspection.hint
     if twin is not None:
         verdict, reason = Verdict.DUPLICATE, f"{twin.name} has the same pixels."
-        hint = "It adds nothing, and is not used."
+        hint = "It adds no information and is not used."
     accepted = verdict is Verdict.ACCEPTED
     prior = _prior(metadata, inspection, scene)
     warnings = inspection.warnings
-    if prior is not None and not _fits(prior, scene) and ImageWarning.NO_FIX not in warnings:
-        warnings += (ImageWarning.NO_FIX,)
+    if prior is not None and not _same_datum(prior, scene) and ImageWarning.POSITION_IGNORED not in warnings:
+        warnings += (ImageWarning.POSITION_IGNORED,)
     return Image(
         digest=staged.digest,
         scene_id=scene.id,
@@ -266,29 +266,29 @@ def _image(
 
 
 def _prior(metadata: ImageMetadata, inspection: Inspection, scene: Scene) -> Prior | None:
-    """What the sender told and, where the sender is silent, what the file says: its position, each angle."""
-    told, found = metadata.prior(), _prior_of(inspection, scene)
-    if told is None or found is None:
-        return told or found
-    placed = told.geodetic or told.local
-    rest = found.model_dump(exclude=set(_PLACE) if placed else None, exclude_none=True)
-    both = {**rest, **told.model_dump(exclude_none=True)}
+    """The prior of the request, completed from the file: the position as a whole, angles one by one."""
+    given, found = metadata.prior(), _prior_of(inspection, scene)
+    if given is None or found is None:
+        return given or found
+    placed = given.geodetic or given.local
+    rest = found.model_dump(exclude=set(_POSITION) if placed else None, exclude_none=True)
+    both = {**rest, **given.model_dump(exclude_none=True)}
     if found.geodetic and not placed:
         both["source"] = found.source
     return Prior(**both)
 
 
 def _prior_of(inspection: Inspection, scene: Scene) -> Prior | None:
-    """What the file itself says; its GPS and its compass are of no use in a frame that knows no north."""
-    told = inspection.priors
-    values = {"pitch_deg": told.pitch_deg, "roll_deg": told.roll_deg}
+    """The prior in the file's metadata; GPS and compass are useless in a local frame without north."""
+    found = inspection.priors
+    values = {"pitch_deg": found.pitch_deg, "roll_deg": found.roll_deg}
     if not isinstance(scene.world, LocalWorld):
-        values["yaw_deg"] = told.yaw_deg
-        if told.latitude_deg is not None:
+        values["yaw_deg"] = found.yaw_deg
+        if found.latitude_deg is not None:
             values |= {
-                "latitude_deg": told.latitude_deg,
-                "longitude_deg": told.longitude_deg,
-                "altitude_m": told.altitude_m,
+                "latitude_deg": found.latitude_deg,
+                "longitude_deg": found.longitude_deg,
+                "altitude_m": found.altitude_m,
             }
     given = {name: value for name, value in values.items() if value is not None}
     if not given:

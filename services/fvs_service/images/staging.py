@@ -1,6 +1,6 @@
-"""Uploads on their way in: written to a file of their own while their digest is computed.
+"""Staging of uploads: each is written to a file while its digest is computed, one chunk at a time.
 
-Memory stays flat whatever the size: one chunk at a time. A file that is not handed on is deleted.
+A file that is not moved into the blobs is deleted.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from fvs_service.storage.blobs import full_disk_as_error, require_room
 
 @dataclass(frozen=True)
 class StagedFile:
-    """An upload that has arrived whole."""
+    """An upload that has fully arrived."""
 
     path: Path
     digest: str
@@ -24,7 +24,7 @@ class StagedFile:
 
 
 class StagingArea:
-    """The folder of uploads that are arriving; emptied when the service starts."""
+    """The folder of uploads in progress; emptied when the service starts."""
 
     def __init__(self, folder: Path, *, reserve_bytes: int, max_bytes: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -33,14 +33,14 @@ class StagingArea:
         self.max_bytes = max_bytes
 
     def clear(self) -> None:
-        """Delete what a crash left behind. Only while nothing arrives."""
+        """Delete the files of a crashed service; only while there is no upload."""
         shutil.rmtree(self._folder)
         self._folder.mkdir()
 
     def receive(self, expected_bytes: int | None) -> "Receiver":
-        """Begin an upload of so many bytes, None when nobody says.
+        """Start an upload; ``expected_bytes`` is its declared size, None without one.
 
-        Raises ``PayloadTooLargeError`` or ``OutOfSpaceError`` before a byte is taken, when that is known.
+        Raises ``PayloadTooLargeError`` or ``OutOfSpaceError`` early when the size is declared.
         """
         if expected_bytes is not None and expected_bytes > self.max_bytes:
             raise too_large(self.max_bytes)
@@ -49,7 +49,7 @@ class StagingArea:
 
 
 class Receiver:
-    """Takes the bytes of one upload; as a context it deletes them unless they were adopted elsewhere."""
+    """Writes the bytes of one upload; as a context it deletes them unless they were moved into the blobs."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         self._path = path
@@ -68,7 +68,7 @@ class Receiver:
         self._path.unlink(missing_ok=True)
 
     def write(self, chunk: bytes) -> None:
-        """Take the next bytes; raises ``PayloadTooLargeError`` and ``OutOfSpaceError``."""
+        """Write the next bytes; raises ``PayloadTooLargeError`` and ``OutOfSpaceError``."""
         self._size += len(chunk)
         if self._size > self._max_bytes:
             raise too_large(self._max_bytes)
@@ -77,14 +77,14 @@ class Receiver:
         self._hash.update(chunk)
 
     def finish(self) -> StagedFile:
-        """All bytes are there."""
+        """Close the file after its last byte."""
         with full_disk_as_error():
             self._file.close()
         return StagedFile(self._path, f"sha256:{self._hash.hexdigest()}", self._size)
 
 
 def too_large(max_bytes: int) -> PayloadTooLargeError:
-    """What is said of a body that is larger than ``max_bytes``."""
+    """The error for a body that is larger than ``max_bytes``."""
     return PayloadTooLargeError(
         f"The body has more than {max_bytes} bytes.", hint="GET /v1/capabilities shows the limits."
     )

@@ -1,1 +1,1 @@
-"""Jobs: the long work on a scene, in a queue, with progress that never goes back."""
+"""Jobs: queued computations on a scene, with monotone progress."""

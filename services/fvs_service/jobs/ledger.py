@@ -1,4 +1,4 @@
-"""What a worker reads and writes of a job. Every write is fenced by the scene's lease."""
+"""The ledger of jobs: what workers read and write. Every write is fenced by the scene's lease."""
 
 import time
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.events.model import EventKind
-from fvs_service.events.repository import forget_progress, publish
+from fvs_service.events.repository import delete_progress, publish
 from fvs_service.jobs import repository
 from fvs_service.jobs.model import Job, JobError, JobState
 from fvs_service.model import now
@@ -20,14 +20,14 @@ _REPORT_EVERY_S = 0.25
 
 
 class Ledger:
-    """The book of one worker process; ``StaleLeaseError`` from a write means: stop, another has the scene."""
+    """The ledger of one worker process; after a ``StaleLeaseError`` from a write the job must stop."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._reported: dict[str, tuple[str, float]] = {}
 
     def start(self, lease: Lease, job_id: str, attempt: int) -> Job | None:
-        """Take up an attempt, also again after a crash; None when there is nothing to do."""
+        """Start an attempt, also again after a crash; None when the job has ended."""
         with self._database.writing() as session:
             require_lease(session, lease)
             job = repository.find_job(session, job_id)
@@ -44,7 +44,7 @@ class Ledger:
     def report(
         self, lease: Lease, job_id: str, stage: str, progress: float, eta_s: float | None = None
     ) -> None:
-        """Tell how far the whole job is, in [0, 1]. It never goes back; what comes too fast is left out."""
+        """Record the job's progress, in [0, 1], which never decreases; too frequent reports are dropped."""
         last_stage, last_time = self._reported.get(job_id, ("", 0.0))
         if stage == last_stage and time.monotonic() - last_time < _REPORT_EVERY_S:
             return
@@ -62,11 +62,11 @@ class Ledger:
                 eta_s=eta_s,
             )
             if job is not None:
-                told = {"job_id": job_id, "stage": stage, "progress": reached, "eta_s": eta_s}
-                publish(session, lease.scene_id, EventKind.JOB_PROGRESS, told, subject=job_id)
+                data = {"job_id": job_id, "stage": stage, "progress": reached, "eta_s": eta_s}
+                publish(session, lease.scene_id, EventKind.JOB_PROGRESS, data, subject=job_id)
 
     def warn(self, lease: Lease, job_id: str, sentence: str) -> None:
-        """Add a warning; the same sentence is kept once."""
+        """Add a warning, unless the job has it."""
         with self._database.writing() as session:
             require_lease(session, lease)
             warnings = repository.find_job(session, job_id).warnings
@@ -76,33 +76,33 @@ class Ledger:
                 )
 
     def cancel_requested(self, job_id: str) -> bool:
-        """Whether the job should stop; cheap enough to be asked several times a second."""
+        """Whether the job is to be canceled; cheap enough for several calls a second."""
         with self._database.reading() as session:
             return bool(session.scalar(select(JobRow.cancel_requested).where(JobRow.id == job_id)))
 
     def stage(self, job_id: str, name: str) -> Mapping[str, Any] | None:
-        """What a finished stage left to know, None when it is not finished."""
+        """The document of a finished stage; None when it is not finished."""
         with self._database.reading() as session:
             row = session.get(JobStageRow, (job_id, name))
             return None if row is None else row.document
 
     def commit_stage(self, lease: Lease, job_id: str, name: str, document: Mapping[str, Any]) -> None:
-        """Mark a stage as finished, once: attempts that follow skip it. Its files must be on disk by now."""
+        """Record a stage as finished: later attempts skip it. Its files must be on disk."""
         with self._database.writing() as session:
             require_lease(session, lease)
             record_stage(session, job_id, name, document)
 
     def succeed(self, lease: Lease, job_id: str) -> None:
-        """The job is done."""
+        """Record the job as succeeded."""
         self._end(lease, job_id, EventKind.JOB_SUCCEEDED, state=JobState.SUCCEEDED.value, progress=1.0)
 
     def fail(self, lease: Lease, job_id: str, error: JobError) -> None:
-        """The job could not be done."""
+        """Record the job as failed."""
         document = error.model_dump(mode="json")
         self._end(lease, job_id, EventKind.JOB_FAILED, state=JobState.FAILED.value, error=document)
 
     def cancel(self, lease: Lease, job_id: str) -> None:
-        """The job has stopped because it was asked to."""
+        """Record the job as canceled."""
         self._end(lease, job_id, EventKind.JOB_CANCELED, state=JobState.CANCELED.value)
 
     def _end(self, lease: Lease, job_id: str, kind: EventKind, **values: Any) -> None:
@@ -117,19 +117,19 @@ class Ledger:
                 cancel_requested=False,
                 **values,
             )
-            if job is not None:  # else it was ended already: a step that ran twice
-                forget_progress(session, job_id)
-                told = {"job_id": job_id, "error": values.get("error"), "snapshot_id": job.snapshot_id}
-                publish(session, lease.scene_id, kind, told)
+            if job is not None:  # else it has ended before: the step ran twice
+                delete_progress(session, job_id)
+                data = {"job_id": job_id, "error": values.get("error"), "snapshot_id": job.snapshot_id}
+                publish(session, lease.scene_id, kind, data)
         self._reported.pop(job_id, None)
 
 
 def record_stage(session: Session, job_id: str, name: str, document: Mapping[str, Any]) -> None:
-    """Mark a stage as finished in the transaction of ``session``; the first commit stands."""
+    """Record a stage as finished in the transaction of ``session``; the first record stays."""
     if session.get(JobStageRow, (job_id, name)) is None:
         session.add(JobStageRow(job_id=job_id, name=name, document=dict(document), created_at=now()))
 
 
 def attach_snapshot(session: Session, job_id: str, snapshot_id: str) -> None:
-    """Name the job's latest snapshot."""
+    """Set the job's latest snapshot."""
     session.execute(update(JobRow).where(JobRow.id == job_id).values(snapshot_id=snapshot_id))

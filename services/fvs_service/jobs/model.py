@@ -1,24 +1,24 @@
-"""What a job is."""
+"""Jobs: requests, states, errors."""
 
 from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import Count, Model, Number, Timestamp, WholeNumber
+from fvs_service.model import Count, Listing, Model, Number, Timestamp, WholeNumber
 
 
 class JobKind(StrEnum):
-    """What a job makes."""
+    """The kind of a job."""
 
     UPDATE = "update"
-    """Takes up all images that have arrived, and trains the coarse model on."""
+    """Register the pending images, and continue to train the scene's model."""
     FINE = "fine"
-    """Trains the final model from the latest cameras."""
+    """Train the final model with the current cameras."""
 
 
 class JobState(StrEnum):
-    """Where a job is in its life."""
+    """The state of a job."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -28,12 +28,12 @@ class JobState(StrEnum):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing will change any more (unless it is retried)."""
+        """Whether the state is final, unless the job is retried."""
         return self in (JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED)
 
 
 class JobRequest(Model):
-    """A job to be done."""
+    """A job to queue."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -43,17 +43,17 @@ class JobRequest(Model):
 
     kind: JobKind
     iterations: Annotated[WholeNumber, Field(gt=0, le=100_000)] | None = None
-    """Training iterations; by default as many as the kind of job needs for the images there are."""
+    """Training iterations; the default depends on the kind of job and the number of images."""
     long_side_px: Annotated[WholeNumber, Field(ge=64, le=8192)] | None = None
-    """Train on images reduced to this long side."""
+    """Train on images downscaled to this long side."""
     test_every: Annotated[WholeNumber, Field(ge=2, le=1_000)] | None = None
-    """Of a `fine` model: keep every so many-th image out of the training, and measure the model by it (papers
-    use 8). By default it learns from all."""
+    """Hold every n-th image out of the training of a `fine` model and evaluate the model on them (papers use
+    8). By default it is trained on all images."""
 
     @model_validator(mode="after")
     def _only_fine_models_are_tested(self) -> Self:
         if self.test_every is not None and self.kind is not JobKind.FINE:
-            raise ValueError("test_every is for fine models: an update learns from all images")
+            raise ValueError("test_every is for fine models: updates train on all images")
         return self
 
 
@@ -68,7 +68,7 @@ class JobError(Model):
 
 
 class Job(Model):
-    """One job and how far it is."""
+    """A job and its progress."""
 
     id: str
     scene_id: str
@@ -77,21 +77,18 @@ class Job(Model):
     state: JobState
     stage: str | None
     progress: Annotated[Number, Field(ge=0, le=1)]
-    """Of the whole job; never goes back within an attempt."""
+    """Of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None
     attempt: Count
     cancel_requested: bool
     warnings: tuple[str, ...]
     error: JobError | None
     snapshot_id: str | None
-    """The latest snapshot that the job made."""
+    """The job's latest snapshot."""
     created_at: Timestamp
     started_at: Timestamp | None
     finished_at: Timestamp | None
 
 
-class JobList(Model):
+class JobList(Listing[Job]):
     """Jobs of a scene, the oldest first."""
-
-    items: tuple[Job, ...]
-    next: str | None

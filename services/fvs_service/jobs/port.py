@@ -1,4 +1,4 @@
-"""What the service needs of a job engine: the rows in ``jobs`` say what is true, the engine runs them."""
+"""The port to the job engine, which runs jobs; their state is in the table ``jobs`` alone."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,7 +8,7 @@ from fvs_service.jobs.model import JobKind
 
 @dataclass(frozen=True)
 class JobTicket:
-    """What is put into the queue: everything else is read from the job's row when it starts."""
+    """An attempt in the queue; everything else is read from the job's row when it starts."""
 
     job_id: str
     scene_id: str
@@ -17,32 +17,31 @@ class JobTicket:
 
     @property
     def key(self) -> str:
-        """The name of this attempt: submitting it twice queues it once."""
+        """The id of the attempt: submitted twice, it is queued once."""
         return f"{self.job_id}.{self.attempt}"
 
 
 class JobEngine(Protocol):
-    """A durable queue: one job per scene at a time, at least once, surviving the death of any process."""
+    """A durable queue: at least once, one job per scene at a time, safe against the death of any process."""
 
     def submit(self, ticket: JobTicket) -> None:
-        """Queue an attempt; without effect when ``ticket.key`` is queued, running or done already.
+        """Queue an attempt; no effect when ``ticket.key`` is queued, running or done.
 
-        Raises ``UnavailableError`` when the queue cannot be reached; the row stays and is submitted later.
+        Raises ``UnavailableError`` when the queue cannot be reached; the job is submitted later.
         """
         ...
 
     def request_cancel(self, ticket: JobTicket) -> None:
-        """Take an attempt that has not begun, and whose job is ended already, out of the queue.
+        """Remove a queued attempt whose job was canceled from the queue.
 
-        A running job learns of it from ``Ledger.cancel_requested``; the slot stays taken until it has
-        stopped.
+        Running jobs poll ``Ledger.cancel_requested`` and occupy their slot until they have stopped.
         """
         ...
 
     def run_worker(self, worker_id: str) -> None:
-        """Run queued attempts, one process's share of them, until the process is asked to stop."""
+        """Run queued attempts until SIGTERM or SIGINT."""
         ...
 
     def reap(self, worker_id: str) -> int:
-        """Queue again what a dead worker left behind; returns how many. Only after its leases ran out."""
+        """Requeue the attempts of a dead worker, whose leases have expired; returns their number."""
         ...

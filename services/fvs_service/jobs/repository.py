@@ -18,7 +18,7 @@ _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 def add_job(
     session: Session, job_id: str, scene_id: str, tenant_id: str, request: JobRequest, at: datetime
 ) -> Job:
-    """A new job, queued and not yet submitted."""
+    """Add a job, queued and not yet submitted."""
     row = JobRow(
         id=job_id,
         scene_id=scene_id,
@@ -47,13 +47,13 @@ def add_job(
 def job_of(session: Session, principal: Principal, job_id: str) -> Job:
     """A job of the principal's tenant; raises ``NotFoundError``."""
     row = session.get(JobRow, job_id)
-    if row is None or row.tenant_id != principal.tenant_id or principal.scene_id not in (None, row.scene_id):
+    if row is None or not principal.owns(row.tenant_id, row.scene_id):
         raise NotFoundError("There is no such job.")
     return to_job(row)
 
 
 def find_job(session: Session, job_id: str) -> Job:
-    """Any job, for whoever works on it; raises ``NotFoundError``."""
+    """A job of any tenant, for workers; raises ``NotFoundError``."""
     row = session.get(JobRow, job_id, populate_existing=True)
     if row is None:
         raise NotFoundError("There is no such job.")
@@ -72,7 +72,7 @@ def jobs_of_scene(session: Session, scene_id: str, after: str | None, limit: int
 
 
 def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:
-    """The job of this kind that waits for its turn; a scene has at most one."""
+    """The scene's queued job of this kind, of which there is at most one."""
     row = session.scalar(
         select(JobRow).where(
             JobRow.scene_id == scene_id, JobRow.kind == kind.value, JobRow.state == JobState.QUEUED.value
@@ -81,8 +81,8 @@ def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:
     return None if row is None else to_job(row)
 
 
-def images_to_come(session: Session, scene_id: str) -> int:
-    """How many accepted images were offered to no update yet, not to the one that runs either."""
+def unprocessed_images(session: Session, scene_id: str) -> int:
+    """The number of accepted images that no update, finished or running, processes."""
     running = session.scalar(
         select(JobRow).where(
             JobRow.scene_id == scene_id,
@@ -100,18 +100,18 @@ def images_to_come(session: Session, scene_id: str) -> int:
 
 
 def images_stage(attempt: int) -> str:
-    """The stage that keeps the ``last_number`` of the images that an attempt takes up."""
+    """The name of the stage with the ``last_number`` of the images that an attempt processes."""
     return f"images-{attempt}"
 
 
 def open_jobs(session: Session, tenant_id: str) -> int:
-    """How many jobs of a tenant are queued or running."""
+    """The number of a tenant's queued and running jobs."""
     query = select(func.count()).where(JobRow.tenant_id == tenant_id, JobRow.state.in_(_OPEN))
     return session.scalar(query) or 0
 
 
 def unsubmitted(session: Session) -> tuple[JobTicket, ...]:
-    """The attempts that wait and that the job engine does not have yet."""
+    """The queued attempts that the job engine does not have yet."""
     rows = session.scalars(
         select(JobRow).where(JobRow.state == JobState.QUEUED.value, JobRow.submitted.is_(False))
     )
@@ -119,7 +119,7 @@ def unsubmitted(session: Session) -> tuple[JobTicket, ...]:
 
 
 def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **values: Any) -> Job | None:
-    """Change a job if it is in one of the states; None if it is not."""
+    """Change a job that is in one of the states; None if it is in another."""
     states = [state.value for state in in_state]
     row = session.scalar(
         update(JobRow)
@@ -132,7 +132,7 @@ def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **v
 
 
 def mark_submitted(session: Session, ticket: JobTicket) -> None:
-    """Remember that the job engine has this attempt."""
+    """Record that the job engine has this attempt."""
     session.execute(
         update(JobRow)
         .where(JobRow.id == ticket.job_id, JobRow.attempt == ticket.attempt)
@@ -141,7 +141,7 @@ def mark_submitted(session: Session, ticket: JobTicket) -> None:
 
 
 def ticket_of(job: Job) -> JobTicket:
-    """What the job engine is given of a job."""
+    """The ticket of a job's attempt."""
     return JobTicket(job.id, job.scene_id, job.kind, job.attempt)
 
 

@@ -1,4 +1,4 @@
-"""What can be done with jobs from outside."""
+"""The operations on jobs."""
 
 from sqlalchemy.orm import Session
 
@@ -20,10 +20,10 @@ from fvs_service.storage.tables import JobRow
 
 
 class Jobs:
-    """Queues, shows, cancels and retries jobs.
+    """Queues, returns, cancels and retries jobs.
 
-    A job is first written down and then given to the job engine; what a crash leaves in between is given to
-    it by ``submit_waiting``.
+    A job is first committed and then submitted to the job engine; after a crash in between
+    ``submit_unsubmitted`` submits it.
     """
 
     def __init__(self, database: Database, engine: JobEngine, limits: Limits) -> None:
@@ -32,9 +32,9 @@ class Jobs:
         self._limits = limits
 
     def create(self, principal: Principal, scene_id: str, request: JobRequest, key: str | None = None) -> Job:
-        """Queue a job. While the same one waits for its turn in the scene, that one is returned.
+        """Queue a job, or return the one of the same kind that is queued.
 
-        Raises ``ConflictError`` when the one that waits has other settings.
+        Raises ``ConflictError`` when the queued one has other settings.
         """
         principal.require(Scope.OPERATE, scene_id)
         remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
@@ -45,12 +45,12 @@ class Jobs:
                 return repository.job_of(session, principal, known)
             if request.kind is JobKind.FINE and scene.snapshot_id is None:
                 raise ConflictError(
-                    "A fine model is trained from the cameras of an update, and there is none yet.",
+                    "A fine model needs the cameras of an update, and the scene has had none.",
                     hint='Run an update first (fvs-client update, a job {"kind": "update"}).',
                 )
             job = self._queue(session, principal.tenant_id, scene, request)
             remembered.remember(session, job.id)
-        self.submit_waiting()
+        self.submit_unsubmitted()
         return job
 
     def get(self, principal: Principal, job_id: str) -> Job:
@@ -65,11 +65,10 @@ class Jobs:
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             jobs = repository.jobs_of_scene(session, scene_id, page.after, page.limit + 1)
-        items = jobs[: page.limit]
-        return JobList(items=items, next=items[-1].id if len(jobs) > page.limit else None)
+        return JobList.of(jobs, page.limit, lambda job: job.id)
 
     def cancel(self, principal: Principal, job_id: str) -> Job:
-        """Stop a job: at once while it is queued, at its next safe point while it runs."""
+        """Cancel a job: at once while it is queued, at its next step while it runs."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
             job = repository.job_of(session, principal, job_id)
@@ -81,18 +80,18 @@ class Jobs:
                 finished_at=now(),
             )
             if stopped is None:
-                # A running job's ticket stays: after a worker's death it waits in the queue again, and
-                # whoever takes it writes down that the job has stopped.
-                asked = repository.change(
+                # A running job's ticket stays: should its worker die, another one takes the ticket and
+                # records the job as canceled.
+                changed = repository.change(
                     session, job_id, in_state=(JobState.RUNNING,), cancel_requested=True
                 )
-                return asked or job
+                return changed or job
             publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
         self._engine.request_cancel(repository.ticket_of(stopped))
         return stopped
 
     def retry(self, principal: Principal, job_id: str) -> Job:
-        """Queue a failed or canceled job again; the stages that it finished are not repeated."""
+        """Queue a failed or canceled job again; its finished stages are not repeated."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
             job = repository.job_of(session, principal, job_id)
@@ -101,7 +100,9 @@ class Jobs:
                     f"The job is {job.state.value}; only failed and canceled jobs can be retried."
                 )
             if repository.queued_job(session, job.scene_id, job.kind) is not None:
-                raise ConflictError(f"Another {job.kind.value} job of the scene is queued: it does the same.")
+                raise ConflictError(
+                    f"Another {job.kind.value} job of the scene is queued, and does the same."
+                )
             again = repository.change(
                 session,
                 job_id,
@@ -116,25 +117,25 @@ class Jobs:
                 started_at=None,
                 finished_at=None,
             )
-            told = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
-            publish(session, job.scene_id, EventKind.JOB_QUEUED, told)
-        self.submit_waiting()
+            data = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
+            publish(session, job.scene_id, EventKind.JOB_QUEUED, data)
+        self.submit_unsubmitted()
         return again or job
 
     def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
-        """Queue an update if the scene's policy wants one for the images that it has by now.
+        """Queue an update if the scene's policy requires one for its images.
 
-        Called in the transaction that stores an image; ``submit_waiting`` must follow it.
+        Called in the transaction that adds an image; ``submit_unsubmitted`` must follow it.
         """
         policy, counts = scene.policy, scene.images
         if policy.trigger is Trigger.ON_REQUEST or counts.accepted < policy.first:
             return
         due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k
-        if counts.pending >= due and repository.images_to_come(session, scene.id) >= due:
+        if counts.pending >= due and repository.unprocessed_images(session, scene.id) >= due:
             self._queue(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
 
-    def submit_waiting(self) -> None:
-        """Give the job engine what it does not have yet; what it cannot take now stays for the next call."""
+    def submit_unsubmitted(self) -> None:
+        """Submit the queued jobs that the job engine lacks; while it is unavailable they stay queued."""
         with self._database.reading() as session:
             tickets = repository.unsubmitted(session)
         for ticket in tickets:
@@ -148,22 +149,22 @@ class Jobs:
     def _queue(
         self, session: Session, tenant_id: str, scene: Scene, request: JobRequest, *, limited: bool = True
     ) -> Job:
-        waiting = repository.queued_job(session, scene.id, request.kind)
-        if waiting is not None:
-            if limited and waiting.request != request:
-                asked = waiting.request.model_dump_json(exclude_none=True)
+        queued = repository.queued_job(session, scene.id, request.kind)
+        if queued is not None:
+            if limited and queued.request != request:
+                settings = queued.request.model_dump_json(exclude_none=True)
                 raise ConflictError(
-                    f"{waiting.id} waits for its turn in the scene, with other settings than these.",
-                    hint=f"Cancel it first, or ask for what it does: {asked}.",
+                    f"{queued.id} is queued with other settings.",
+                    hint=f"Cancel it first, or use its settings: {settings}.",
                 )
-            return waiting
+            return queued
         if limited and repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
             raise LimitExceededError(
-                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, and no more are allowed.",
+                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, the most that are allowed.",
                 hint="Wait for one to end, or cancel one.",
                 retry_after_s=30,
             )
         job = repository.add_job(session, new_id("job"), scene.id, tenant_id, request, now())
-        told = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
-        publish(session, scene.id, EventKind.JOB_QUEUED, told)
+        data = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
+        publish(session, scene.id, EventKind.JOB_QUEUED, data)
         return job

@@ -1,1 +1,1 @@
-"""Rankings: which of these poses should be photographed next."""
+"""Rankings: candidates in the order in which they should be photographed."""

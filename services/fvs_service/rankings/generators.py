@@ -1,17 +1,15 @@
-"""Candidate poses for whoever has none, in the world's frame."""
+"""Generators of candidate poses, in the world frame."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform, look_at, matrix_from_quaternion, quaternion_from_matrix
 from fvs_service.errors import InvalidRequestError
 from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
+from fvs_service.rankings.scene_geometry import SceneGeometry
 
 Array = NDArray[np.float64]
 Candidates = dict[str, RigidTransform]
@@ -20,122 +18,92 @@ _NEIGHBOURS = 2
 _GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """What a generator may know, in the world's frame: the registered cameras and what they look at.
-
-    ``cameras`` are world_from_camera; ``lower`` and ``upper`` are corners of a box about the model's points
-    in the frame of ``level`` [3, 3], whose columns are two level directions and ``up``.
-    """
-
-    cameras: tuple[RigidTransform, ...]
-    centre: Array
-    level: Array
-    lower: Array
-    upper: Array
-
-    @property
-    def up(self) -> Array:
-        """The upward direction [3]."""
-        return np.asarray(self.level[:, 2])
-
-    @cached_property
-    def places(self) -> KDTree:
-        """Where the cameras are, to be searched for the nearest."""
-        return KDTree(np.stack([camera.translation for camera in self.cameras]))
-
-    @property
-    def centres(self) -> Array:
-        """Where the cameras are [N, 3]."""
-        return np.asarray(self.places.data)
-
-
 def generate(
     generator: Orbit | Grid | Dataset | AroundCurrent,
-    around: Surroundings,
+    scene: SceneGeometry,
     current: Array | None,
     radius: float | None,
 ) -> Candidates:
-    """Its poses: id → world_from_camera. Raises ``InvalidRequestError`` if there are none."""
+    """The generator's poses: id → world_from_camera. Raises ``InvalidRequestError`` if there are none."""
     match generator:
         case Orbit():
-            found = _orbit(generator, around)
+            found = _orbit(generator, scene)
         case Grid():
-            found = _grid(generator, around)
+            found = _grid(generator, scene)
         case Dataset():
-            found = _between(around)
+            found = _between(scene)
         case AroundCurrent():
             if current is None or radius is None:
                 raise InvalidRequestError("around-current needs current_pose and radius_m.")
-            found = _ball(generator, around, current, radius)
+            found = _ball(generator, scene, current, radius)
     if not found:
-        raise InvalidRequestError("The generator makes no pose of what the scene has so far.")
+        raise InvalidRequestError("The generator finds no pose for the images that the scene has so far.")
     return found
 
 
-def _orbit(orbit: Orbit, around: Surroundings) -> Candidates:
-    centre = around.centre if orbit.centre is None else np.array(orbit.centre)
-    offsets = (around.centres - centre) @ around.level
+def _orbit(orbit: Orbit, scene: SceneGeometry) -> Candidates:
+    centre = scene.centre if orbit.centre is None else np.array(orbit.centre)
+    offsets = (scene.centres - centre) @ scene.level
     radius = orbit.radius_m or float(np.median(np.hypot(offsets[:, 0], offsets[:, 1])))
     height = float(np.median(offsets[:, 2])) if orbit.height_m is None else orbit.height_m
     angles = np.arange(orbit.count) * (2.0 * np.pi / orbit.count)
     ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(orbit.count, height)])
-    return _looking("orbit", centre + ring @ around.level.T, lambda _place: centre, around.up)
+    return _looking_at("orbit", centre + ring @ scene.level.T, lambda _position: centre, scene.up)
 
 
-def _grid(grid: Grid, around: Surroundings) -> Candidates:
-    heights = (around.centres - around.centre) @ around.up
+def _grid(grid: Grid, scene: SceneGeometry) -> Candidates:
+    heights = (scene.centres - scene.centre) @ scene.up
     height = float(heights.max()) if grid.height_m is None else grid.height_m
-    middle = around.centre @ around.level
-    x = _spread(around.lower[0], around.upper[0], grid.columns)
-    y = _spread(around.lower[1], around.upper[1], grid.rows)
+    middle = scene.centre @ scene.level
+    x = _spread(scene.lower[0], scene.upper[0], grid.columns)
+    y = _spread(scene.lower[1], scene.upper[1], grid.rows)
     level = np.array([[across, along, middle[2] + height] for along in y for across in x])
     if grid.look == "centre":
-        return _looking("grid", level @ around.level.T, lambda _place: around.centre, around.up)
+        return _looking_at("grid", level @ scene.level.T, lambda _position: scene.centre, scene.up)
     # Straight down, the images are upright towards the second level direction (north, in an ENU world).
-    return _looking("grid", level @ around.level.T, lambda place: place - around.up, around.level[:, 1])
+    return _looking_at("grid", level @ scene.level.T, lambda position: position - scene.up, scene.level[:, 1])
 
 
-def _between(around: Surroundings) -> Candidates:
-    centres = around.centres
+def _between(scene: SceneGeometry) -> Candidates:
+    centres = scene.centres
     if len(centres) < 2:
         return {}
-    _, nearest = around.places.query(centres, k=min(_NEIGHBOURS + 1, len(centres)))
+    _, nearest = scene.tree.query(centres, k=min(_NEIGHBOURS + 1, len(centres)))
     pairs: set[tuple[int, int]] = set()
     for index, near in enumerate(nearest.tolist()):
         for other in [number for number in near if number != index][:_NEIGHBOURS]:
             pairs.add((min(index, other), max(index, other)))
     first, second = np.array(sorted(pairs)).T
-    turns = quaternion_from_matrix(np.stack([camera.rotation for camera in around.cameras]))
-    # Half-way, the short way, is along the sum of the two unit quaternions, of ±q the nearer one.
-    nearer = np.where(np.sum(turns[first] * turns[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
-    rotations = matrix_from_quaternion(turns[first] + nearer * turns[second])
+    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in scene.cameras]))
+    # The rotation half-way along the shorter arc is the sum of the unit quaternions with equal signs.
+    nearer = np.where(np.sum(quaternions[first] * quaternions[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    rotations = matrix_from_quaternion(quaternions[first] + nearer * quaternions[second])
     names = [f"between-{one:04d}-{other:04d}" for one, other in zip(first, second, strict=True)]
     middles = 0.5 * (centres[first] + centres[second])
     return dict(zip(names, map(RigidTransform, rotations, middles), strict=True))
 
 
-def _ball(generator: AroundCurrent, around: Surroundings, current: Array, radius: float) -> Candidates:
-    """A Fibonacci spiral whose radius grows so that every pose has the same share of the ball."""
+def _ball(generator: AroundCurrent, scene: SceneGeometry, current: Array, radius: float) -> Candidates:
+    """Poses on a Fibonacci spiral in a ball, so that each has an equal share of its volume."""
     index = np.arange(generator.count) + 0.5
     z = 1.0 - 2.0 * ((index * 0.754877666) % 1.0)
     angles = index * _GOLDEN_ANGLE_RAD
     ring = np.sqrt(1.0 - z**2)
     directions = np.column_stack([ring * np.cos(angles), ring * np.sin(angles), z])
-    places = current + radius * np.cbrt(index / generator.count)[:, None] * directions @ around.level.T
-    return _looking("around", places, lambda _place: around.centre, around.up)
+    positions = current + radius * np.cbrt(index / generator.count)[:, None] * directions @ scene.level.T
+    return _looking_at("around", positions, lambda _position: scene.centre, scene.up)
 
 
-def _looking(prefix: str, places: Array, target: Callable[[Array], Array], up: Array) -> Candidates:
+def _looking_at(prefix: str, positions: Array, target: Callable[[Array], Array], up: Array) -> Candidates:
     found = {}
-    for number, place in enumerate(places):
+    for number, position in enumerate(positions):
         try:
-            found[f"{prefix}-{number:04d}"] = look_at(place, target(place), up)
-        except InvalidInputError:  # it stands where it should look
+            found[f"{prefix}-{number:04d}"] = look_at(position, target(position), up)
+        except InvalidInputError:  # the position is the target, so there is no viewing direction
             continue
     return found
 
 
 def _spread(lower: float, upper: float, count: int) -> Array:
-    """``count`` places in the middle of equal parts."""
+    """The centres of ``count`` equal parts of an interval."""
     return lower + (upper - lower) * (np.arange(count) + 0.5) / count

@@ -1,36 +1,23 @@
-"""What a ranking is."""
+"""Requests for rankings, and rankings."""
 
-from enum import StrEnum
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.config import JsonDict
 
+from fvs_engine import candidates as engine
+from fvs_engine.candidates import CandidateStatus
 from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
 from fvs_service.scenes.model import Alignment, Coordinate, Vector
 from fvs_service.scenes.poses import FramePose, Pose
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
-_PlaceCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
+_PoseCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
 _Distance = Annotated[PositiveNumber, Field(le=1e9)]
 
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
-
-
-class CandidateStatus(StrEnum):
-    """Whether a candidate takes part."""
-
-    RANKED = "ranked"
-    VISITED = "visited"
-    """An image was taken there already."""
-    OUT_OF_RANGE = "out-of-range"
-    """Farther from the current pose than the radius."""
-    OUT_OF_MODEL = "out-of-model"
-    """Nothing of the model is in view."""
-    LOW_COVERAGE = "low-coverage"
-    """The model fills so little of the view that its score describes the void around it."""
 
 
 class CandidateRequest(Model):
@@ -44,11 +31,11 @@ class Orbit(Model):
     """Poses on a circle around the middle of the model, looking at it."""
 
     kind: Literal["orbit"]
-    count: _PlaceCount = 24
+    count: _PoseCount = 24
     radius_m: _Distance | None = None
-    """By default as far away as the images were taken."""
+    """By default the median distance of the images."""
     height_m: Coordinate | None = None
-    """Above the middle of the model; by default as high as the images were taken."""
+    """Above the middle of the model; by default the median height of the images."""
     centre: Vector | None = None
 
 
@@ -59,7 +46,7 @@ class Grid(Model):
     columns: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
     rows: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
     height_m: Coordinate | None = None
-    """Above the middle of the model; by default as high as the highest image."""
+    """Above the middle of the model; by default the height of the highest image."""
     look: Literal["centre", "down"] = "centre"
 
 
@@ -73,16 +60,16 @@ class AroundCurrent(Model):
     """Poses spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
 
     kind: Literal["around-current"]
-    count: _PlaceCount = 32
+    count: _PoseCount = 32
 
 
 Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminator="kind")]
 
 
 class RankingRequest(Model):
-    """The question: which of these poses should be photographed next.
+    """Candidates to rank: either `candidates` or a `generator` of them.
 
-    Lengths are in the unit of the scene's world: metres once it is georeferenced.
+    Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
     """
 
     model_config = ConfigDict(
@@ -116,14 +103,14 @@ class RankingRequest(Model):
     generator: Generator | None = None
     current_pose: Pose | None = None
     radius_m: _Distance | None = None
-    """How far the vehicle can go from the current pose."""
+    """Exclude candidates that are farther from the current pose."""
     top_k: Annotated[WholeNumber, Field(ge=1, le=100_000)] | None = None
-    """Return only the first so many candidates."""
+    """Return only the first `top_k` candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
     snapshot_id: str | None = None
-    """By default the newest state of the model."""
+    """The snapshot to score with; by default the newest state of the model, also during a training."""
     budget: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 1
-    """How many photographs are still to be taken; some methods plan ahead."""
+    """How many images are still to be taken; some methods plan ahead."""
     seed: Annotated[WholeNumber, Field(ge=0, le=2**31 - 1)] = 0
 
     @model_validator(mode="after")
@@ -144,22 +131,35 @@ class RankingRequest(Model):
 
 
 class RankedCandidate(Model):
-    """One candidate's place; `rank` is null for what cannot be compared (see `status`)."""
+    """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
 
     id: str
     rank: Count | None
     score: Number | None
-    """The lower, the less is known of what the view shows."""
+    """The lower, the less the model knows about what the view shows."""
     status: CandidateStatus
     coverage: Number | None
-    """The share of the view that the model fills; null when it was not rendered."""
+    """The share of the view that the model covers; null when it was not rendered."""
     distance_m: Number | None
     """From the current pose; null without one."""
     pose: FramePose
 
+    @classmethod
+    def of(cls, candidate: engine.RankedCandidate, pose: FramePose) -> Self:
+        """The engine's ranked candidate with its pose in the world frame."""
+        return cls(
+            id=candidate.name,
+            rank=candidate.rank,
+            score=candidate.score,
+            status=candidate.status,
+            coverage=candidate.coverage,
+            distance_m=candidate.distance,
+            pose=pose,
+        )
+
 
 class Ranking(Model):
-    """An immutable answer, with all that is needed to ask the same again."""
+    """An immutable ranking, with all that is needed to repeat it."""
 
     id: str
     scene_id: str
@@ -167,16 +167,16 @@ class Ranking(Model):
     request: RankingRequest
     alignment: Alignment
     iterations: Count
-    """How long the model had been trained."""
+    """Training iterations of the model that scored."""
     gaussians: Count
     fallback: str | None
-    """The rule that chose when the method could not."""
+    """The rule that ordered the candidates when the method could rank none; else null."""
     candidates: tuple[RankedCandidate, ...]
-    """The first to be photographed first."""
+    """In order: the first should be photographed first."""
     total: Count
-    """How many candidates there were before `top_k`."""
+    """The number of candidates before `top_k`."""
     seconds: Number
-    """What scoring took."""
+    """Time of scoring."""
     waited_s: Number = 0.0
-    """How long other questions about the same scene went before."""
+    """Time in the queue behind other rankings of the same scene."""
     created_at: Timestamp

@@ -1,105 +1,87 @@
-"""What the gateway asks of the runner that holds a scene's warm model.
+"""The port to the runners: ranks and renders views with the model of a scene.
 
-Everything here is in the model's frame: the gateway alone knows the world. ``fvs_engine.geometry`` types are
-used as they are, so neither side converts twice.
+Views are in the model frame: only the gateway knows the world frame. The requests and results are also the
+messages of the runners' protocol, so poses are not converted on the way.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Protocol
+from typing import Literal, Protocol
 
-from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.candidates import RankedCandidate
+from fvs_engine.records import Record
+from fvs_engine.views import PinholeView
 
 
-class Picture(StrEnum):
-    """What can be drawn of a view."""
+class ViewImage(StrEnum):
+    """An image that can be made of a view."""
 
     RENDER = "render"
     SPECTRUM = "spectrum"
 
 
-@dataclass(frozen=True, eq=False)
-class RunnerView:
-    """A view to be scored or drawn; ``distance_m`` breaks ties, None when it is not known."""
+class RankViews(Record):
+    """Rank ``views``, named by candidate id, by ``method`` with the model of a scene.
 
-    id: str
-    camera: PinholeCamera
-    camera_from_model: RigidTransform
-    distance_m: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class RankViews:
-    """Score ``views`` by ``method`` with the model of a scene.
-
-    ``snapshot_id`` is the snapshot to use when ``pinned``; else the newest good state of the model may be
-    used, which has the same frame. ``budget`` is how many photographs are still to be taken.
+    ``distances`` (by id, in metres) break ties. ``snapshot_id`` is the snapshot to use when ``pinned``; else
+    the state of a training that started from it may be used, which has the same frame. ``budget`` is how many
+    photographs are still to be taken.
     """
 
+    kind: Literal["rank"] = "rank"
     scene_id: str
     snapshot_id: str
     method: str
-    views: tuple[RunnerView, ...]
+    views: tuple[PinholeView, ...]
+    distances: Mapping[str, float] = {}
     pinned: bool = False
     budget: int = 1
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class RankedView:
-    """One view's place: ``status`` is ``ranked``, ``low-coverage`` or ``out-of-model``."""
+class RankedViews(Record):
+    """All candidates in order, and the state of the model that scored them.
 
-    id: str
-    rank: int | None
-    score: float | None
-    status: str
-    coverage: float | None
-
-
-@dataclass(frozen=True)
-class RankedViews:
-    """All views, the first to be photographed first, and the state of the model that was used.
-
-    ``snapshot_id`` is the snapshot that the state was, or grew from; ``iterations`` says how far it had come.
-    ``fallback`` names the rule that chose when the method could not, else None. ``seconds`` is what scoring
-    took, ``waited_s`` how long other questions to the same runner went before.
+    ``snapshot_id`` is the snapshot that the state is, or from which its training started; ``iterations``
+    is how long it was trained. ``fallback`` names the rule that ordered candidates when the method could not,
+    else None. ``seconds`` is the time of scoring, ``waited_s`` that in the runner's queue.
     """
 
     snapshot_id: str
     iterations: int
     gaussians: int
-    views: tuple[RankedView, ...]
+    candidates: tuple[RankedCandidate, ...] = ()
     fallback: str | None = None
     seconds: float = 0.0
     waited_s: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class DrawView:
-    """Draw one view of a snapshot as a PNG."""
+class RenderView(Record):
+    """Make an image of one view of a snapshot; the result over the protocol is the PNG in base 64."""
 
+    kind: Literal["render"] = "render"
     scene_id: str
     snapshot_id: str
-    view: RunnerView
-    picture: Picture = field(default=Picture.RENDER)
+    view: PinholeView
+    image: ViewImage = ViewImage.RENDER
 
 
 class SceneRunners(Protocol):
-    """The runners of all scenes: finds the one that holds a scene's lease, or has a worker warm it.
+    """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
-    Called from many threads at once. Both raise ``UnavailableError`` (with ``retry_after_s``) when no runner
-    can answer now, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
+    Called from many threads at once. Both methods raise ``UnavailableError`` (with ``retry_after_s``) when no
+    runner can answer now, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
     """
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The names of the scorers and selectors that ``rank`` takes."""
+        """The names of the scorers and selectors that ``rank`` accepts."""
         ...
 
     def rank(self, request: RankViews) -> RankedViews:
-        """Rank views; every id of the request comes back exactly once."""
+        """Rank views; the result has every id of the request exactly once."""
         ...
 
-    def draw(self, request: DrawView) -> bytes:
+    def render(self, request: RenderView) -> bytes:
         """A PNG of the view."""
         ...

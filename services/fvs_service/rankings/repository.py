@@ -10,7 +10,7 @@ from fvs_service.storage.tables import RankingRow, SceneRow
 
 
 def add_ranking(session: Session, ranking: Ranking) -> None:
-    """A new ranking."""
+    """Add a ranking."""
     session.add(
         RankingRow(
             id=ranking.id,
@@ -28,8 +28,8 @@ def ranking_of(session: Session, principal: Principal, ranking_id: str) -> Ranki
     found = session.execute(
         select(RankingRow, SceneRow)
         .join(SceneRow, SceneRow.id == RankingRow.scene_id)
-        .where(RankingRow.id == ranking_id, SceneRow.tenant_id == principal.tenant_id)
+        .where(RankingRow.id == ranking_id)
     ).one_or_none()
-    if found is None or principal.scene_id not in (None, found[1].id):
+    if found is None or not principal.owns(found[1].tenant_id, found[1].id):
         raise NotFoundError("There is no such ranking.")
     return Ranking.model_validate(found[0].document)

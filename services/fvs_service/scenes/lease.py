@@ -1,8 +1,8 @@
-"""Who works on a scene: a lease with a fencing token.
+"""Leases: the exclusive, expiring right of a worker to a scene, with a fencing token.
 
-A worker takes the lease, extends it while it works, and writes nothing without its token: every commit checks
-in its own transaction that the token is still the newest. A worker that was frozen and woken finds its token
-stale (``StaleLeaseError``) and must exit. Times are the database's, so workers' clocks do not matter.
+A worker acquires the lease, extends it while it works, and commits nothing without its token: every commit
+checks in its own transaction that the token is the newest. A worker that was frozen finds its token stale
+(``StaleLeaseError``) and must stop. Times are the database's, so workers' clocks do not matter.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from fvs_service.storage.tables import SceneLeaseRow
 
 @dataclass(frozen=True)
 class Lease:
-    """The right to work on a scene; ``endpoint`` is where its runner answers (None while it has none)."""
+    """A worker's right to a scene; ``endpoint`` is the address of its runner (None while it has none)."""
 
     scene_id: str
     worker_id: str
@@ -26,16 +26,16 @@ class Lease:
 
 
 class Leases:
-    """Takes, extends, gives back and looks up leases."""
+    """Acquires, extends, releases and looks up leases."""
 
     def __init__(self, database: Database, duration_s: float) -> None:
         self._database = database
         self._duration_ms = round(duration_s * 1000)
 
     def acquire(self, scene_id: str, worker_id: str) -> Lease | None:
-        """Take the lease if it is free, has run out, or is this worker's own; None when another holds it.
+        """Acquire the lease if it is free, has expired, or is this worker's; else return None.
 
-        Every successful call makes a new token, and so shuts out whoever had the lease before.
+        Every acquired lease has a new token, which makes all earlier ones stale.
         """
         with self._database.writing() as session:
             expires = now_ms() + self._duration_ms
@@ -61,13 +61,13 @@ class Leases:
             return Lease(scene_id, worker_id, token) if _changed(taken) else None
 
     def extend(self, lease: Lease, endpoint: str | None = None) -> Lease:
-        """Hold on for another period, and say where the runner answers; raises ``StaleLeaseError``."""
+        """Extend the lease, and record the runner's endpoint; raises ``StaleLeaseError``."""
         endpoint = endpoint or lease.endpoint
         self._update(lease, endpoint=endpoint, expires_at_ms=now_ms() + self._duration_ms)
         return Lease(lease.scene_id, lease.worker_id, lease.token, endpoint)
 
     def release(self, lease: Lease) -> None:
-        """Give the lease back; without effect when it is somebody else's by now."""
+        """Release the lease; no effect when another worker has it."""
         with self._database.writing() as session:
             session.execute(
                 update(SceneLeaseRow)
@@ -76,7 +76,7 @@ class Leases:
             )
 
     def holder(self, scene_id: str) -> Lease | None:
-        """The lease that is in force, None when nobody holds the scene."""
+        """The lease in force; None when there is none."""
         with self._database.reading() as session:
             row = session.scalar(
                 select(SceneLeaseRow).where(
@@ -86,7 +86,7 @@ class Leases:
             return None if row is None else Lease(row.scene_id, row.worker_id, row.token, row.endpoint)
 
     def held_by(self, worker_id: str) -> tuple[Lease, ...]:
-        """The leases in force of one worker: how loaded it is."""
+        """The leases in force of one worker."""
         with self._database.reading() as session:
             rows = session.scalars(
                 select(SceneLeaseRow).where(
@@ -109,8 +109,8 @@ class Leases:
 def require_lease(session: Session, lease: Lease) -> None:
     """Make the transaction of ``session`` depend on ``lease``; raises ``StaleLeaseError``.
 
-    The row is written, so that no other worker can take the lease before this transaction ends. A lease that
-    has run out but that nobody else took is still good: its token is the newest.
+    The row is written, so that no other worker can acquire the lease before this transaction ends. An expired
+    lease is valid until another worker acquires it: its token is the newest.
     """
     fenced = session.execute(
         update(SceneLeaseRow)
@@ -127,6 +127,6 @@ def _changed(result: object) -> bool:
 
 def _stale(lease: Lease) -> StaleLeaseError:
     return StaleLeaseError(
-        f"Worker {lease.worker_id} no longer holds scene {lease.scene_id} (token {lease.token}).",
-        hint="Stop: another worker goes on with it.",
+        f"Worker {lease.worker_id} has lost the lease of scene {lease.scene_id} (token {lease.token}).",
+        hint="Stop: another worker has the scene.",
     )

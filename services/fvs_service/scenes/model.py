@@ -1,11 +1,11 @@
-"""What a scene is."""
+"""Scenes: requests, settings, alignment."""
 
 from enum import StrEnum
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
+from fvs_service.model import Count, Listing, Model, Number, PositiveNumber, Timestamp, WholeNumber
 
 Latitude = Annotated[Number, Field(ge=-90, le=90)]
 Longitude = Annotated[Number, Field(ge=-180, le=180)]
@@ -17,18 +17,18 @@ Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPar
 
 
 class AltitudeDatum(StrEnum):
-    """What altitudes are measured from."""
+    """The zero of altitudes."""
 
     ELLIPSOID = "ellipsoid"
-    """WGS 84, what a bare GNSS receiver computes."""
+    """WGS 84, as GNSS receivers compute it."""
     SEA_LEVEL = "sea-level"
-    """The geoid, what EXIF means by altitude."""
+    """The geoid, as in EXIF."""
     TAKEOFF = "takeoff"
-    """Where the vehicle started."""
+    """The point of takeoff."""
 
 
 class Origin(Model):
-    """Where the ENU world frame has its zero: x east, y north, z up, in metres. It never moves."""
+    """The origin of the ENU world frame (x east, y north, z up, in metres). It never moves."""
 
     latitude_deg: Latitude
     longitude_deg: Longitude
@@ -37,19 +37,19 @@ class Origin(Model):
 
 
 class AutomaticWorld(Model):
-    """ENU metres about the first position that the images tell; the model's frame while there is none."""
+    """ENU, in metres, with the first position prior as origin; the model frame while there is none."""
 
     kind: Literal["automatic"] = "automatic"
 
 
 class LocalWorld(Model):
-    """Metres in a frame of yours (z up): positions of images are given in it; GPS is not used."""
+    """A frame of your own, z up, in metres: positions of images are given in it, and GPS is ignored."""
 
     kind: Literal["local"]
 
 
 class EnuWorld(Model):
-    """ENU metres about an origin of yours."""
+    """ENU, in metres, with an origin of your own."""
 
     kind: Literal["enu"]
     origin: Origin
@@ -59,15 +59,15 @@ World = Annotated[AutomaticWorld | LocalWorld | EnuWorld, Field(discriminator="k
 
 
 class CameraPrior(Model):
-    """What is known of the camera beforehand, for images whose EXIF does not tell."""
+    """A focal length prior for images without one in their EXIF."""
 
     focal_length_px: PositiveNumber
     width_px: Annotated[WholeNumber, Field(gt=0, le=65_535)]
-    """The image width that the focal length belongs to."""
+    """The image width to which the focal length applies."""
 
 
 class Trigger(StrEnum):
-    """What starts an update by itself."""
+    """What starts updates automatically."""
 
     ON_REQUEST = "on-request"
     EACH_IMAGE = "each-image"
@@ -75,17 +75,17 @@ class Trigger(StrEnum):
 
 
 class Policy(Model):
-    """When the scene is updated without being asked."""
+    """When updates start automatically."""
 
     trigger: Trigger = Trigger.ON_REQUEST
     k: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 10
-    """With `every-k-images`: after so many new images."""
+    """The number of new images that start an update, with `every-k-images`."""
     first: Annotated[WholeNumber, Field(ge=2, le=10_000)] = 8
-    """The first update waits for so many images: fewer seldom make a model."""
+    """The number of images that the first update waits for; fewer seldom make a model."""
 
 
 class SceneRequest(Model):
-    """A scene to be made."""
+    """A scene to create."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -110,17 +110,17 @@ class SceneRequest(Model):
 
 
 class AlignmentStatus(StrEnum):
-    """How the model stands in the world."""
+    """Whether the model is aligned with the world frame."""
 
     MODEL = "model"
-    """Nothing places it: the model's frame is the world."""
+    """Not aligned: the world frame is the model frame."""
     ALIGNED = "aligned"
     ILL_CONDITIONED = "ill-conditioned"
-    """The cameras stand on a line, so the turn about that line is open."""
+    """Aligned, but the cameras lie on a line, so the rotation about it is uncertain."""
 
 
 class Alignment(Model):
-    """The similarity that takes the model's frame to the world, and how well it fits."""
+    """The similarity world_from_model, and how well it fits."""
 
     status: AlignmentStatus = AlignmentStatus.MODEL
     scale: PositiveNumber = 1.0
@@ -130,27 +130,27 @@ class Alignment(Model):
     rms_m: Number | None = None
     inliers: Count = 0
     positions: Count = 0
-    """How many registered images had a position."""
+    """The number of registered images with a position prior."""
 
 
 class ImageCounts(Model):
-    """How many images were received, and what became of them."""
+    """Numbers of images."""
 
     received: Count = 0
     accepted: Count = 0
     rejected: Count = 0
     pending: Count = 0
-    """Accepted, and not yet offered to an update."""
+    """Accepted, and not yet processed by an update."""
 
 
 class Scene(Model):
-    """One capture: its settings, its counts, and its latest snapshot."""
+    """A scene: its settings, its numbers of images, and its latest snapshot."""
 
     id: str
     name: str
     world: World
     origin: Origin | None
-    """The ENU origin, once there is one."""
+    """The ENU origin; null while there is none."""
     camera: CameraPrior | None
     policy: Policy
     images: ImageCounts
@@ -160,8 +160,5 @@ class Scene(Model):
     created_at: Timestamp
 
 
-class SceneList(Model):
-    """Scenes, the oldest first; `next` continues the list."""
-
-    items: tuple[Scene, ...]
-    next: str | None
+class SceneList(Listing[Scene]):
+    """Scenes, the oldest first."""

@@ -1,4 +1,4 @@
-"""Poses as they are written on the wire, and the one place that turns them into transforms and back."""
+"""Poses on the wire, and their conversion to transforms and views and back: the only place for it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,12 +8,14 @@ import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
 
 from fvs_engine.geometry import (
+    PinholeCamera,
     RigidTransform,
     SimilarityTransform,
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
 from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
+from fvs_engine.views import PinholeView
 from fvs_service.errors import InvalidRequestError
 from fvs_service.model import Model, Number
 from fvs_service.scenes.model import (
@@ -32,7 +34,7 @@ _UNIT_TOLERANCE = 1e-3
 
 
 class FramePose(Model):
-    """A camera in the world (frame_from_camera of an OpenCV camera: x right, y down, z forward)."""
+    """A camera's pose: frame_from_camera of an OpenCV camera (x right, y down, z forward)."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -56,7 +58,7 @@ class FramePose(Model):
 
 
 class VehiclePose(Model):
-    """A camera as a vehicle tells it: yaw clockwise from north, pitch up, roll with the right side down."""
+    """A camera's pose from a vehicle: yaw clockwise from north, pitch up, roll with the right side down."""
 
     latitude_deg: Latitude
     longitude_deg: Longitude
@@ -78,7 +80,7 @@ Pose = Annotated[
 
 
 class WorldFrame:
-    """The world of one scene and where the model stands in it."""
+    """The world frame of one scene and its similarity to the model frame."""
 
     def __init__(self, origin: Origin | None, alignment: Alignment) -> None:
         self._origin = origin
@@ -92,17 +94,17 @@ class WorldFrame:
 
     @property
     def aligned(self) -> bool:
-        """Whether the world is not just the model's frame: z is up, and its unit the metre."""
+        """Whether the model is aligned: the world's z is up and its unit is the metre."""
         return self._alignment.status is not AlignmentStatus.MODEL
 
     def world_from_camera(self, pose: FramePose | VehiclePose) -> RigidTransform:
-        """The camera of ``pose`` in the world; raises ``InvalidRequestError`` if that is not known."""
+        """The transform of a pose; raises ``InvalidRequestError`` for a geodetic one without an origin."""
         return self.world_from_cameras([pose])[0]
 
     def world_from_cameras(self, poses: Sequence[FramePose | VehiclePose]) -> tuple[RigidTransform, ...]:
-        """The same of many poses, in their order, in much less time than one by one."""
-        turns = [pose.orientation_wxyz for pose in poses if isinstance(pose, FramePose)]
-        rotations = iter(matrix_from_quaternion(np.array(turns)) if turns else ())
+        """The transforms of many poses, in their order: much faster than one by one."""
+        quaternions = [pose.orientation_wxyz for pose in poses if isinstance(pose, FramePose)]
+        rotations = iter(matrix_from_quaternion(np.array(quaternions)) if quaternions else ())
         return tuple(
             self._of_vehicle(pose)
             if isinstance(pose, VehiclePose)
@@ -110,9 +112,21 @@ class WorldFrame:
             for pose in poses
         )
 
-    def model_from_camera(self, world_from_camera: RigidTransform) -> RigidTransform:
-        """A camera of the world in the model's frame."""
-        return self.model_from_world.move_camera(world_from_camera)
+    def views(
+        self, world_from_cameras: Mapping[str, RigidTransform], camera: PinholeCamera
+    ) -> tuple[PinholeView, ...]:
+        """Views in the model frame, by name, that all have one camera."""
+        if not world_from_cameras:
+            return ()
+        poses = world_from_cameras.values()
+        rotations = self.model_from_world.rotation @ np.stack([pose.rotation for pose in poses])
+        centres = self.model_from_world.apply(np.stack([pose.translation for pose in poses]))
+        inverse = rotations.transpose(0, 2, 1)
+        translations = -(inverse @ centres[:, :, None])[:, :, 0]
+        return tuple(
+            PinholeView(name, camera, RigidTransform(rotation, translation))
+            for name, rotation, translation in zip(world_from_cameras, inverse, translations, strict=True)
+        )
 
     def _in_world(self, pose: FramePose, frame_from_camera: RigidTransform) -> RigidTransform:
         return (
@@ -124,7 +138,7 @@ class WorldFrame:
     def _of_vehicle(self, pose: VehiclePose) -> RigidTransform:
         if self._origin is None or not self.aligned:
             raise InvalidRequestError(
-                "The scene is not georeferenced, so it has no place for a latitude.",
+                "The scene is not georeferenced, so geodetic poses have no meaning in it.",
                 hint='Send images with GPS, or give poses as {"frame", "position", "orientation_wxyz"}.',
             )
         if pose.altitude_datum is not self._origin.altitude_datum:
@@ -133,26 +147,26 @@ class WorldFrame:
                 f"not {pose.altitude_datum.value}.",
                 hint="Convert the altitude.",
             )
-        place = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
-        position = enu_from_geodetic(place, place_of(self._origin))
+        geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
+        position = enu_from_geodetic(geodetic, geodetic_origin(self._origin))
         return camera_at(position, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
 
 
 def world_poses(world_from_cameras: Sequence[RigidTransform]) -> tuple[FramePose, ...]:
-    """Cameras of the world, for the wire."""
+    """The wire's poses of cameras in the world frame."""
     if not world_from_cameras:
         return ()
-    turns = quaternion_from_matrix(np.stack([camera.rotation for camera in world_from_cameras]))
+    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in world_from_cameras]))
     return tuple(
         FramePose(
             frame="world",
             position=tuple(camera.translation.tolist()),
-            orientation_wxyz=tuple(turn),
+            orientation_wxyz=tuple(quaternion),
         )
-        for camera, turn in zip(world_from_cameras, turns.tolist(), strict=True)
+        for camera, quaternion in zip(world_from_cameras, quaternions.tolist(), strict=True)
     )
 
 
-def place_of(origin: Origin) -> GeodeticPosition:
-    """The origin, as geometry has it."""
+def geodetic_origin(origin: Origin) -> GeodeticPosition:
+    """The origin as the engine's type."""
     return GeodeticPosition(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)

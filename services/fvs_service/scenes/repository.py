@@ -18,7 +18,7 @@ _NO_SCENE = "There is no such scene."
 
 @dataclass(frozen=True)
 class SceneHead:
-    """What is known of a scene without a look at its images and its model."""
+    """A scene without its images and its model: one row of the database."""
 
     id: str
     origin: Origin | None
@@ -26,7 +26,7 @@ class SceneHead:
 
 
 def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneRequest, at: datetime) -> None:
-    """A new scene."""
+    """Add a scene."""
     origin = request.world.origin if isinstance(request.world, EnuWorld) else None
     session.add(
         SceneRow(
@@ -47,17 +47,17 @@ def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
 
 
 def scene_head_of(session: Session, principal: Principal, scene_id: str) -> SceneHead:
-    """The same with one look at the database, for what is asked often; raises ``NotFoundError``."""
+    """The same with a single query; raises ``NotFoundError``."""
     return _head(_row_of(session, principal, scene_id))
 
 
 def find_scene(session: Session, scene_id: str) -> Scene:
-    """Any scene, for whoever works on it; raises ``NotFoundError``."""
+    """A scene of any tenant, for workers; raises ``NotFoundError``."""
     return _scene(session, _row(session, scene_id))
 
 
 def find_scene_head(session: Session, scene_id: str) -> SceneHead:
-    """The same with one look at the database; raises ``NotFoundError``."""
+    """The same with a single query; raises ``NotFoundError``."""
     return _head(_row(session, scene_id))
 
 
@@ -73,19 +73,19 @@ def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit:
 
 
 def count_scenes(session: Session, tenant_id: str) -> int:
-    """How many scenes a tenant has."""
+    """The number of a tenant's scenes."""
     return session.scalar(select(func.count()).where(SceneRow.tenant_id == tenant_id)) or 0
 
 
 def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
-    """Fix the origin of the scene's ENU frame, unless it is fixed already."""
+    """Set the origin of the scene's ENU frame, unless it is set."""
     row = session.get(SceneRow, scene_id)
     if row is not None and row.origin is None:
         row.origin = origin.model_dump(mode="json")
 
 
 def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
-    """Move the pointer to the latest snapshot."""
+    """Set the scene's latest snapshot."""
     row = session.get(SceneRow, scene_id)
     if row is not None:
         row.snapshot_id = snapshot_id
@@ -93,7 +93,7 @@ def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
 
 def _row_of(session: Session, principal: Principal, scene_id: str) -> SceneRow:
     row = _row(session, scene_id)
-    if row.tenant_id != principal.tenant_id or principal.scene_id not in (None, scene_id):
+    if not principal.owns(row.tenant_id, scene_id):
         raise NotFoundError(_NO_SCENE)
     return row
 

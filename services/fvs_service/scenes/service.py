@@ -1,4 +1,4 @@
-"""What can be done with scenes."""
+"""The operations on scenes."""
 
 from fvs_service.errors import LimitExceededError
 from fvs_service.events.model import EventKind
@@ -14,14 +14,14 @@ from fvs_service.storage.idempotency import IdempotencyKey
 
 
 class Scenes:
-    """Makes and shows scenes."""
+    """Creates and returns scenes."""
 
     def __init__(self, database: Database, limits: Limits) -> None:
         self._database = database
         self._limits = limits
 
     def create(self, principal: Principal, request: SceneRequest, key: str | None = None) -> Scene:
-        """Make a scene; under an idempotency key that was used before, return the one it made."""
+        """Create a scene; a repeated idempotency key returns the scene that it created."""
         principal.require(Scope.OPERATE)
         remembered = IdempotencyKey(principal.tenant_id, key, "scenes.create", request)
         with self._database.writing() as session:
@@ -29,7 +29,7 @@ class Scenes:
             if scene_id is None:
                 if repository.count_scenes(session, principal.tenant_id) >= self._limits.scenes_per_tenant:
                     raise LimitExceededError(
-                        f"There are {self._limits.scenes_per_tenant} scenes, and no more are allowed.",
+                        f"There are {self._limits.scenes_per_tenant} scenes, the most that are allowed.",
                         retry_after_s=3600,
                     )
                 scene_id = new_id("scn")
@@ -49,5 +49,4 @@ class Scenes:
         principal.require(Scope.READ)
         with self._database.reading() as session:
             scenes = repository.scenes_of_tenant(session, principal.tenant_id, page.after, page.limit + 1)
-        items = scenes[: page.limit]
-        return SceneList(items=items, next=items[-1].id if len(scenes) > page.limit else None)
+        return SceneList.of(scenes, page.limit, lambda scene: scene.id)

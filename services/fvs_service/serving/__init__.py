@@ -1,1 +1,1 @@
-"""The service as a set of processes on one machine: a supervisor, a gateway, and workers."""
+"""The service as processes on one machine: a supervisor, a gateway, and workers."""

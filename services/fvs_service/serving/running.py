@@ -12,25 +12,25 @@ from pathlib import Path
 
 from fvs_service.errors import UnavailableError
 
-GATEWAY = "fvs_service.serving.gateway_process"
-WORKER = "fvs_service.serving.worker_process"
+GATEWAY = "fvs_service.serving.process gateway"
+WORKER = "fvs_service.serving.process worker"
 RUNNER = "fvs_service.worker.runner.process"
-"""What the processes of a service run; see ``RunningService.processes``."""
+"""Parts of the command lines of a service's processes; see ``RunningService.processes``."""
 
 _STOP_WITHIN_S = 30.0
 
 
 @dataclass(frozen=True)
 class RunningService:
-    """A service that answers at ``url``; ``pid`` is its supervisor's."""
+    """A service at ``url``; ``pid`` is its supervisor's."""
 
     url: str
     pid: int
 
-    def processes(self, module: str) -> tuple[int, ...]:
-        """The ids of the processes below the supervisor that run ``module`` (Linux: from ``/proc``)."""
+    def processes(self, command: str) -> tuple[int, ...]:
+        """The ids of the processes below the supervisor that run ``command`` (Linux: from ``/proc``)."""
         parents = dict(_parents())
-        return tuple(pid for pid in parents if self._is_above(pid, parents) and module in _command(pid))
+        return tuple(pid for pid in parents if self._is_above(pid, parents) and command in _command(pid))
 
     def _is_above(self, pid: int, parents: Mapping[int, int]) -> bool:
         while pid != self.pid and pid in parents:
@@ -42,7 +42,7 @@ class RunningService:
 def running_service(
     root: Path, log: Path, environment: Mapping[str, str] | None = None
 ) -> Iterator[RunningService]:
-    """A service on a free port of loopback that keeps everything in ``root``; it is stopped at the end.
+    """A service on a free port of loopback, with its data in ``root``; it is stopped at the end of the block.
 
     Its log goes to ``log``; ``environment`` has further settings (``FVS_…``). Raises ``UnavailableError``
     when it does not start.
@@ -60,9 +60,9 @@ def running_service(
     ):
         try:
             assert process.stdout is not None
-            url = process.stdout.readline().strip()  # it is said once the service answers
+            url = process.stdout.readline().strip()  # written once the service answers
             if not url:
-                raise UnavailableError("The service did not start.", hint=f"{log} says why.")
+                raise UnavailableError("The service did not start.", hint=f"See {log}.")
             yield RunningService(url, process.pid)
         finally:
             process.send_signal(signal.SIGTERM)
@@ -76,11 +76,11 @@ def _parents() -> Iterator[tuple[int, int]]:
     """Every process's id and its parent's."""
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
-            with contextlib.suppress(OSError):  # it has ended meanwhile
+            with contextlib.suppress(OSError):  # the process has ended
                 yield int(folder.name), int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
-def _command(pid: int) -> list[str]:
+def _command(pid: int) -> str:
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-    return []
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().replace("\0", " ")
+    return ""

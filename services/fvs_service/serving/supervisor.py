@@ -1,4 +1,4 @@
-"""``fvs serve``: starts a gateway and workers, starts again what dies, and stops all of them together."""
+"""``fvs serve``: starts a gateway and workers, restarts those that die, and stops all of them together."""
 
 import contextlib
 import os
@@ -14,13 +14,14 @@ from urllib.parse import urlsplit
 
 import structlog
 
+from fvs_engine import child_process
 from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_service.application import open_storage
 from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection
-from fvs_service.serving.child import ChildOrder
+from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
 from fvs_service.settings import Settings
 from fvs_service.worker.queue import prepare
 
@@ -28,7 +29,7 @@ _POLL_S = 0.1
 _START_S = 60.0
 _STOP_S = 15.0
 _QUICK_S = 5.0
-"""A child that dies sooner than this is started again less and less eagerly."""
+"""After a child that died sooner than this, the pause before its next start doubles."""
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
 
 _log = structlog.get_logger()
@@ -36,35 +37,32 @@ _log = structlog.get_logger()
 
 @dataclass
 class _Child:
-    """A process that shall run; ``name`` stays the same over all its lives."""
+    """A process that is restarted when it dies; ``name`` stays the same."""
 
     name: str
-    module: str
+    role: str
     process: "subprocess.Popen[str] | None" = None
-    began: float = 0.0
+    started: float = 0.0
     pause_s: float = _FIRST_PAUSE_S
     due: float = field(default=0.0)
 
 
 class Supervisor:
-    """Runs the service until it is asked to stop; only the main thread may call ``run``."""
+    """Runs the service until SIGINT or SIGTERM; only the main thread may call ``run``."""
 
     def __init__(self, settings: Settings, *, log_json: bool) -> None:
         self._settings = settings
         self._log_json = log_json
         self._stop = threading.Event()
-        self._gateway = _Child("gateway", "fvs_service.serving.gateway_process")
-        self._workers = [
-            _Child(f"worker-{number}", "fvs_service.serving.worker_process")
-            for number in range(settings.worker.count)
-        ]
+        self._gateway = _Child("gateway", GATEWAY)
+        self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
 
     def run(self, announce: Callable[[str], object]) -> None:
-        """Start all, tell ``announce`` where the gateway listens, and watch until SIGINT or SIGTERM.
+        """Start all processes, call ``announce`` with the gateway's URL, and supervise until a signal.
 
-        Raises ``ForbiddenError`` when others could reach it and no API key protects it, ``ConflictError``
-        when another service runs on the root, ``StorageError`` when the root cannot be written,
-        ``UnavailableError`` when the gateway does not start.
+        Raises ``ForbiddenError`` when other machines can reach the service and no API key protects it,
+        ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
+        written, ``UnavailableError`` when the gateway does not start.
         """
         require_protection(self._settings)
         with _only_service_in(self._settings.root):
@@ -78,40 +76,36 @@ class Supervisor:
                     self._start(worker)
                 while not self._stop.wait(_POLL_S):
                     for child in (self._gateway, *self._workers):
-                        self._revive(child)
+                        self._restart_if_dead(child)
             finally:
                 self._stop_all()
 
     def _start_gateway(self) -> str:
         self._start(self._gateway)
-        url = _first_line(self._gateway, self._stop)
+        assert self._gateway.process is not None
+        url = child_process.first_line(self._gateway.process, _START_S, self._stop.is_set)
         if not url:
             raise UnavailableError(
                 f"The gateway cannot listen on {self._settings.host}:{self._settings.port}.",
                 hint="Another program may use the port: choose another with --port, or 0 for a free one.",
             )
-        # Whenever it is started again it must be where clients know it.
+        # A restarted gateway must listen where clients found the first one.
         self._settings = self._settings.model_copy(update={"port": urlsplit(url).port})
         return url
 
     def _start(self, child: _Child) -> None:
-        order = ChildOrder(
+        order = ProcessOrder(
             name=child.name, parent=os.getpid(), settings=self._settings, log_json=self._log_json
         )
-        child.began = time.monotonic()
-        child.process = subprocess.Popen(
-            [sys.executable, "-m", child.module],
-            stdin=subprocess.PIPE,
+        child.started = time.monotonic()
+        child.process = child_process.spawn(
+            "fvs_service.serving.process",
+            order.model_dump_json(),
+            arguments=[child.role],
             stdout=subprocess.PIPE if child is self._gateway else sys.stderr,
-            text=True,
-            start_new_session=True,  # Ctrl-C comes here, and we stop the children in order
         )
-        assert child.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            child.process.stdin.write(order.model_dump_json() + "\n")
-            child.process.stdin.flush()
 
-    def _revive(self, child: _Child) -> None:
+    def _restart_if_dead(self, child: _Child) -> None:
         if child.process is None:
             if time.monotonic() >= child.due:
                 self._start(child)
@@ -119,14 +113,14 @@ class Supervisor:
         status = child.process.poll()
         if status is None:
             return
-        lived_s = time.monotonic() - child.began
+        lived_s = time.monotonic() - child.started
         child.pause_s = min(2 * child.pause_s, _LAST_PAUSE_S) if lived_s < _QUICK_S else _FIRST_PAUSE_S
         _log.warning("child died", name=child.name, status=status, again_in_s=child.pause_s)
-        _close(child.process)
+        child_process.close_pipes(child.process)
         child.process, child.due = None, time.monotonic() + child.pause_s
 
     def _stop_all(self) -> None:
-        """Ask all to end, the gateway first so that nothing new comes; then do not ask any more."""
+        """Stop all processes, the gateway first so that no request arrives; kill those that take too long."""
         running = [child.process for child in (self._gateway, *self._workers) if child.process is not None]
         for process in running:
             process.terminate()
@@ -137,12 +131,12 @@ class Supervisor:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-            _close(process)
+            child_process.close_pipes(process)
 
 
 @contextlib.contextmanager
 def _only_service_in(root: Path) -> Iterator[None]:
-    """Keep a second service out of ``root``: its workers would have the same names, and share leases."""
+    """Keep a second service out of ``root``: its workers would have the same ids, and share leases."""
     with storage_errors(root):
         root.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as held:
@@ -153,23 +147,3 @@ def _only_service_in(root: Path) -> Iterator[None]:
                 f"Another fvs serve runs on {root}.", hint="Use that one, or choose another --root."
             ) from error
         yield
-
-
-def _first_line(child: _Child, stop: threading.Event) -> str:
-    """What a child says first; empty when it ends, or is silent for too long."""
-    assert child.process is not None
-    assert child.process.stdout is not None
-    said: list[str] = []
-    reader = threading.Thread(target=lambda: said.append(child.process.stdout.readline()), daemon=True)  # type: ignore[union-attr]
-    reader.start()
-    until = time.monotonic() + _START_S
-    while reader.is_alive() and time.monotonic() < until and not stop.is_set():
-        reader.join(_POLL_S)
-    return said[0].strip() if said else ""
-
-
-def _close(process: "subprocess.Popen[str]") -> None:
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with contextlib.suppress(OSError):
-                pipe.close()

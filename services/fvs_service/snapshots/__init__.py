@@ -1,1 +1,1 @@
-"""Snapshots: immutable models of a scene, with their artefacts."""
+"""Snapshots: immutable models of a scene, with their artifacts."""

@@ -1,4 +1,4 @@
-"""Where a scene's model stands in its world, by what its images told of where they were taken."""
+"""Georeferencing: the alignment of a model with the position priors of its images."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
 from fvs_service.images.model import Image, Prior
 from fvs_service.scenes.model import Alignment, AlignmentStatus, Origin, Scene
-from fvs_service.scenes.poses import place_of
+from fvs_service.scenes.poses import geodetic_origin
 
 
 def align(
@@ -17,14 +17,14 @@ def align(
 ) -> Alignment:
     """Align the registered cameras (digest → model_from_camera) with the priors of their images.
 
-    Too few positions, or positions that fix nothing, leave the model's frame as the world.
+    With too few or degenerate positions the world frame stays the model frame.
     """
     known = [
         (camera, position, _attitude(image.prior))
         for digest, camera in model_from_camera.items()
         if (image := images.get(digest)) is not None
         and image.prior is not None
-        and (position := place_told(image.prior, scene.origin)) is not None
+        and (position := world_position(image.prior, scene.origin)) is not None
     ]
     if not known:
         return Alignment()
@@ -47,8 +47,8 @@ def align(
     )
 
 
-def place_told(prior: Prior, origin: Origin | None) -> np.ndarray | None:
-    """The place [3] in the scene's world that a prior tells, None when it tells none that fits there."""
+def world_position(prior: Prior, origin: Origin | None) -> np.ndarray | None:
+    """The position [3] of a prior in the world frame; None without one, or without a matching datum."""
     if prior.x_m is not None and prior.y_m is not None and prior.z_m is not None:
         return np.array([prior.x_m, prior.y_m, prior.z_m])
     if (
@@ -59,8 +59,8 @@ def place_told(prior: Prior, origin: Origin | None) -> np.ndarray | None:
         or prior.altitude_datum is not origin.altitude_datum
     ):
         return None
-    place = GeodeticPosition(prior.latitude_deg, prior.longitude_deg, prior.altitude_m)
-    return enu_from_geodetic(place, place_of(origin))
+    position = GeodeticPosition(prior.latitude_deg, prior.longitude_deg, prior.altitude_m)
+    return enu_from_geodetic(position, geodetic_origin(origin))
 
 
 def _attitude(prior: Prior | None) -> np.ndarray | None:

@@ -1,11 +1,13 @@
-"""What a snapshot is."""
+"""Snapshots, their metrics, artifacts and cameras."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field
 
+from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
 from fvs_service.jobs.model import JobKind
-from fvs_service.model import Count, Digest, Model, Number, PositiveNumber, Timestamp
+from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp
 from fvs_service.scenes.model import Alignment, Quaternion, Vector
 
 ARTIFACT_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
@@ -29,7 +31,7 @@ class Artifact(Model):
 
 
 class SnapshotMetrics(Model):
-    """How large and how good the model is."""
+    """The size and the quality of a model."""
 
     registered: Count
     """Images with a pose in the model."""
@@ -40,16 +42,16 @@ class SnapshotMetrics(Model):
     gaussians: Count
     sh_degree: Count
     psnr_db: Number | None = None
-    """Over the images that a fine model was kept from (`test_every`); null when it learned from all."""
+    """Mean over the held-out images of a fine model (`test_every`); null without held-out images."""
     ssim: Number | None = None
-    """Over the same images."""
+    """Mean over the same images."""
     new_images_psnr_db: Number | None = None
-    """What the snapshot before made of the images that are new in this one, which it had not seen: a measure
-    that costs no image. Null where there was none before, or nothing is new."""
+    """How well the previous snapshot rendered the images that are new in this one, before it was trained on
+    them: a measure of quality that holds out no image. Null without a previous snapshot or new images."""
 
 
 class Snapshot(Model):
-    """An immutable model: cameras, points, Gaussians, metrics and its place in the world."""
+    """An immutable model: cameras, points, Gaussians, metrics and its alignment with the world."""
 
     id: str
     scene_id: str
@@ -61,11 +63,8 @@ class Snapshot(Model):
     created_at: Timestamp
 
 
-class SnapshotList(Model):
+class SnapshotList(Listing[Snapshot]):
     """Snapshots of a scene, the oldest first."""
-
-    items: tuple[Snapshot, ...]
-    next: str | None
 
 
 class PinholeIntrinsics(Model):
@@ -78,9 +77,26 @@ class PinholeIntrinsics(Model):
     cx_px: Number
     cy_px: Number
 
+    @classmethod
+    def of(cls, camera: PinholeCamera) -> Self:
+        """The intrinsics of an engine's camera."""
+        return cls(
+            width_px=camera.width,
+            height_px=camera.height,
+            fx_px=camera.fx,
+            fy_px=camera.fy,
+            cx_px=camera.cx,
+            cy_px=camera.cy,
+        )
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """The engine's camera with these intrinsics."""
+        return PinholeCamera(self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px)
+
 
 class SnapshotView(Model):
-    """A registered image: its camera's place in the model's frame (model_from_camera)."""
+    """A registered image and its camera's pose in the model frame (model_from_camera)."""
 
     image: Digest
     name: str
@@ -89,11 +105,11 @@ class SnapshotView(Model):
 
 
 class SnapshotCameras(Model):
-    """The artefact `cameras.json`: where the registered images were taken, in the model's frame.
+    """The artifact `cameras.json`: the poses of the registered images, in the model frame.
 
-    ``camera`` is the one that most images have, at the size that rankings are rendered; ``centre`` is the
-    middle of what the model shows, ``up`` its upward direction, ``lower`` and ``upper`` a box around its
-    points.
+    ``camera`` is the camera of most images, at the size at which rankings are rendered; ``centre`` is the
+    median of the model's points, ``up`` the upward direction, ``lower`` and ``upper`` the corners of a box
+    around the points.
     """
 
     camera: PinholeIntrinsics
@@ -102,3 +118,13 @@ class SnapshotCameras(Model):
     up: Vector
     lower: Vector
     upper: Vector
+
+    def model_from_cameras(self) -> tuple[RigidTransform, ...]:
+        """The poses of ``views``, in their order."""
+        rotations = matrix_from_quaternion(
+            np.array([view.orientation_wxyz for view in self.views]).reshape(-1, 4)
+        )
+        return tuple(
+            RigidTransform(rotation, np.array(view.position))
+            for rotation, view in zip(rotations, self.views, strict=True)
+        )

@@ -10,7 +10,7 @@ from fvs_service.storage.tables import SceneRow, SnapshotRow
 
 
 def add_snapshot(session: Session, snapshot: Snapshot) -> None:
-    """A new snapshot."""
+    """Add a snapshot."""
     session.add(
         SnapshotRow(
             id=snapshot.id,
@@ -27,18 +27,13 @@ def snapshot_of(session: Session, principal: Principal, snapshot_id: str) -> Sna
     """A snapshot of the principal's tenant; raises ``NotFoundError``."""
     row = session.get(SnapshotRow, snapshot_id)
     scene = None if row is None else session.get(SceneRow, row.scene_id)
-    if (
-        row is None
-        or scene is None
-        or scene.tenant_id != principal.tenant_id
-        or principal.scene_id not in (None, scene.id)
-    ):
+    if row is None or scene is None or not principal.owns(scene.tenant_id, scene.id):
         raise NotFoundError("There is no such snapshot.")
     return Snapshot.model_validate(row.document)
 
 
 def find_snapshot(session: Session, snapshot_id: str) -> Snapshot:
-    """Any snapshot, for whoever works with it; raises ``NotFoundError``."""
+    """A snapshot of any tenant, for workers; raises ``NotFoundError``."""
     row = session.get(SnapshotRow, snapshot_id)
     if row is None:
         raise NotFoundError("There is no such snapshot.")

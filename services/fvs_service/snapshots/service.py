@@ -1,4 +1,4 @@
-"""What can be done with snapshots: show them, read their artefacts, and, for workers, commit them."""
+"""The operations on snapshots: return them, read their artifacts and, for workers, commit them."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,14 +33,14 @@ from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobStageRow
 
 CAMERAS = "cameras.json"
-"""The artefact that every snapshot has: see ``SnapshotCameras``."""
+"""The artifact with the ``SnapshotCameras``; every snapshot has it."""
 GAUSSIANS = "point_cloud.ply"
-"""The artefact that every snapshot has: the Gaussians in the layout of 3DGS."""
+"""The artifact with the Gaussians in the layout of 3DGS; every snapshot has it."""
 
 
 @dataclass(frozen=True)
 class NewSnapshot:
-    """What a worker has made: ``files`` are artefact names → files on its disk, which are moved away.
+    """A snapshot to commit: ``files`` are files on the worker's disk by artifact name; they are moved.
 
     ``registered`` and ``unregistered`` are the digests of the images that the job processed.
     """
@@ -53,7 +53,7 @@ class NewSnapshot:
 
 
 class Snapshots:
-    """Shows, reads and commits snapshots."""
+    """Returns, reads and commits snapshots."""
 
     def __init__(self, database: Database, blobs: Blobs) -> None:
         self._database = database
@@ -71,35 +71,34 @@ class Snapshots:
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             found = repository.snapshots_of_scene(session, scene_id, page.after, page.limit + 1)
-        items = found[: page.limit]
-        return SnapshotList(items=items, next=items[-1].id if len(found) > page.limit else None)
+        return SnapshotList.of(found, page.limit, lambda snapshot: snapshot.id)
 
     def artifact(self, principal: Principal, snapshot_id: str, name: str) -> Artifact:
         """One file of a snapshot; raises ``NotFoundError``."""
         for artifact in self.get(principal, snapshot_id).artifacts:
             if artifact.name == name:
                 return artifact
-        raise NotFoundError("The snapshot has no such artefact.", hint="The snapshot lists its artefacts.")
+        raise NotFoundError("The snapshot has no such artifact.", hint="The snapshot lists its artifacts.")
 
     def read(self, snapshot: Snapshot, name: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
-        """The bytes of an artefact, in pieces."""
+        """The bytes of an artifact, in chunks."""
         return self._blobs.chunks(artifact_key(snapshot.scene_id, snapshot.id, name), start, stop)
 
     def cameras(self, snapshot: Snapshot) -> SnapshotCameras:
-        """Where the snapshot's images were taken."""
+        """The poses of the snapshot's images."""
         return SnapshotCameras.model_validate_json(
             self._blobs.read(artifact_key(snapshot.scene_id, snapshot.id, CAMERAS))
         )
 
     def commit(self, lease: Lease, job: Job, stage: str, made: NewSnapshot) -> Snapshot:
-        """Keep what a worker has made and point the scene at it, in one step and once per job and stage.
+        """Add a snapshot and make it the scene's latest, atomically and once per job and stage.
 
-        The scene stays with the snapshot that it has if that knows more images: updates came while a fine
-        model was trained, and what they learned must go on guiding the vehicle.
+        The scene keeps its present snapshot if that has more registered images: it is from an update that ran
+        while a fine model was trained, and rankings must use its images.
 
-        The artefacts are in the store before the row is written; the row, the scene's pointer, the images'
-        registrations and the stage's record are one transaction that the lease's token fences. Raises
-        ``StaleLeaseError``; then nothing has changed.
+        The artifacts are stored first; the snapshot, the scene's latest snapshot, the images' registrations
+        and the stage are one transaction that the lease's token fences. Raises ``StaleLeaseError``; then
+        nothing has changed.
         """
         earlier = self._committed(job.id, stage)
         if earlier is not None:
@@ -129,13 +128,13 @@ class Snapshots:
                 set_snapshot(session, lease.scene_id, snapshot_id)
             attach_snapshot(session, job.id, snapshot_id)
             record_stage(session, job.id, stage, {"snapshot_id": snapshot_id})
-            told = {
+            data = {
                 "snapshot_id": snapshot_id,
                 "job_id": job.id,
                 "metrics": made.metrics.model_dump(mode="json"),
                 "alignment": made.alignment.model_dump(mode="json"),
             }
-            publish(session, lease.scene_id, EventKind.SNAPSHOT_CREATED, told, subject=snapshot_id)
+            publish(session, lease.scene_id, EventKind.SNAPSHOT_CREATED, data, subject=snapshot_id)
         return snapshot
 
     def _committed(self, job_id: str, stage: str) -> Snapshot | None:
@@ -147,7 +146,7 @@ class Snapshots:
 
 
 def _is_behind(session: Session, snapshot: Snapshot) -> bool:
-    """Whether a fine model knows fewer images than the model that the scene has by now."""
+    """Whether a fine model has fewer registered images than the scene's present snapshot."""
     if snapshot.kind is not JobKind.FINE:
         return False
     present = find_scene_head(session, snapshot.scene_id).snapshot_id
@@ -157,7 +156,7 @@ def _is_behind(session: Session, snapshot: Snapshot) -> bool:
 
 
 def artifact_key(scene_id: str, snapshot_id: str, name: str) -> str:
-    """Where an artefact's bytes are."""
+    """The blob key of an artifact."""
     return f"scenes/{scene_id}/snapshots/{snapshot_id}/{name}"
 
 

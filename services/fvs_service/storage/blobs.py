@@ -1,7 +1,7 @@
-"""Bytes that never change once they are written: images, artefacts, renders.
+"""Blobs: immutable bytes, such as images, artifacts and renders.
 
-A blob appears whole or not at all: it is written beside its place, flushed to the disk, and renamed. The
-store is a folder on one machine, or whatever else obstore speaks (S3 and its kin).
+A blob is written whole or not at all: under a temporary name, flushed to the disk, and renamed. The store is
+a folder on one machine, or one of the object stores that obstore supports (S3 and others).
 """
 
 import errno
@@ -23,14 +23,14 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 @dataclass(frozen=True)
 class BlobInfo:
-    """How large a blob is."""
+    """A blob's key and size."""
 
     key: str
     size_bytes: int
 
 
 class Blobs:
-    """Blobs by key (``scenes/scn_…/images/…``): put once, read in ranges."""
+    """Blobs by key (``scenes/scn_…/images/…``): written once, read in ranges."""
 
     def __init__(self, folder: Path, url: str | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,7 @@ class Blobs:
         self._store = LocalStore(folder) if url is None else from_url(url)
 
     def adopt(self, file: Path, key: str) -> None:
-        """Take ``file`` into the store under ``key`` (a local file is moved, not copied)."""
+        """Move ``file`` into the store under ``key``; on the store's own disk nothing is copied."""
         if self._folder is None:
             obstore.put(self._store, key, file)
             file.unlink()
@@ -73,10 +73,10 @@ class Blobs:
         try:
             return BlobInfo(key, obstore.head(self._store, key)["size"])
         except FileNotFoundError as error:
-            raise NotFoundError("These bytes are not stored here.") from error
+            raise NotFoundError("There is no such blob.") from error
 
     def chunks(self, key: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
-        """The bytes from ``start`` up to ``stop``, in pieces; raises ``NotFoundError``."""
+        """The bytes from ``start`` up to ``stop``, in chunks; raises ``NotFoundError``."""
         end = self.info(key).size_bytes if stop is None else stop
         if end <= start:
             return
@@ -96,8 +96,8 @@ class Blobs:
             return False
         return True
 
-    def place(self, key: str, file: Path) -> None:
-        """Put the blob at ``file`` for programs that need files: hard-linked where possible, else copied."""
+    def export(self, key: str, file: Path) -> None:
+        """Make the blob available as ``file``: a hard link where possible, else a copy."""
         file.parent.mkdir(parents=True, exist_ok=True)
         if self._folder is not None:
             try:
@@ -105,7 +105,7 @@ class Blobs:
             except FileExistsError:
                 return
             except FileNotFoundError as error:
-                raise NotFoundError("These bytes are not stored here.") from error
+                raise NotFoundError("There is no such blob.") from error
             except OSError:  # another file system, or one without hard links
                 pass
             else:
@@ -132,7 +132,7 @@ def require_room(folder: Path, size_bytes: int, reserve_bytes: int) -> None:
 
 
 class full_disk_as_error:  # noqa: N801 - reads as a statement: with full_disk_as_error()
-    """Turn an ``OSError`` that means "no room" into ``OutOfSpaceError``."""
+    """Turn an ``OSError`` that means a full disk into ``OutOfSpaceError``."""
 
     def __enter__(self) -> None:
         return None
@@ -140,14 +140,14 @@ class full_disk_as_error:  # noqa: N801 - reads as a statement: with full_disk_a
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise OutOfSpaceError(
-                "There is no room left to write.",
+                "The disk is full.",
                 hint="Free some space, then send it again.",
                 retry_after_s=60,
             ) from error
 
 
 def _make_folder(folder: Path) -> None:
-    """Create a folder so that it survives a crash: its parents are flushed too."""
+    """Create a folder that survives a crash: its parents are flushed too."""
     if folder.is_dir():
         return
     _make_folder(folder.parent)

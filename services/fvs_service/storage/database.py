@@ -1,8 +1,8 @@
-"""The database: SQLite in WAL mode on one machine, anything else that SQLAlchemy speaks elsewhere.
+"""The database: SQLite in WAL mode on one machine, or another one that SQLAlchemy supports.
 
-``with database.reading() as session`` sees one state; ``with database.writing() as session`` also commits at
-the end, and takes SQLite's write lock at its beginning: two transactions that first read and then write would
-otherwise fail on each other instead of waiting.
+``with database.reading() as session`` is a consistent read; ``with database.writing() as session`` commits at
+the end and takes SQLite's write lock at its start: of two transactions that first read and then write one
+would fail instead of waiting.
 """
 
 import sqlite3
@@ -26,8 +26,8 @@ _BUSY_S = 30
 _MIGRATIONS = Path(__file__).with_name("migrations")
 
 
-class now_ms(FunctionElement[int]):  # noqa: N801 - named as it reads in SQL
-    """The database's own clock, in ms since 1970: the one clock that all workers share."""
+class now_ms(FunctionElement[int]):  # noqa: N801 - the name of an SQL function
+    """The database's clock in ms since 1970, which all workers share."""
 
     type = BigInteger()
     inherit_cache = True
@@ -51,7 +51,7 @@ class Database:
         self._writer = self._engine.execution_options(fvs_begin="BEGIN IMMEDIATE")
 
     def migrate(self) -> None:
-        """Bring the schema to the newest version; several processes may try at once."""
+        """Migrate the schema to the newest version; several processes may do so at once."""
         config = Config()
         config.set_main_option("script_location", str(_MIGRATIONS))
         with self._writer.begin() as connection:
@@ -60,7 +60,7 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """One consistent view; nothing is written."""
+        """A session that reads one consistent state."""
         with Session(self._engine) as session:
             yield session
 
@@ -75,11 +75,11 @@ class Database:
                 yield session
         except OperationalError as error:
             if "full" in str(error.orig) or "disk I/O" in str(error.orig):
-                raise OutOfSpaceError("The database has no room left.", hint="Free some space.") from error
+                raise OutOfSpaceError("The database's disk is full.", hint="Free some space.") from error
             raise
 
     def connect(self) -> Connection:
-        """A bare connection, for checks of the schema and of health."""
+        """A connection for checks of the schema and of health."""
         return self._engine.connect()
 
     def close(self) -> None:
@@ -97,9 +97,9 @@ def _create_engine(url: str) -> Engine:
 
     @event.listens_for(engine, "connect")
     def _configure(connection: sqlite3.Connection, _record: Any) -> None:
-        connection.isolation_level = None  # transactions are begun below, not guessed by the driver
+        connection.isolation_level = None  # transactions begin below, not in the driver
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")  # an answered request survives a power cut
+        connection.execute("PRAGMA synchronous = FULL")  # a committed write survives a power cut
         connection.execute("PRAGMA foreign_keys = ON")
 
     @event.listens_for(engine, "begin")

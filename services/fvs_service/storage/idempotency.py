@@ -1,4 +1,4 @@
-"""Idempotency keys: the same request under the same key makes its resource once."""
+"""Idempotency keys: the same request with the same key creates its resource once."""
 
 import hashlib
 from datetime import timedelta
@@ -14,7 +14,7 @@ KEPT_FOR = timedelta(days=2)
 
 
 class IdempotencyKey:
-    """A tenant's key for one operation with one content."""
+    """A tenant's key for one operation with one request."""
 
     def __init__(self, tenant_id: str, key: str | None, operation: str, request: Model) -> None:
         self._tenant_id, self._key = tenant_id, key
@@ -22,18 +22,18 @@ class IdempotencyKey:
         self._fingerprint = hashlib.sha256(content.encode()).hexdigest()
 
     def resource_id(self, session: Session) -> str | None:
-        """What a request with this key made; raises ``KeyReusedError`` if it asked for something else."""
+        """The id of the resource that this key created; raises ``KeyReusedError`` for another request."""
         row = None if self._key is None else session.get(IdempotencyRow, (self._tenant_id, self._key))
         if row is None:
             return None
         if row.fingerprint != self._fingerprint:
             raise KeyReusedError(
-                "This Idempotency-Key was used with another request.", hint="Make a new key for each request."
+                "This Idempotency-Key was used with another request.", hint="Use a new key for each request."
             )
         return row.resource_id
 
     def remember(self, session: Session, resource_id: str) -> None:
-        """Keep what was made, in the transaction that made it."""
+        """Record the resource, in the transaction that creates it."""
         if self._key is None:
             return
         session.execute(delete(IdempotencyRow).where(IdempotencyRow.created_at < now() - KEPT_FOR))

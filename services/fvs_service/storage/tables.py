@@ -1,4 +1,4 @@
-"""All tables, on one page. Rows never leave the repositories: these give domain models."""
+"""All tables. Rows are used by repositories only, which return domain models."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -10,7 +10,7 @@ from sqlalchemy.types import TypeDecorator
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A time in UTC, also where the database (SQLite) forgets time zones."""
+    """A time in UTC, also in databases without time zones (SQLite)."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -33,7 +33,7 @@ class Table(DeclarativeBase):
 
 
 class ApiKeyRow(Table):
-    """An API key; of its secret only the SHA-256."""
+    """An API key with the SHA-256 of its secret."""
 
     __tablename__ = "api_keys"
 
@@ -49,7 +49,7 @@ class ApiKeyRow(Table):
 
 
 class IdempotencyRow(Table):
-    """Which resource a tenant's idempotency key made; ``fingerprint`` is of the request's content."""
+    """The resource that a tenant's idempotency key created; ``fingerprint`` is a hash of the request."""
 
     __tablename__ = "idempotency_keys"
 
@@ -74,7 +74,7 @@ class SceneRow(Table):
 
 
 class SceneLeaseRow(Table):
-    """Who works on a scene. ``token`` only grows; times are the database's, in ms since 1970."""
+    """The lease of a scene. ``token`` only increases; times are the database's, in ms since 1970."""
 
     __tablename__ = "scene_leases"
 
@@ -86,7 +86,7 @@ class SceneLeaseRow(Table):
 
 
 class WorkerRow(Table):
-    """A worker that lives; it is dead for good when ``expires_at_ms`` (the database's clock) has passed."""
+    """A worker's heartbeat; the worker is dead after ``expires_at_ms`` (the database's clock)."""
 
     __tablename__ = "workers"
 
@@ -95,7 +95,7 @@ class WorkerRow(Table):
 
 
 class ImageRow(Table):
-    """An image of a scene; ``number`` is its place in the order of arrival."""
+    """An image of a scene; ``number`` counts in the order of arrival."""
 
     __tablename__ = "images"
 
@@ -117,7 +117,7 @@ class ImageRow(Table):
 
 
 class JobRow(Table):
-    """``submitted`` tells whether the job engine has it; a row without is submitted again."""
+    """A job; ``submitted``: the job engine has it. Rows without it are submitted again."""
 
     __tablename__ = "jobs"
 
@@ -153,7 +153,7 @@ class JobRow(Table):
 
 
 class JobStageRow(Table):
-    """A stage of a job that is finished, and what the next ones need to know of it."""
+    """A finished stage of a job, with what later stages need from it."""
 
     __tablename__ = "job_stages"
 
@@ -188,7 +188,7 @@ class RankingRow(Table):
 
 
 class EventRow(Table):
-    """Something that happened to a scene; ``number`` grows in the order of commits."""
+    """An event of a scene; ``number`` increases in the order of commits."""
 
     __tablename__ = "events"
 

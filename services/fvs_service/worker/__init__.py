@@ -1,1 +1,1 @@
-"""Workers take jobs from the queue and keep one runner, a child with the warm model, per active scene."""
+"""Workers: run jobs from the queue, and keep one runner, a child process with the model, per scene."""

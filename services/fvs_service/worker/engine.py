@@ -1,4 +1,4 @@
-"""The job engine of the service: DBOS' queues, and the worker that takes from them."""
+"""The job engine of the service: DBOS' queues, and the worker that runs their jobs."""
 
 import os
 import signal
@@ -11,21 +11,21 @@ from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
 from fvs_service.jobs.port import JobTicket
 from fvs_service.jobs.service import Jobs
-from fvs_service.worker.attempt import Attempts
-from fvs_service.worker.host import Host
-from fvs_service.worker.presence import Presence
+from fvs_service.worker.attempts import Attempts
+from fvs_service.worker.heartbeat import Heartbeats
+from fvs_service.worker.leased_scenes import LeasedScenes
 from fvs_service.worker.queue import Queue, take_jobs
 
-_TEND_S = 2.0
+_HEARTBEAT_S = 2.0
 _FORGET_S = 600.0
 
-_EXIT_TAKEN_FOR_DEAD = 5
+_EXIT_REPLACED = 5
 
 _log = structlog.get_logger()
 
 
-class _TakenForDeadError(Exception):
-    """The others took this worker for dead, and go on with its jobs."""
+class _ReplacedError(Exception):
+    """Another worker took this one for dead and runs its jobs."""
 
 
 class DbosEngine:
@@ -49,27 +49,27 @@ class DbosEngine:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: stop.set())
         settings = self._storage.settings
-        # At once, or others might still take over what this worker's last life left, and it goes on with.
-        presence = Presence(self._storage.database, settings.lease_s)
-        presence.show(worker_id)
-        host = Host(self._storage, worker_id)
-        attempts = Attempts(self._storage, host)
+        # First of all: else others might requeue the jobs that this worker is about to resume.
+        heartbeats = Heartbeats(self._storage.database, settings.lease_s)
+        heartbeats.beat(worker_id)
+        scenes = LeasedScenes(self._storage, worker_id)
+        attempts = Attempts(self._storage, scenes)
         stop_taking = take_jobs(
             settings.queue,
             worker_id,
             attempts.run,
-            host.warm,
+            scenes.start_runner,
             jobs_at_once=settings.worker.jobs_at_once,
             poll_s=settings.worker.queue_poll_s,
         )
         _log.info("worker ready", worker=worker_id)
         try:
-            self._tend(worker_id, presence, stop)
-        except _TakenForDeadError:
-            _log.warning("another worker took over", worker=worker_id)
-            os._exit(_EXIT_TAKEN_FOR_DEAD)  # at once: what is under way here is done elsewhere
+            self._maintain(worker_id, heartbeats, stop)
+        except _ReplacedError:
+            _log.warning("replaced by another worker", worker=worker_id)
+            os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
         finally:
-            host.stop()
+            scenes.stop()
             stop_taking()
             self._queue.close()
 
@@ -77,22 +77,22 @@ class DbosEngine:
         """See ``JobEngine``."""
         return self._queue.resume(worker_id)
 
-    def _tend(self, worker_id: str, presence: Presence, stop: threading.Event) -> None:
-        """Until asked to stop: show that the worker lives, and see to what others left lying.
+    def _maintain(self, worker_id: str, heartbeats: Heartbeats, stop: threading.Event) -> None:
+        """Until ``stop``: send heartbeats, requeue the jobs of dead workers, submit unsubmitted jobs.
 
-        Raises ``_TakenForDeadError`` when others did the same with what this one left.
+        Raises ``_ReplacedError`` when another worker has requeued the jobs of this one.
         """
         jobs = Jobs(self._storage.database, self, self._storage.settings.limits)
         forget_in_s = _FORGET_S
-        while not stop.wait(_TEND_S):
+        while not stop.wait(_HEARTBEAT_S):
             try:
-                if not presence.show(worker_id):
-                    raise _TakenForDeadError
-                for dead in presence.take_dead(worker_id):
+                if not heartbeats.beat(worker_id):
+                    raise _ReplacedError
+                for dead in heartbeats.claim_dead(worker_id):
                     _log.warning("reaping", worker=dead, jobs=self.reap(dead))
-                    presence.forget(dead)
-                jobs.submit_waiting()
-                forget_in_s -= _TEND_S
+                    heartbeats.forget(dead)
+                jobs.submit_unsubmitted()
+                forget_in_s -= _HEARTBEAT_S
                 if forget_in_s <= 0:
                     self._queue.forget_finished()
                     forget_in_s = _FORGET_S

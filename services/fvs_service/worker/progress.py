@@ -1,9 +1,9 @@
-"""How far a job is as a whole, from how far its stages are."""
+"""The progress of a job from the progress of its stages."""
 
 import time
 
 from fvs_service.jobs.model import JobKind
-from fvs_service.worker.protocol import ProgressNote
+from fvs_service.worker.protocol.messages import StageProgress
 
 _UPDATE = {
     "images": (0.00, 0.02),
@@ -29,28 +29,28 @@ _FINE = {
     "evaluate": (0.97, 0.98),
     "snapshot": (0.98, 1.00),
 }
-"""Which part of a job a stage is: from where to where. What is not listed moves nothing."""
+"""The part of a job, from and to, that each stage is; stages that are not listed do not count."""
 
 _ENOUGH = 0.05
-"""Of the job must be done before the rest is guessed from it."""
+"""The progress from which on the remaining time is extrapolated."""
 
 
 class JobProgress:
-    """Follows the notes of one attempt."""
+    """The progress of one attempt."""
 
     def __init__(self, kind: JobKind) -> None:
         self._parts = _UPDATE if kind is JobKind.UPDATE else _FINE
-        self._began = time.monotonic()
+        self._started = time.monotonic()
         self.reached = 0.0
         """In [0, 1]; it never falls."""
 
-    def follow(self, note: ProgressNote) -> float | None:
-        """Take a note in; returns how many seconds the whole job will still take, if that can be said."""
-        start, end = self._parts.get(note.stage, (0.0, 0.0))
-        share = 0.0 if note.share is None else min(1.0, max(0.0, note.share))
+    def add(self, stage: StageProgress) -> float | None:
+        """Add the progress of a stage; returns the remaining time of the job in seconds, if known."""
+        start, end = self._parts.get(stage.stage, (0.0, 0.0))
+        share = 0.0 if stage.share is None else min(1.0, max(0.0, stage.share))
         self.reached = max(self.reached, start + share * (end - start))
-        if note.eta_s is not None:
-            return note.eta_s
+        if stage.eta_s is not None:
+            return stage.eta_s
         if self.reached < _ENOUGH:
             return None
-        return (time.monotonic() - self._began) * (1.0 - self.reached) / self.reached
+        return (time.monotonic() - self._started) * (1.0 - self.reached) / self.reached

@@ -1,12 +1,12 @@
 """The job engine on DBOS: durable queues in SQLite or PostgreSQL that survive the death of any process.
 
-What DBOS leaves to us, and what is done about it:
+What DBOS does not do, and how it is done here:
 
-* cancelling a running workflow would free its scene's place while its step still runs: running jobs are asked
-  by the flag in their row, and only what has not begun is taken out of the queue;
-* nothing takes over a dead executor's workflows: a worker keeps its name over restarts and recovers its own,
-  ``reap`` resumes those of one that does not come back;
-* work is done at least once: every stage of a job is a no-op once it is committed.
+* cancelling a running workflow would free its scene's slot while its step still runs: running jobs are
+  cancelled by the flag in their row, and only queued workflows through DBOS;
+* no executor takes over the workflows of a dead one: a worker keeps its id in every restart and recovers its
+  own, and ``reap`` requeues those of a worker that does not come back;
+* workflows run at least once: every stage of a job is a no-op once it is committed.
 """
 
 import functools
@@ -25,16 +25,16 @@ from fvs_service.jobs.port import JobTicket
 
 _APPLICATION = "fvs"
 _VERSION = "1"
-"""Of what is in the queues; workers take only what is of their own."""
-_RUN, _WARM = "run_job", "warm_scene"
-_WARM_QUEUE = "warm"
+"""The version of the queues' content; workers run only workflows of their own version."""
+_RUN_JOB, _START_RUNNER = "run_job", "start_runner"
+_RUNNER_QUEUE = "runners"
 _QUEUES = {JobKind.UPDATE: "updates", JobKind.FINE: "fine-models"}
-_WARM_AT_ONCE = 4
+_RUNNERS_AT_ONCE = 4
 _KEPT_WORKFLOWS = 1_000
 
 
 class Queue:
-    """The queues as seen by whoever puts something in; safe to use from any thread."""
+    """The client of the queues; safe to use from any thread."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -53,7 +53,7 @@ class Queue:
         try:
             self._client.enqueue(
                 {
-                    "workflow_name": _RUN,
+                    "workflow_name": _RUN_JOB,
                     "queue_name": _QUEUES[ticket.kind],
                     "workflow_id": ticket.key,
                     "app_version": _VERSION,
@@ -65,24 +65,24 @@ class Queue:
                 ticket.attempt,
             )
         except SQLAlchemyError as error:
-            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+            raise UnavailableError("The queue cannot be reached.", retry_after_s=5) from error
 
     def request_cancel(self, ticket: JobTicket) -> None:
         """See ``JobEngine``."""
         try:
-            waiting = self._client.list_workflows(workflow_ids=[ticket.key], status="ENQUEUED")
-            if waiting:
+            queued = self._client.list_workflows(workflow_ids=[ticket.key], status="ENQUEUED")
+            if queued:
                 self._client.cancel_workflow(ticket.key)
         except SQLAlchemyError as error:
-            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+            raise UnavailableError("The queue cannot be reached.", retry_after_s=5) from error
 
-    def warm(self, scene_id: str) -> None:
-        """Have some worker load the scene's model; without effect while that is queued already."""
+    def start_runner(self, scene_id: str) -> None:
+        """Have a worker start the scene's runner; no effect while that is queued already."""
         try:
             self._client.enqueue(
                 {
-                    "workflow_name": _WARM,
-                    "queue_name": _WARM_QUEUE,
+                    "workflow_name": _START_RUNNER,
+                    "queue_name": _RUNNER_QUEUE,
                     "app_version": _VERSION,
                     "deduplication_id": scene_id,
                     "duplication_policy": "return-existing",
@@ -90,7 +90,7 @@ class Queue:
                 scene_id,
             )
         except SQLAlchemyError as error:
-            raise UnavailableError("The queue does not answer.", retry_after_s=5) from error
+            raise UnavailableError("The queue cannot be reached.", retry_after_s=5) from error
 
     def close(self) -> None:
         """Close the connections."""
@@ -98,7 +98,7 @@ class Queue:
             self._client.destroy()
 
     def resume(self, worker_id: str) -> int:
-        """Queue again what a worker that is dead for good had begun; returns how many."""
+        """Requeue the workflows that a dead worker had started; returns their number."""
         lost = self._client.list_workflows(executor_id=worker_id, status="PENDING")
         by_queue: dict[str | None, list[str]] = {}
         for workflow in lost:
@@ -108,7 +108,7 @@ class Queue:
         return len(lost)
 
     def forget_finished(self) -> None:
-        """Delete what was finished long ago: the rows of jobs tell all there is to tell."""
+        """Delete old finished workflows: the rows of jobs have all that is needed of them."""
         ended = self._client.list_workflows(
             status=["SUCCESS", "ERROR", "CANCELLED"],
             sort_desc=True,
@@ -122,7 +122,7 @@ class Queue:
 
 
 def prepare(url: str) -> None:
-    """Create the queues' tables, if they are not there; several processes may try at once."""
+    """Create the queues' tables if they are missing; several processes may do so at once."""
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
         with closing(sqlite3.connect(parsed.database, timeout=30)) as connection:
@@ -135,15 +135,15 @@ def take_jobs(
     url: str,
     worker_id: str,
     run_job: Callable[[JobTicket], None],
-    warm_scene: Callable[[str], None],
+    start_runner: Callable[[str], None],
     *,
     jobs_at_once: int,
     poll_s: float,
 ) -> Callable[[], None]:
-    """Begin to take jobs from the queues, in threads of their own; what this worker had begun comes first.
+    """Start to run jobs from the queues in threads, first those that this worker had started before.
 
-    At most ``jobs_at_once`` of a kind run here, and one of a kind per scene anywhere. Returns what stops
-    taking. A process can do this once.
+    At most ``jobs_at_once`` of a kind run in this worker, and one of a kind per scene in all workers. Returns
+    a function that stops it. A process can do this once.
     """
     prepare(url)
     config = DBOSConfig(
@@ -157,15 +157,15 @@ def take_jobs(
     )
     DBOS(config=config)
 
-    @DBOS.workflow(name=_RUN, max_recovery_attempts=None)
+    @DBOS.workflow(name=_RUN_JOB, max_recovery_attempts=None)
     def _run_job(job_id: str, scene_id: str, kind: str, attempt: int) -> None:
         run_job(JobTicket(job_id, scene_id, JobKind(kind), attempt))
 
-    @DBOS.workflow(name=_WARM, max_recovery_attempts=None)
-    def _warm_scene(scene_id: str) -> None:
-        warm_scene(scene_id)
+    @DBOS.workflow(name=_START_RUNNER, max_recovery_attempts=None)
+    def _start_runner(scene_id: str) -> None:
+        start_runner(scene_id)
 
-    DBOS.listen_queues([*_QUEUES.values(), _WARM_QUEUE])
+    DBOS.listen_queues([*_QUEUES.values(), _RUNNER_QUEUE])
     DBOS.launch()
     for kind, name in _QUEUES.items():
         DBOS.register_queue(
@@ -176,8 +176,8 @@ def take_jobs(
             on_conflict="always_update",
         )
     DBOS.register_queue(
-        _WARM_QUEUE,
-        worker_concurrency=_WARM_AT_ONCE,
+        _RUNNER_QUEUE,
+        worker_concurrency=_RUNNERS_AT_ONCE,
         polling_interval_sec=poll_s,
         on_conflict="always_update",
     )

@@ -1,4 +1,4 @@
-"""The gateway's way to the runners: by the scene's lease, straight to the process with the model."""
+"""The gateway's client of the runners: finds a scene's runner by its lease and connects to it directly."""
 
 import base64
 import math
@@ -7,36 +7,33 @@ import time
 from collections import defaultdict
 from typing import Any
 
-from pydantic import BaseModel
-
+from fvs_engine.records import Record
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError
-from fvs_service.rankings.port import DrawView, RankedView, RankedViews, RankViews
-from fvs_service.worker.protocol import (
-    DrawQuestion,
-    Line,
-    RankQuestion,
+from fvs_service.rankings.port import RankedViews, RankViews, RenderView
+from fvs_service.worker.protocol.connection import (
+    Connection,
     RunnerError,
     RunnerGoneError,
-    answer_to,
     connect,
-    error_of,
+    result_of,
 )
+from fvs_service.worker.protocol.messages import error_of
 from fvs_service.worker.queue import Queue
 
 METHODS = (
     *("median-frequency", "spectral-median", "fisher", "d-optimal", "coverage"),
     *("farthest", "nearest", "uniform", "random"),
 )
-"""The engine's selectors by name; written out, because a gateway has no use for torch, which they import."""
+"""The engine's selectors by name; written out because importing them imports torch, which a gateway lacks."""
 
 _CONNECT_S = 2.0
-_ANSWER_S = 120.0
-_WARM_S = 45.0
-"""How long a question waits for a cold scene: as long as a runner takes to start, with room to spare."""
-_WARM_AGAIN_S = 2.0
+_RESPONSE_S = 120.0
+_START_S = 45.0
+"""How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
+_START_AGAIN_S = 2.0
 _POLL_S = 0.1
-_KEPT_LINES = 8
+_KEPT_CONNECTIONS = 8
 
 
 class LeasedRunners:
@@ -47,87 +44,85 @@ class LeasedRunners:
     def __init__(self, storage: Storage) -> None:
         self._leases = storage.leases
         self._queue = Queue(storage.settings.queue)
-        self._lines = _Lines()
+        self._connections = _ConnectionPool()
 
     def rank(self, request: RankViews) -> RankedViews:
         """See ``SceneRunners``."""
-        answer = self._ask(request.scene_id, RankQuestion.of(request))
-        views = tuple(RankedView(**view) for view in answer.pop("views"))
-        return RankedViews(views=views, **answer)
+        return RankedViews.model_validate(self._call(request.scene_id, request))
 
-    def draw(self, request: DrawView) -> bytes:
+    def render(self, request: RenderView) -> bytes:
         """See ``SceneRunners``."""
-        return base64.b64decode(self._ask(request.scene_id, DrawQuestion.of(request)))
+        return base64.b64decode(self._call(request.scene_id, request))
 
-    def _ask(self, scene_id: str, question: BaseModel) -> Any:
-        """Ask the scene's runner, again when it died or moved; have it warmed when there is none."""
-        until = time.monotonic() + _WARM_S
-        warmed = -math.inf
+    def _call(self, scene_id: str, request: Record) -> Any:
+        """The scene's runner's result; tries again when the runner died or moved, starts one if need be."""
+        until = time.monotonic() + _START_S
+        started = -math.inf
         while True:
             holder = self._leases.holder(scene_id)
             if holder is not None and holder.endpoint is not None:
                 try:
-                    return self._lines.ask(holder.endpoint, question)
+                    return self._connections.call(holder.endpoint, request)
                 except RunnerError as error:
-                    raise error_of(error.note) from error
+                    raise error_of(error.failure) from error
                 except RunnerGoneError:
-                    pass  # its lease outlives it for a while
-            if time.monotonic() - warmed > _WARM_AGAIN_S:
-                self._queue.warm(scene_id)
-                warmed = time.monotonic()
+                    pass  # the lease of a dead runner lasts a while longer
+            if time.monotonic() - started > _START_AGAIN_S:
+                self._queue.start_runner(scene_id)
+                started = time.monotonic()
             if time.monotonic() > until:
                 raise UnavailableError(
-                    "No worker has the scene's model at hand.",
-                    hint="Ask again soon: it is being loaded, or waits for memory.",
+                    "No worker has loaded the scene's model.",
+                    hint="Try again soon: it is being loaded, or waits for memory.",
                     retry_after_s=10,
                 )
             time.sleep(_POLL_S)
 
 
-class _Lines:
-    """Connections that are kept for the next question; a line serves one question at a time."""
+class _ConnectionPool:
+    """Connections that are kept for the next request; each serves one request at a time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._free: defaultdict[str, list[Line]] = defaultdict(list)
+        self._free: defaultdict[str, list[Connection]] = defaultdict(list)
 
-    def ask(self, endpoint: str, question: BaseModel) -> Any:
-        """Ask over a kept line, or over a new one if there is none or it was cut meanwhile."""
+    def call(self, endpoint: str, request: Record) -> Any:
+        """The result over a kept connection, or over a new one if there is none or it was cut."""
         kept = self._take(endpoint)
         if kept is not None:
             try:
-                return self._use(endpoint, kept, question)
+                return self._use(endpoint, kept, request)
             except RunnerGoneError:
                 self._forget(endpoint)
-        return self._use(endpoint, connect(endpoint, _CONNECT_S), question)
+        return self._use(endpoint, connect(endpoint, _CONNECT_S), request)
 
-    def _use(self, endpoint: str, line: Line, question: BaseModel) -> Any:
+    def _use(self, endpoint: str, connection: Connection, request: Record) -> Any:
         try:
-            line.wait_at_most(_ANSWER_S)
-            answer = answer_to(line, question)
+            connection.set_timeout(_RESPONSE_S)
+            result = result_of(connection, request)
         except RunnerError:
-            self._keep(endpoint, line)
+            self._keep(endpoint, connection)
             raise
         except BaseException:
-            line.close()
+            connection.close()
             raise
-        self._keep(endpoint, line)
-        return answer
+        self._keep(endpoint, connection)
+        return result
 
-    def _take(self, endpoint: str) -> Line | None:
+    def _take(self, endpoint: str) -> Connection | None:
         with self._lock:
             free = self._free.get(endpoint)
             return free.pop() if free else None
 
-    def _keep(self, endpoint: str, line: Line) -> None:
+    def _keep(self, endpoint: str, connection: Connection) -> None:
         with self._lock:
-            if len(self._free[endpoint]) < _KEPT_LINES:
-                self._free[endpoint].append(line)
+            if len(self._free[endpoint]) < _KEPT_CONNECTIONS:
+                self._free[endpoint].append(connection)
                 return
-        line.close()
+        connection.close()
 
     def _forget(self, endpoint: str) -> None:
         with self._lock:
             dead = self._free.pop(endpoint, [])
-        for line in dead:
-            line.close()
+        for connection in dead:
+            connection.close()

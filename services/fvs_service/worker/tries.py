@@ -1,45 +1,44 @@
-"""How often a job broke off without coming any farther, whatever died of it: its worker may, which counts."""
+"""The number of tries of an attempt without progress, kept on disk because a job may kill its own worker."""
 
 from contextlib import suppress
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from fvs_engine.errors import StorageError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.records import Record
 from fvs_service.jobs.port import JobTicket
 
 
-class _Count(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+class _Count(Record):
     key: str
     tries: int = 0
     reached: float = 0.0
-    """The job's progress when the last try was begun."""
+    """The job's progress when the last try started."""
 
 
 class Tries:
-    """The tries of one attempt at a job, in a file; each counts from its beginning until it is excused.
+    """The tries of one attempt, in a file; each counts from its start unless it is excused.
 
-    Without a disk to write to nothing is counted: that fails a job by itself.
+    When the file cannot be written nothing is counted: a full disk fails the job anyway.
     """
 
     def __init__(self, folder: Path, ticket: JobTicket) -> None:
         self._file = folder / f"tries-{ticket.kind.value}.json"
         self._key = ticket.key
 
-    def in_vain(self, progress: float) -> int:
-        """How many tries broke off since the job came farther last; ``progress`` is where it is now."""
+    def without_progress(self, progress: float) -> int:
+        """The number of tries since the job last made progress; ``progress`` is where it is now."""
         count = self._read()
         return min(1, count.tries) if progress > count.reached else count.tries
 
-    def begin(self, progress: float) -> None:
-        """Count one more."""
-        self._write(_Count(key=self._key, tries=self.in_vain(progress) + 1, reached=progress))
+    def start(self, progress: float) -> None:
+        """Count a try that starts now."""
+        self._write(_Count(key=self._key, tries=self.without_progress(progress) + 1, reached=progress))
 
     def excuse(self) -> None:
-        """The last one broke off for a reason that is not the job's."""
+        """Do not count the last try: the job did not cause its end."""
         count = self._read()
         self._write(count.model_copy(update={"tries": max(0, count.tries - 1)}))
 

@@ -100,15 +100,15 @@ class Service:
         """A snapshot."""
         return self.client.get(f"/v1/snapshots/{snapshot}").json()
 
-    def processes(self, module: str) -> list[int]:
-        """The ids of the processes below the supervisor that run ``module``."""
+    def processes(self, command: str) -> list[int]:
+        """The ids of the processes below the supervisor whose command line has ``command``."""
         parents = dict(_running())
         found = []
         for pid in parents:
             ancestor = pid
             while ancestor in parents and ancestor != self.process.pid:
                 ancestor = parents[ancestor]
-            if ancestor == self.process.pid and pid != ancestor and module in _command(pid):
+            if ancestor == self.process.pid and pid != ancestor and command in _command(pid):
                 found.append(pid)
         return found
 
@@ -120,10 +120,10 @@ def _running() -> Iterator[tuple[int, int]]:
                 yield int(folder.name), int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
-def _command(pid: int) -> list[str]:
+def _command(pid: int) -> str:
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-    return []
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().replace("\0", " ")
+    return ""
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ import pytest
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 RUNNER = "fvs_service.worker.runner.process"
-WORKER = "fvs_service.serving.worker_process"
+WORKER = "fvs_service.serving.process worker"
 
 
 def _parent(pid: int) -> int:

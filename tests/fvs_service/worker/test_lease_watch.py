@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
-# The watch as a runner starts it, but that nothing is read from standard input before it is told to.
+# The watch of a runner, which reads nothing from standard input at first.
 WATCHED = """
-import os, threading
+import threading
 from fvs_service.worker.runner.process import LeaseWatch
-watch = LeaseWatch(os.getppid(), 0.1)
+watch = LeaseWatch(0.1)
 threading.Thread(target=watch.guard, daemon=True).start()
 threading.Event().wait(1.2)
 print("lives", flush=True)
@@ -28,7 +28,7 @@ def watched(request: pytest.FixtureRequest) -> Iterator["subprocess.Popen[bytes]
 
 
 @pytest.mark.parametrize("watched", [READ], indirect=True)
-def test_a_word_that_was_not_read_in_time_counts(watched: "subprocess.Popen[bytes]") -> None:
+def test_an_unread_extension_counts(watched: "subprocess.Popen[bytes]") -> None:
     """Imports hold all threads of a runner for longer than a short lease."""
     assert watched.stdin is not None
     assert watched.stdout is not None
@@ -38,7 +38,7 @@ def test_a_word_that_was_not_read_in_time_counts(watched: "subprocess.Popen[byte
 
 
 @pytest.mark.parametrize("watched", [""], indirect=True)
-def test_without_a_word_it_ends(watched: "subprocess.Popen[bytes]") -> None:
+def test_without_an_extension_it_ends(watched: "subprocess.Popen[bytes]") -> None:
     assert watched.stdout is not None
     assert watched.wait(20) == _ORPHANED
     assert watched.stdout.read() == b""

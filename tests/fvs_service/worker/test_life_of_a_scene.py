@@ -17,8 +17,8 @@ from PIL import Image
 pytestmark = pytest.mark.timeout(900)  # several processes that all import torch, on whatever machine
 
 RUNNER = "fvs_service.worker.runner.process"
-WORKER = "fvs_service.serving.worker_process"
-GATEWAY = "fvs_service.serving.gateway_process"
+WORKER = "fvs_service.serving.process worker"
+GATEWAY = "fvs_service.serving.process gateway"
 SFM_CHILD = "fvs_engine.sfm.native.child"
 
 
@@ -29,7 +29,7 @@ def _latest(service: Any, scene: str) -> tuple[str, int]:
 
 
 def _kill(service: Any, module: str) -> None:
-    """Kill a process that runs ``module``, as soon as there is one."""
+    """Kill a process whose command line has ``module``, as soon as there is one."""
     deadline = time.monotonic() + 150
     while not (found := service.processes(module)):
         assert time.monotonic() < deadline
@@ -68,6 +68,9 @@ def test_every_method_ranks(service: Any, modelled: str) -> None:
     for method in methods:
         ranking = service.rank(modelled, method=method, snapshot_id=pinned, budget=3)
         assert {place["id"] for place in ranking["candidates"]} == {f"orbit-{n:04d}" for n in range(4)}
+        ranks = [place["rank"] for place in ranking["candidates"] if place["status"] == "ranked"]
+        assert ranks == list(range(1, len(ranks) + 1))
+        assert ranking["request"]["method"] == method
 
 
 def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(

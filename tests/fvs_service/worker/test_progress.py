@@ -3,7 +3,7 @@ import itertools
 import pytest
 from fvs_service.jobs.model import JobKind
 from fvs_service.worker.progress import JobProgress
-from fvs_service.worker.protocol import ProgressNote
+from fvs_service.worker.protocol.messages import StageProgress
 
 
 @pytest.mark.parametrize("kind", JobKind)
@@ -12,18 +12,18 @@ def test_progress_never_falls_and_reaches_the_end(kind: JobKind) -> None:
     stages = ("images", "features", "matching", "incremental mapping", "global mapping", "unheard of")
     for stage in (*stages, "load", "train", "snapshot"):
         for share in (0.0, 0.5, 1.0, None):
-            progress.follow(ProgressNote(stage=stage, share=share))
+            progress.add(StageProgress(stage=stage, share=share))
             reached.append(progress.reached)
     assert all(later >= earlier for earlier, later in itertools.pairwise(reached))
     assert reached[-1] == 1.0
 
 
 def test_training_says_itself_how_long_it_takes() -> None:
-    note = ProgressNote(stage="train", share=0.1, eta_s=12.0)
-    assert JobProgress(JobKind.FINE).follow(note) == 12.0
+    stage = StageProgress(stage="train", share=0.1, eta_s=12.0)
+    assert JobProgress(JobKind.FINE).add(stage) == 12.0
 
 
 def test_nothing_is_guessed_from_too_little() -> None:
     progress = JobProgress(JobKind.UPDATE)
-    assert progress.follow(ProgressNote(stage="images", share=0.5)) is None
-    assert (progress.follow(ProgressNote(stage="matching", share=1.0)) or 0) > 0
+    assert progress.add(StageProgress(stage="images", share=0.5)) is None
+    assert (progress.add(StageProgress(stage="matching", share=1.0)) or 0) > 0

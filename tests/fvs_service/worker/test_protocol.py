@@ -4,36 +4,47 @@ import threading
 import numpy as np
 import pytest
 from fvs_service.errors import InvalidRequestError, UnavailableError
-from fvs_service.rankings.port import RankViews, RunnerView
-from fvs_service.worker.protocol import (
-    QUESTION,
-    Line,
-    PingQuestion,
-    RankQuestion,
+from fvs_service.rankings.port import RankedViews, RankViews
+from fvs_service.worker.protocol.connection import (
+    Connection,
     RunnerError,
     RunnerGoneError,
-    answer_to,
+    call,
     connect,
-    error_of,
-    note_of,
 )
+from fvs_service.worker.protocol.messages import REQUEST, Ping, error_of, failure_of
 from fvs_service.worker.runners import METHODS
 
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.select.selectors import SELECTORS
+from fvs_engine.views import PinholeView
 
 
-def test_a_ranking_question_survives_the_wire() -> None:
+def test_a_ranking_survives_the_wire_bit_by_bit() -> None:
     camera = PinholeCamera(32, 24, 30.1, 30.2, 16.0, 12.0)
-    view = RunnerView("a", camera, look_at([1, 2, 3], [0, 0, 0], [0, 0, 1]), 0.1)
-    asked = RankQuestion.of(RankViews("scene", "snapshot", "fisher", (view,), pinned=True, budget=2, seed=3))
-    heard = QUESTION.validate_json(asked.model_dump_json())
-    assert heard == asked
-    again = heard.views[0].view()
-    assert again.camera == camera
-    assert again.distance_m == 0.1
+    view = PinholeView("a", camera, look_at([1, 2, 3], [0, 0, 0], [0, 0, 1]))
+    request = RankViews(
+        scene_id="scene",
+        snapshot_id="snapshot",
+        method="fisher",
+        views=(view,),
+        distances={"a": 0.1},
+        pinned=True,
+        budget=2,
+        seed=3,
+    )
+    received = REQUEST.validate_json(request.model_dump_json())
+    assert isinstance(received, RankViews)
+    assert received.model_dump(exclude={"views"}) == request.model_dump(exclude={"views"})
+    (again,) = received.views
+    assert (again.name, again.camera) == ("a", camera)
     np.testing.assert_array_equal(again.camera_from_model.matrix, view.camera_from_model.matrix)
+
+    candidate = RankedCandidate(1, "a", 0.1 + 0.2, CandidateStatus.RANKED, 0.7, 0.1)
+    ranked = RankedViews(snapshot_id="snapshot", iterations=7, gaussians=60, candidates=(candidate,))
+    assert RankedViews.model_validate_json(ranked.model_dump_json()) == ranked
 
 
 def test_the_gateway_knows_all_methods_of_the_engine() -> None:
@@ -41,11 +52,11 @@ def test_the_gateway_knows_all_methods_of_the_engine() -> None:
 
 
 def test_errors_keep_their_kind_on_the_wire() -> None:
-    error = error_of(note_of(InvalidInputError("Wrong.", hint="Mend it.")))
+    error = error_of(failure_of(InvalidInputError("Wrong.", hint="Mend it.")))
     assert isinstance(error, InvalidRequestError)
     assert (error.message, error.hint) == ("Wrong.", "Mend it.")
-    assert isinstance(error_of(note_of(UnavailableError("Later."))), UnavailableError)
-    assert error_of(note_of(ZeroDivisionError("oops"))).code == "internal"
+    assert isinstance(error_of(failure_of(UnavailableError("Later."))), UnavailableError)
+    assert error_of(failure_of(ZeroDivisionError("oops"))).code == "internal"
 
 
 @pytest.fixture
@@ -54,51 +65,47 @@ def listening() -> socket.socket:
         yield server
 
 
-def _answer(server: socket.socket, *documents: object) -> threading.Thread:
+def _respond(server: socket.socket, *documents: object) -> threading.Thread:
     def serve() -> None:
-        line = Line(server.accept()[0])
-        line.receive()
-        line.receive()
+        connection = Connection(server.accept()[0])
+        connection.receive()
+        connection.receive()
         for document in documents:
-            line.send(document)
-        line.close()
+            connection.send(document)
+        connection.close()
 
     thread = threading.Thread(target=serve)
     thread.start()
     return thread
 
 
-def _ask(server: socket.socket) -> object:
-    line = connect(f"127.0.0.1:{server.getsockname()[1]}/secret", 5)
-    try:
-        return answer_to(line, PingQuestion())
-    finally:
-        line.close()
+def _call(server: socket.socket) -> object:
+    return call(f"127.0.0.1:{server.getsockname()[1]}/secret", Ping(), 5)
 
 
-def test_notes_come_before_the_answer(listening: socket.socket) -> None:
-    thread = _answer(listening, {"warning": "mind"}, {"result": 7})
-    assert _ask(listening) == 7
+def test_warnings_precede_the_result(listening: socket.socket) -> None:
+    thread = _respond(listening, {"warning": "mind"}, {"result": 7})
+    assert _call(listening) == 7
     thread.join()
 
 
 def test_a_failure_is_raised(listening: socket.socket) -> None:
-    note = {"code": "training-failed", "message": "Diverged.", "hint": "", "retryable": True}
-    thread = _answer(listening, {"error": note})
+    failure = {"code": "training-failed", "message": "Diverged.", "hint": "", "retryable": True}
+    thread = _respond(listening, {"error": failure})
     with pytest.raises(RunnerError) as caught:
-        _ask(listening)
-    assert caught.value.note.code == "training-failed"
+        _call(listening)
+    assert caught.value.failure.code == "training-failed"
     thread.join()
 
 
-def test_a_runner_that_dies_while_it_answers_is_gone(listening: socket.socket) -> None:
-    thread = _answer(listening, {"warning": "dying"})
+def test_a_runner_that_dies_before_its_response_is_gone(listening: socket.socket) -> None:
+    thread = _respond(listening, {"warning": "dying"})
     with pytest.raises(RunnerGoneError):
-        _ask(listening)
+        _call(listening)
     thread.join()
 
 
-def test_nobody_there_is_gone_too(listening: socket.socket) -> None:
+def test_without_a_runner_it_is_gone(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
     listening.close()
     with pytest.raises(RunnerGoneError):

@@ -4,8 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from fvs_service.worker.runner.learning import _split
 from fvs_service.worker.runner.quality import measure, spread
+from fvs_service.worker.runner.scene_jobs import _split
 
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.monitor import Monitor
@@ -43,7 +43,7 @@ def _views(gaussians: Gaussians, rasterizer: Rasterizer, count: int) -> list[Tra
     return views
 
 
-def test_a_model_shows_its_own_pictures_best(blob: Gaussians, rasterizer: Rasterizer) -> None:
+def test_a_model_renders_its_own_images_best(blob: Gaussians, rasterizer: Rasterizer) -> None:
     views = _views(blob, rasterizer, 3)
     own = measure(blob, 0, views, rasterizer, Monitor())
     assert own is not None
@@ -63,11 +63,11 @@ def test_views_are_measured_all_over(blob: Gaussians, rasterizer: Rasterizer) ->
 
 
 @pytest.mark.parametrize(("every", "tested"), [(None, []), (4, ["0.png", "4.png"]), (9, [])])
-def test_tested_views_are_not_learned(
+def test_held_out_views_are_not_trained_on(
     blob: Gaussians, rasterizer: Rasterizer, every: Any, tested: list[str]
 ) -> None:
     views = _views(blob, rasterizer, 6)
-    learned, kept_out = _split(views, every)
-    assert [view.name for view in kept_out] == tested
-    assert {view.name for view in learned} | set(tested) == {view.name for view in views}
-    assert len(learned) + len(tested) == 6
+    trained, held_out = _split(views, every)
+    assert [view.name for view in held_out] == tested
+    assert {view.name for view in trained} | set(tested) == {view.name for view in views}
+    assert len(trained) + len(tested) == 6

@@ -30,12 +30,12 @@ def test_a_ticket_is_queued_once_and_can_be_taken_out(tmp_path: Path) -> None:
         queue.close()
 
 
-def test_a_scene_is_asked_to_be_warmed_once(tmp_path: Path) -> None:
+def test_the_start_of_a_runner_is_queued_once_per_scene(tmp_path: Path) -> None:
     file = tmp_path / "queue.sqlite3"
     queue = Queue(f"sqlite:///{file}")
     try:
         for scene in ("scn_1", "scn_1", "scn_2"):
-            queue.warm(scene)
-        assert [name for _, name in _waiting(file)] == ["warm", "warm"]
+            queue.start_runner(scene)
+        assert [name for _, name in _waiting(file)] == ["runners", "runners"]
     finally:
         queue.close()

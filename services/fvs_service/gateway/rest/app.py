@@ -26,11 +26,11 @@ from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
 
 _THREADS = 160
-"""Handlers that may wait at once, each in a thread of its own: for the database, or for a runner's answer."""
+"""Threads of handlers that may wait at the same time, for the database or for a runner."""
 
 
 def create_app(settings: Settings, backend: Backend) -> FastAPI:
-    """The gateway; it opens the storage when it starts and closes it when it stops."""
+    """The gateway; it opens the services when it starts and closes them when it stops."""
     metrics = Metrics()
 
     @contextlib.asynccontextmanager
@@ -38,7 +38,7 @@ def create_app(settings: Settings, backend: Backend) -> FastAPI:
         anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
         with open_application(settings, backend) as application:
             application.staging.clear()
-            application.jobs.submit_waiting()
+            application.jobs.submit_unsubmitted()
             feed = EventFeed(
                 application.storage.database,
                 application.scenes.get,
@@ -58,7 +58,7 @@ def create_app(settings: Settings, backend: Backend) -> FastAPI:
         title="Frequency View Selection",
         version=importlib.metadata.version("fvs"),
         lifespan=lifespan,
-        docs_url=None,  # these pages load their scripts from elsewhere
+        docs_url=None,  # these pages load scripts from other hosts
         redoc_url=None,
         redirect_slashes=False,
     )

@@ -1,4 +1,4 @@
-"""What handlers are given: the application, who asks, and the parts of a request that many routes share."""
+"""Dependencies of handlers: the application, the principal, and parts of requests that routes share."""
 
 from typing import Annotated, TypeVar
 
@@ -19,11 +19,11 @@ PageT = TypeVar("PageT", bound=Page)
 _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="ApiKey",
-    description="`fvs keys create` makes one. Not needed while the service is bound to loopback.",
+    description="Create one with `fvs keys create`. Not needed while the service is bound to loopback.",
 )
 
 
-# These are coroutines so that the framework calls them where it is, and not in a thread of their own.
+# Coroutines, so that the framework does not call them in threads.
 async def _application(request: Request) -> Application:
     application: Application = request.app.state.application
     return application
@@ -51,8 +51,8 @@ async def _caller(
 ) -> Principal:
     if credentials is not None:
         return await run_in_threadpool(app.storage.keys.authenticate, credentials.credentials)
-    if "authorization" in request.headers:  # whoever shows something must not be taken for nobody
-        raise UnauthenticatedError("The Authorization is not a Bearer key.")
+    if "authorization" in request.headers:  # a broken credential must not count as none
+        raise UnauthenticatedError("The Authorization header is not a Bearer key.")
     return app.storage.keys.authenticate(None)
 
 
@@ -81,7 +81,7 @@ IdempotencyKey = Annotated[
         min_length=1,
         max_length=255,
         pattern=r"^[\x21-\x7e]+$",
-        description="The same request under the same key makes its resource once.",
+        description="The same request with the same key creates its resource once.",
     ),
 ]
 
@@ -96,6 +96,6 @@ SnapshotId = Annotated[str, _id("snp", "snapshot")]
 RankingId = Annotated[str, _id("rnk", "ranking")]
 
 
-def located(response: Response, path: str) -> None:
-    """Say where the resource is that was made."""
+def set_location(response: Response, path: str) -> None:
+    """Set the location of the created resource."""
     response.headers["Location"] = path

@@ -1,6 +1,6 @@
-"""``Repr-Digest`` and ``Content-Digest`` (RFC 9530): both sides know that what was sent arrived whole.
+"""``Repr-Digest`` and ``Content-Digest`` (RFC 9530): checks that all bytes arrived.
 
-The two are the same for an image that is sent whole and not encoded.
+Both are the same for an image that is sent whole and without a content encoding.
 """
 
 import base64
@@ -11,20 +11,22 @@ from fvs_service.errors import DigestMismatchError, MalformedRequestError
 
 _SHA256 = re.compile(r"(?:^|,)\s*sha-256=([^,]*)")
 _BYTES = re.compile(r":([A-Za-z0-9+/=]*):\s*")
-_EXAMPLE = "Write it as sha-256=:…:, with the digest in base64; or leave the header out."
+_EXAMPLE = "Write it as sha-256=:…:, with the digest in base64; or omit the header."
 
 
-def promised_digest(header: str | None) -> str | None:
-    """The SHA-256 that a header promises, as ``sha256:…``; None when it promises none.
+def declared_digest(header: str | None) -> str | None:
+    """The SHA-256 in a header, as ``sha256:…``; None without one.
 
-    Other algorithms are passed over. Raises ``MalformedRequestError`` for a SHA-256 that is none.
+    Other algorithms are ignored. Raises ``MalformedRequestError`` for an invalid SHA-256.
     """
     found = None if header is None else _SHA256.search(header)
     if found is None:
         return None
     value = _BYTES.fullmatch(found[1])
     if value is None:
-        raise MalformedRequestError(f"{found[1].strip()} is no sha-256 of a digest header.", hint=_EXAMPLE)
+        raise MalformedRequestError(
+            f"{found[1].strip()} is not a valid sha-256 of a digest header.", hint=_EXAMPLE
+        )
     try:
         digest = base64.b64decode(value[1], validate=True)
     except binascii.Error as error:
@@ -35,13 +37,13 @@ def promised_digest(header: str | None) -> str | None:
 
 
 def repr_digest(digest: str) -> str:
-    """The header that says what ``sha256:…`` says."""
+    """The header for ``sha256:…``."""
     return f"sha-256=:{base64.b64encode(bytes.fromhex(digest.removeprefix('sha256:'))).decode()}:"
 
 
-def require_digest(actual: str, *promised: str | None) -> None:
-    """Raise ``DigestMismatchError`` unless every promise was kept."""
-    for digest in promised:
+def require_digest(actual: str, *declared: str | None) -> None:
+    """Raise ``DigestMismatchError`` unless all declared digests are ``actual``."""
+    for digest in declared:
         if digest is not None and digest != actual:
             raise DigestMismatchError(
                 f"The bytes have the digest {actual}, not {digest}.", hint="Send the image again."

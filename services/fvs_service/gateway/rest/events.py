@@ -16,8 +16,8 @@ from fvs_service.telemetry import Metrics
 router = APIRouter(prefix="/v1/scenes", tags=["events"])
 
 _RECONNECT_MS = 1000
-_HEARTBEAT = ": nothing new\n\n"
-_STREAM = {200: {"description": "Events as they come.", "content": {"text/event-stream": {}}}}
+_HEARTBEAT = ": heartbeat\n\n"
+_STREAM = {200: {"description": "Events as they happen.", "content": {"text/event-stream": {}}}}
 
 
 @router.get("/{scene_id}/events", response_class=StreamingResponse, responses=_STREAM)  # type: ignore[arg-type]
@@ -26,27 +26,25 @@ async def watch_events(
     caller: Caller,
     metrics: Counters,
     scene_id: SceneId,
-    after: Annotated[int, Query(ge=0, le=2**53, description="Begin after this event.")] = 0,
-    tail: Annotated[
-        bool, Query(description="Leave out the past: begin with what happens from now on.")
-    ] = False,
+    after: Annotated[int, Query(ge=0, le=2**53, description="Start after this event.")] = 0,
+    tail: Annotated[bool, Query(description="Only new events: start after the newest one.")] = False,
     last: Annotated[int | None, Header(alias="Last-Event-ID", ge=0, le=2**53)] = None,
 ) -> StreamingResponse:
-    """Watch a scene: past events after `Last-Event-ID` (or `after`), then new ones as they come."""
+    """Stream the events of a scene: the past ones after `Last-Event-ID` (or `after`), then new ones."""
     await run_in_threadpool(feed.check, caller, scene_id)
     if tail and last is None:
         after = await feed.newest()
-    place = ExitStack()
-    place.enter_context(feed.at_once.use(caller.tenant_id))
-    stream = _stream(feed, metrics, place, scene_id, after if last is None else last)
+    slot = ExitStack()
+    slot.enter_context(feed.stream_limit.slot(caller.tenant_id))
+    stream = _stream(feed, metrics, slot, scene_id, after if last is None else last)
     return StreamingResponse(stream, media_type="text/event-stream")
 
 
 async def _stream(
-    feed: EventFeed, metrics: Metrics, place: ExitStack, scene_id: str, after: int
+    feed: EventFeed, metrics: Metrics, slot: ExitStack, scene_id: str, after: int
 ) -> AsyncIterator[str]:
-    with place, metrics.streams.track_inprogress():
-        # The id lets whoever left out the past resume from here, also when nothing has come yet.
+    with slot, metrics.streams.track_inprogress():
+        # With this id a client that skipped past events can resume before the first new one.
         yield f"retry: {_RECONNECT_MS}\nid: {after}\n\n"
         async for event in feed.follow(scene_id, after):
             yield _HEARTBEAT if event is None else _message(event)

@@ -13,7 +13,7 @@ from fvs_service.errors import (
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.rest.dependencies import App, Caller, Counters, NumberedPaging, SceneId
-from fvs_service.gateway.rest.digests import promised_digest, repr_digest, require_digest
+from fvs_service.gateway.rest.digests import declared_digest, repr_digest, require_digest
 from fvs_service.gateway.rest.multipart import receive_files
 from fvs_service.images.model import (
     DigestAnswer,
@@ -51,12 +51,14 @@ _FORM: dict[str, Any] = {
         },
     }
 }
-_KNOWN: dict[int | str, dict[str, Any]] = {200: {"model": Image, "description": "The scene had it already."}}
+_KNOWN: dict[int | str, dict[str, Any]] = {
+    200: {"model": Image, "description": "The scene had the image already."}
+}
 
 
 @router.post("/images:check")
 def check_images(app: App, caller: Caller, scene_id: SceneId, request: DigestCheck) -> DigestAnswer:
-    """Ask which images the scene has already, so that none is sent twice."""
+    """Check which images the scene has, so that none is sent twice."""
     return app.images.check(caller, scene_id, request)
 
 
@@ -73,9 +75,9 @@ async def put_image(
     repr_header: Annotated[str | None, Header(alias="Repr-Digest")] = None,
     content_header: Annotated[str | None, Header(alias="Content-Digest")] = None,
 ) -> Image:
-    """Send an image's bytes; the answer has its verdict. Sending it again changes nothing."""
+    """Send an image's bytes and return its verdict. Sending it again changes nothing."""
     digest = f"sha256:{hexadecimal}"
-    require_digest(digest, promised_digest(repr_header), promised_digest(content_header))
+    require_digest(digest, declared_digest(repr_header), declared_digest(content_header))
     image, created = await _receive(app, caller, scene_id, digest, metadata, request, metrics)
     response.status_code = 201 if created else 200
     response.headers["Location"] = f"/v1/scenes/{scene_id}/images/{digest}"
@@ -87,17 +89,19 @@ async def put_image(
 async def post_images(
     app: App, caller: Caller, metrics: Counters, scene_id: SceneId, request: Request
 ) -> UploadAnswer:
-    """Send one or many images as a form. What has arrived when the connection breaks is kept."""
+    """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
     await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
-    with app.uploads_at_once.use(caller.tenant_id):
+    with app.upload_limit.slot(caller.tenant_id):
         async for file in receive_files(request, app.staging, app.storage.settings.limits.multipart_files):
             metadata = _named(file.name)
             image, new = await run_in_threadpool(app.images.store, caller, scene_id, file.staged, metadata)
             _count(metrics, image, created=new)
             items.append(UploadItem(name=file.name, created=new, image=image))
     if not items:
-        raise InvalidRequestError("The form has no file.", hint="curl -F file=@photograph.jpg does it.")
+        raise InvalidRequestError(
+            "The form has no file.", hint="Send one, as in curl -F file=@photograph.jpg."
+        )
     return UploadAnswer(items=tuple(items))
 
 
@@ -109,7 +113,7 @@ def list_images(app: App, caller: Caller, scene_id: SceneId, page: NumberedPagin
 
 @router.get("/images/sha256:{hexadecimal}")
 def get_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
-    """Show an image: its verdict, and whether it has found its place."""
+    """Return an image: its verdict, and whether it is registered."""
     return app.images.get(caller, scene_id, f"sha256:{hexadecimal}")
 
 
@@ -122,15 +126,15 @@ async def _receive(
     request: Request,
     metrics: Metrics,
 ) -> tuple[Image, bool]:
-    """Take the body of a PUT to disk, and store it if the scene does not have it."""
+    """Stage the body of a PUT, and store it if the scene does not have the image."""
     _require_image_type(request)
     known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
     if known is not None:
-        async for _ in request.stream():  # read and dropped, so that the connection can be used again
+        async for _ in request.stream():  # read it all, so that the connection can be reused
             pass
         return known, False
     with (
-        app.uploads_at_once.use(caller.tenant_id),
+        app.upload_limit.slot(caller.tenant_id),
         app.staging.receive(_declared_bytes(request)) as receiver,
     ):
         async for chunk in request.stream():
@@ -143,9 +147,9 @@ async def _receive(
 
 
 def _named(filename: str) -> ImageMetadata:
-    """What a form calls a file, without the folders that browsers put before it (RFC 7578, section 4.2).
+    """The name of a file in a form, without folders, which some browsers send (RFC 7578, section 4.2).
 
-    One that cannot be kept must not cost the form its other files: its image is named by its digest.
+    An invalid name must not fail the form: the image is then named by its digest.
     """
     name = filename.replace("\\", "/").rpartition("/")[2]
     try:

@@ -10,7 +10,7 @@ from fvs_service.gateway.rest.dependencies import (
     JobId,
     Paging,
     SceneId,
-    located,
+    set_location,
 )
 from fvs_service.jobs.model import Job, JobList, JobRequest
 
@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1", tags=["jobs"])
 
 
 class _Plain(StringConvertor):
-    """An id without a colon: ``job_…:cancel`` is no job."""
+    """A path parameter without a colon, so that ``job_…:cancel`` is not a job's id."""
 
     regex = "[^/:]+"
 
@@ -35,9 +35,9 @@ def create_job(
     response: Response,
     key: IdempotencyKey = None,
 ) -> Job:
-    """Queue a job; while the same one waits for its turn in the scene, that one is answered."""
+    """Queue a job; while one of the same kind is queued in the scene, that one is returned."""
     job = app.jobs.create(caller, scene_id, request, key)
-    located(response, f"/v1/jobs/{job.id}")
+    set_location(response, f"/v1/jobs/{job.id}")
     return job
 
 
@@ -49,7 +49,7 @@ def list_jobs(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> JobL
 
 @router.post("/jobs/{job_id}:cancel", status_code=202)
 def cancel_job(app: App, caller: Caller, job_id: JobId) -> Job:
-    """Stop a job; one that has ended stays as it is."""
+    """Cancel a job; no effect when it has ended."""
     return app.jobs.cancel(caller, job_id)
 
 
@@ -61,5 +61,5 @@ def retry_job(app: App, caller: Caller, job_id: JobId) -> Job:
 
 @router.get("/jobs/{job_id:plain}")
 def get_job(app: App, caller: Caller, job_id: JobId) -> Job:
-    """Show a job and how far it is."""
+    """Return a job and its progress."""
     return app.jobs.get(caller, job_id)

@@ -1,4 +1,4 @@
-"""What happens to every request: an id, a limit on its body, patience that ends, a log line, metrics."""
+"""Middleware of all requests: an id, limits on the body's size and time, a log line, metrics."""
 
 import asyncio
 import re
@@ -24,7 +24,7 @@ _log = structlog.get_logger()
 
 
 class RequestContext:
-    """Gives every request an id (its own ``X-Request-Id`` if that is a good one), logs it and counts it."""
+    """Gives every request an id (its ``X-Request-Id`` if that is valid), logs it and counts it."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
@@ -38,7 +38,7 @@ class RequestContext:
         offered = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = offered if _REQUEST_ID.match(offered) else new_id("req")
         scope.setdefault("state", {})["request_id"] = request_id
-        began, status = time.perf_counter(), HTTPStatus.INTERNAL_SERVER_ERROR.value
+        started, status = time.perf_counter(), HTTPStatus.INTERNAL_SERVER_ERROR.value
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -51,7 +51,7 @@ class RequestContext:
             try:
                 await self._app(scope, receive, send_with_id)
             finally:
-                seconds = time.perf_counter() - began
+                seconds = time.perf_counter() - started
                 route = getattr(scope.get("route"), "path", "unknown")
                 self._metrics.requests.labels(scope["method"], route, status).inc()
                 self._metrics.seconds.labels(scope["method"], route).observe(seconds)
@@ -66,7 +66,7 @@ class RequestContext:
 
 
 class BodyGuard:
-    """Ends requests whose body is larger than its route takes, or stops coming."""
+    """Fails requests whose body is larger than the route's limit, or stops arriving."""
 
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app = app
@@ -91,7 +91,7 @@ class BodyGuard:
 
         async def guarded() -> Message:
             nonlocal received, more
-            if not more:  # the body is there; what comes now is only the client going away
+            if not more:  # after the body only a disconnect can follow
                 return await receive()
             try:
                 async with asyncio.timeout(self._idle_s):

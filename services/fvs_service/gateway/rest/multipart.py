@@ -1,7 +1,6 @@
-"""``multipart/form-data`` as it arrives: each file goes to disk as its bytes come.
+"""Streaming ``multipart/form-data``: each file is staged while its bytes arrive, and yielded at its end.
 
-It is handed on when it is whole. Nothing is kept in memory, and what arrived before a connection broke is
-not lost.
+No file is kept in memory, and files that arrived before the connection broke are not lost.
 """
 
 from collections.abc import AsyncIterator
@@ -15,7 +14,7 @@ from starlette.requests import Request
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.images.staging import Receiver, StagedFile, StagingArea
 
-_MOST_HEADER_BYTES = 8_192
+_MAX_HEADER_BYTES = 8_192
 
 
 @dataclass(frozen=True)
@@ -27,25 +26,25 @@ class UploadedFile:
 
 
 async def receive_files(
-    request: Request, staging: StagingArea, most_files: int
+    request: Request, staging: StagingArea, max_files: int
 ) -> AsyncIterator[UploadedFile]:
-    """The files of a form, one after the other; each is deleted when the next is asked for, unless adopted.
+    """The files of a form; each is deleted before the next one, unless it was moved into the blobs.
 
-    Parts that are no files are refused. Raises ``UnsupportedMediaTypeError`` for another kind of body,
-    ``MalformedRequestError`` for a broken one, ``InvalidRequestError`` for too many files.
+    Raises ``UnsupportedMediaTypeError`` for another kind of body, ``MalformedRequestError`` for a broken one,
+    ``InvalidRequestError`` for too many files and for parts that are not files.
     """
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data" or b"boundary" not in options:
         raise UnsupportedMediaTypeError(
-            "The body is not multipart/form-data.", hint="curl -F file=@photograph.jpg does it."
+            "The body is not multipart/form-data.", hint="Send a form, as in curl -F file=@photograph.jpg."
         )
-    parts = _Parts(staging, most_files)
+    parts = _Parts(staging, max_files)
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
         async for chunk in request.stream():
             parser.write(chunk)
-            while parts.whole:
-                receiver, file = parts.whole.pop(0)
+            while parts.complete:
+                receiver, file = parts.complete.pop(0)
                 with receiver:
                     yield file
         if not parts.ended:
@@ -59,18 +58,18 @@ async def receive_files(
 class _Parts:
     """The state of the form between chunks."""
 
-    def __init__(self, staging: StagingArea, most_files: int) -> None:
-        self._staging, self._most_files = staging, most_files
+    def __init__(self, staging: StagingArea, max_files: int) -> None:
+        self._staging, self._max_files = staging, max_files
         self._field, self._value = b"", b""
         self._disposition: bytes | None = None
         self._name = ""
         self._receiver: Receiver | None = None
-        self._begun = 0
+        self._count = 0
         self.ended = False
-        self.whole: list[tuple[Receiver, UploadedFile]] = []
+        self.complete: list[tuple[Receiver, UploadedFile]] = []
 
     def callbacks(self) -> dict[str, object]:
-        """What the parser calls."""
+        """The parser's callbacks."""
         return {
             "on_part_begin": self._begin,
             "on_header_field": self._header_field,
@@ -83,8 +82,8 @@ class _Parts:
         }
 
     def close(self) -> None:
-        """Delete what did not become whole, or was not asked for."""
-        for receiver in [receiver for receiver, _ in self.whole] + (
+        """Delete the files that are incomplete or were not yielded."""
+        for receiver in [receiver for receiver, _ in self.complete] + (
             [self._receiver] if self._receiver else []
         ):
             with receiver:
@@ -107,11 +106,11 @@ class _Parts:
     def _headers_finished(self) -> None:
         _, options = parse_options_header(self._disposition)
         if b"filename" not in options:
-            raise InvalidRequestError("The form has a part that is no file.", hint="Send only files.")
-        self._begun += 1
-        if self._begun > self._most_files:
+            raise InvalidRequestError("The form has a part that is not a file.", hint="Send only files.")
+        self._count += 1
+        if self._count > self._max_files:
             raise InvalidRequestError(
-                f"The form has more than {self._most_files} files.", hint="Send them in several requests."
+                f"The form has more than {self._max_files} files.", hint="Send them in several requests."
             )
         self._name = options[b"filename"].decode("utf-8", errors="replace")
         self._receiver = self._staging.receive(None)
@@ -122,7 +121,7 @@ class _Parts:
 
     def _end(self) -> None:
         if self._receiver is not None:
-            self.whole.append((self._receiver, UploadedFile(self._name, self._receiver.finish())))
+            self.complete.append((self._receiver, UploadedFile(self._name, self._receiver.finish())))
             self._receiver = None
 
     def _end_form(self) -> None:
@@ -130,6 +129,6 @@ class _Parts:
 
     @staticmethod
     def _bounded(value: bytes) -> bytes:
-        if len(value) > _MOST_HEADER_BYTES:
+        if len(value) > _MAX_HEADER_BYTES:
             raise MalformedRequestError("A header of the form is too long.")
         return value

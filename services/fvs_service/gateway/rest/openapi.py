@@ -1,4 +1,4 @@
-"""The OpenAPI document: FastAPI's, with problem documents as the answer to every error."""
+"""The OpenAPI document: FastAPI's, with problem documents as the responses to errors."""
 
 from typing import Any
 
@@ -7,23 +7,23 @@ from fastapi import FastAPI
 from fvs_service.gateway.rest.problems import MEDIA_TYPE, Problem
 
 _DESCRIPTION = """
-Send photographs, get a 3D model that grows, and ask which pose should be photographed next.
+Send images, get a 3D model that grows with them, and rank the poses that could be photographed next.
 
-1. `POST /v1/scenes` makes a scene. 2. `PUT …/images/sha256:…` sends photographs. 3. `POST …/jobs` with
-`{"kind": "update"}` makes the model; `GET …/events` tells how far it is. 4. `POST …/rankings` ranks poses.
+1. `POST /v1/scenes` creates a scene. 2. `PUT …/images/sha256:…` sends images. 3. `POST …/jobs` with
+`{"kind": "update"}` updates the model; `GET …/events` streams its progress. 4. `POST …/rankings` ranks poses.
 
-Every error is a problem document (RFC 9457) with a `code` that stays, a `hint`, and a `request_id`. Poses are
+Every error is a problem document (RFC 9457) with a stable `code`, a `hint`, and a `request_id`. Poses are
 `frame_from_camera` of an OpenCV camera (x right, y down, z forward); quaternions are unit, `w` first.
 """
 
-PROBLEM_ANSWER: dict[str, Any] = {
+PROBLEM_RESPONSE: dict[str, Any] = {
     "description": "A problem document.",
     "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
 
 
 def describe(app: FastAPI, *, keys_required: bool) -> None:
-    """Make ``app`` describe its errors as what they are, and keys as needed or not."""
+    """Make the OpenAPI document of ``app`` describe its errors, and whether keys are required."""
     original = app.openapi
     app.description = _DESCRIPTION
 
@@ -40,8 +40,8 @@ def describe(app: FastAPI, *, keys_required: bool) -> None:
         for path in document["paths"].values():
             for operation in path.values():
                 operation["responses"].pop("422", None)
-                operation["responses"]["4XX"] = PROBLEM_ANSWER
-                operation["responses"]["5XX"] = PROBLEM_ANSWER
+                operation["responses"]["4XX"] = PROBLEM_RESPONSE
+                operation["responses"]["5XX"] = PROBLEM_RESPONSE
                 if "security" in operation and not keys_required:
                     operation["security"] = [{}, *operation["security"]]
         return document

@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457), whoever raised them: a service, the engine, the framework."""
+"""Problem documents (RFC 9457) for all errors: the services', the engine's and the framework's."""
 
 from collections.abc import Mapping
 from http import HTTPStatus
@@ -33,21 +33,21 @@ _log = structlog.get_logger()
 
 
 class ProblemField(Model):
-    """One part of the request that is wrong."""
+    """A part of the request that is invalid."""
 
     field: str
     message: str
 
 
 class Problem(Model):
-    """Why a request was not fulfilled."""
+    """Why a request failed."""
 
     type: str
-    """Always `about:blank`: `code` says which problem it is."""
+    """Always `about:blank`: `code` identifies the problem."""
     title: str
     status: int
     code: str
-    """Stable; programs decide by it."""
+    """Stable, for programs."""
     detail: str
     hint: str
     retryable: bool
@@ -57,7 +57,7 @@ class Problem(Model):
 
 
 def install(app: FastAPI) -> None:
-    """Answer every error of ``app`` with a problem document."""
+    """Make ``app`` respond to every error with a problem document."""
     app.add_exception_handler(ServiceError, _service_error)
     app.add_exception_handler(EngineError, _engine_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
@@ -68,11 +68,11 @@ def install(app: FastAPI) -> None:
 def problem_response(
     request: Request, error: ServiceError, headers: Mapping[str, str] | None = None
 ) -> JSONResponse:
-    """The answer to a request that failed with ``error``."""
+    """The response to a request that failed with ``error``."""
     problem = Problem(
         type="about:blank",
         title=error.title,
-        status=error.http_status,
+        status=error.status,
         code=error.code,
         detail=error.message,
         hint=error.hint,
@@ -83,13 +83,11 @@ def problem_response(
     more = dict(headers or {})
     if error.retry_after_s is not None:
         more["Retry-After"] = str(error.retry_after_s)
-    if error.http_status == HTTPStatus.UNAUTHORIZED:
+    if error.status == HTTPStatus.UNAUTHORIZED:
         more["WWW-Authenticate"] = "Bearer"
     if isinstance(error, errors.RangeError):
         more["Content-Range"] = f"bytes */{error.size_bytes}"
-    return JSONResponse(
-        problem.model_dump(mode="json"), error.http_status, headers=more, media_type=MEDIA_TYPE
-    )
+    return JSONResponse(problem.model_dump(mode="json"), error.status, headers=more, media_type=MEDIA_TYPE)
 
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
@@ -109,28 +107,28 @@ async def _validation_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
-    if isinstance(error.__cause__, ServiceError):  # the framework met it while it read the body
+    if isinstance(error.__cause__, ServiceError):  # raised while the framework read the body
         return problem_response(request, error.__cause__)
     kind = _BY_STATUS.get(error.status_code, errors.MalformedRequestError)
     if error.status_code >= HTTPStatus.INTERNAL_SERVER_ERROR:
         kind = errors.InternalError
     path, headers = request.url.path, error.headers
-    told: ServiceError
+    problem: ServiceError
     if kind is errors.NotFoundError:
-        told = kind(f"There is nothing at {path}.", hint="GET /openapi.json says what there is.")
+        problem = kind(f"There is nothing at {path}.", hint="GET /openapi.json lists the paths.")
     elif kind is errors.MethodNotAllowedError:
         allowed = ", ".join(_allowed_methods(request))
-        told = kind(f"{request.method} is not allowed at {path}.", hint=f"It takes {allowed}.")
+        problem = kind(f"{request.method} is not allowed at {path}.", hint=f"Allowed are {allowed}.")
         headers = {"Allow": allowed}
     elif kind is errors.MalformedRequestError:
-        told = kind("The body cannot be read.", hint="JSON is sent in UTF-8, and not nested without end.")
+        problem = kind("The body cannot be read.", hint="Send JSON in UTF-8 that is not nested too deeply.")
     else:
-        told = kind(str(error.detail))
-    return problem_response(request, told, headers)
+        problem = kind(str(error.detail))
+    return problem_response(request, problem, headers)
 
 
 def _allowed_methods(request: Request) -> list[str]:
-    """What all routes of the path take together; the framework names only those of the first."""
+    """The methods of all routes of the path; the framework names only those of the first route."""
     routes = request.app.routes
     return [
         method

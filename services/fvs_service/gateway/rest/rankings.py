@@ -4,9 +4,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
 
-from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, RankingId, SceneId, located
+from fvs_service.gateway.rest.dependencies import (
+    App,
+    Caller,
+    IdempotencyKey,
+    RankingId,
+    SceneId,
+    set_location,
+)
 from fvs_service.rankings.model import Ranking, RankingRequest
-from fvs_service.rankings.port import Picture
+from fvs_service.rankings.port import ViewImage
 
 router = APIRouter(prefix="/v1", tags=["rankings"])
 
@@ -22,30 +29,30 @@ def create_ranking(
     response: Response,
     key: IdempotencyKey = None,
 ) -> Ranking:
-    """Rank candidate poses: which should be photographed next? Answered at once, also while a job runs."""
+    """Rank candidates: which pose should be photographed next? Also while a job runs."""
     ranking = app.rankings.create(caller, scene_id, request, key)
-    located(response, f"/v1/rankings/{ranking.id}")
+    set_location(response, f"/v1/rankings/{ranking.id}")
     return ranking
 
 
 @router.get("/rankings/{ranking_id}")
 def get_ranking(app: App, caller: Caller, ranking_id: RankingId) -> Ranking:
-    """Show a ranking."""
+    """Return a ranking."""
     return app.rankings.get(caller, ranking_id)
 
 
 @router.get(
-    "/rankings/{ranking_id}/candidates/{candidate_id}/{picture}.png",
+    "/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png",
     response_class=Response,
     responses=_PNG,  # type: ignore[arg-type]
 )
-def draw_candidate(
+def render_candidate(
     app: App,
     caller: Caller,
     ranking_id: RankingId,
     candidate_id: Annotated[str, Path(max_length=128, examples=["orbit-0000"])],
-    picture: Picture,
+    image: ViewImage,
 ) -> Response:
-    """Show what a candidate sees of the ranking's snapshot, or the spectrum of that."""
-    png = app.rankings.draw(caller, ranking_id, candidate_id, picture)
+    """Render a candidate's view of the ranking's snapshot, or the spectrum of it."""
+    png = app.rankings.render(caller, ranking_id, candidate_id, image)
     return Response(png, media_type="image/png")

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter, Response
 
-from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, Paging, SceneId, located
+from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, Paging, SceneId, set_location
 from fvs_service.scenes.model import Scene, SceneList, SceneRequest
 
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
@@ -12,9 +12,9 @@ router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 def create_scene(
     app: App, caller: Caller, request: SceneRequest, response: Response, key: IdempotencyKey = None
 ) -> Scene:
-    """Make a scene."""
+    """Create a scene."""
     scene = app.scenes.create(caller, request, key)
-    located(response, f"/v1/scenes/{scene.id}")
+    set_location(response, f"/v1/scenes/{scene.id}")
     return scene
 
 
@@ -26,5 +26,5 @@ def list_scenes(app: App, caller: Caller, page: Paging) -> SceneList:
 
 @router.get("/{scene_id}")
 def get_scene(app: App, caller: Caller, scene_id: SceneId) -> Scene:
-    """Show a scene: its counts, its latest snapshot and its place in the world."""
+    """Return a scene: its numbers of images, its latest snapshot and its alignment."""
     return app.scenes.get(caller, scene_id)

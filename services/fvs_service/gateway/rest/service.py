@@ -1,4 +1,4 @@
-"""What the service says of itself: what it can do, and how it is."""
+"""The service itself over REST: capabilities, health, metrics."""
 
 import importlib.metadata
 import shutil
@@ -22,27 +22,27 @@ _TEXT = {200: {"description": "Prometheus' text format.", "content": {"text/plai
 
 
 class Capabilities(Model):
-    """What this service can do, and how much of it."""
+    """The features and limits of this service."""
 
     version: str
     api: tuple[str, ...] = ("v1",)
     methods: tuple[str, ...]
-    """What candidates can be ranked by."""
+    """The methods of rankings."""
     generators: tuple[str, ...] = ("orbit", "grid", "dataset", "around-current")
     image_formats: tuple[str, ...]
     keys_required: bool
-    limits: Annotated[Limits, Field(description="What one request, scene or tenant may use.")]
+    limits: Annotated[Limits, Field(description="Limits per request, scene and tenant.")]
 
 
 class Health(Model):
-    """That the service is up."""
+    """The service is up."""
 
     status: str = "ok"
 
 
 @router.get("/v1/capabilities")
 def capabilities(app: App, _caller: Caller) -> Capabilities:
-    """Show what the service can do, and its limits."""
+    """Return the features and limits of the service."""
     settings = app.storage.settings
     return Capabilities(
         version=importlib.metadata.version("fvs"),
@@ -55,18 +55,18 @@ def capabilities(app: App, _caller: Caller) -> Capabilities:
 
 @router.get("/livez")
 def live() -> Health:
-    """Tell that the gateway runs."""
+    """Check that the gateway runs."""
     return Health()
 
 
 @router.get("/readyz")
 def ready(app: App) -> Health:
-    """Tell that the gateway can store what it is sent; 503 or 507 when it cannot."""
+    """Check that the gateway can store images; 503 or 507 when it cannot."""
     try:
         with app.storage.database.connect() as connection:
             connection.execute(text("SELECT 1"))
     except SQLAlchemyError as error:
-        raise UnavailableError("The database does not answer.", retry_after_s=5) from error
+        raise UnavailableError("The database cannot be reached.", retry_after_s=5) from error
     settings = app.storage.settings
     if shutil.disk_usage(settings.root).free < settings.reserve_bytes:
         raise OutOfSpaceError("The disk is full.", hint="Free some space.", retry_after_s=60)
@@ -75,5 +75,5 @@ def ready(app: App) -> Health:
 
 @router.get("/metrics", response_class=Response, responses=_TEXT)  # type: ignore[arg-type]
 def metrics(counters: Counters, _caller: Caller) -> Response:
-    """Show the metrics for Prometheus."""
+    """Return the metrics for Prometheus."""
     return Response(generate_latest(counters.registry), media_type=CONTENT_TYPE_LATEST)

@@ -1,4 +1,4 @@
-"""Snapshots over REST, with artefacts that can be read in ranges."""
+"""Snapshots over REST, with ranges of artifacts."""
 
 from typing import Annotated
 
@@ -14,9 +14,9 @@ router = APIRouter(prefix="/v1", tags=["snapshots"])
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _BYTES = {"content": {kind: {} if kind == "application/json" else _BINARY for kind in MEDIA_TYPES.values()}}
 _RANGES = {
-    200: {"description": "The whole artefact.", **_BYTES},
-    206: {"description": "The part that was asked for.", **_BYTES},
-    304: {"description": "The artefact is the one that `If-None-Match` names."},
+    200: {"description": "The whole artifact.", **_BYTES},
+    206: {"description": "The requested range.", **_BYTES},
+    304: {"description": "The artifact is the one that `If-None-Match` names."},
 }
 
 
@@ -28,7 +28,7 @@ def list_snapshots(app: App, caller: Caller, scene_id: SceneId, page: Paging) ->
 
 @router.get("/snapshots/{snapshot_id}")
 def get_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> Snapshot:
-    """Show a snapshot and list its artefacts."""
+    """Return a snapshot with the list of its artifacts."""
     return app.storage.snapshots.get(caller, snapshot_id)
 
 
@@ -39,17 +39,17 @@ def read_artifact(
     caller: Caller,
     snapshot_id: SnapshotId,
     name: Annotated[str, Path(max_length=64, examples=["point_cloud.ply"])],
-    wanted: Annotated[str | None, Header(alias="Range", examples=["bytes=0-1023"])] = None,
+    range_header: Annotated[str | None, Header(alias="Range", examples=["bytes=0-1023"])] = None,
     if_range: Annotated[str | None, Header()] = None,
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """Download an artefact or a range of it; with `If-Range` an interrupted download goes on safely."""
+    """Download an artifact or a range of it; with `If-Range` an interrupted download resumes safely."""
     snapshot = app.storage.snapshots.get(caller, snapshot_id)
     artifact = app.storage.snapshots.artifact(caller, snapshot_id, name)
     headers = {"ETag": _tag(artifact), "Accept-Ranges": "bytes"}
     if if_none_match is not None and headers["ETag"] in if_none_match:
         return Response(status_code=304, headers=headers)
-    span = byte_range(wanted, artifact.size_bytes) if if_range in (None, headers["ETag"]) else None
+    span = byte_range(range_header, artifact.size_bytes) if if_range in (None, headers["ETag"]) else None
     start, stop = span or (0, artifact.size_bytes)
     headers["Content-Length"] = str(stop - start)
     if span is not None:
@@ -59,10 +59,10 @@ def read_artifact(
 
 
 def byte_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """First byte and the one after the last that a ``Range`` header wants; None for the whole.
+    """The first byte and the one after the last of a ``Range`` header; None for the whole artifact.
 
-    What is not a single range of bytes is ignored, as RFC 9110 (section 14.2) allows. Raises ``RangeError``
-    for one that begins after the end.
+    Headers that are not a single range of bytes are ignored, as RFC 9110 (section 14.2) allows. Raises
+    ``RangeError`` for a range that starts after the end.
     """
     unit, _, spec = (header or "").partition("=")
     first, dash, last = spec.strip().partition("-")

@@ -1,4 +1,4 @@
-"""What is told of a request that does not fit its model: which part of it is wrong, and why."""
+"""Errors for requests that do not fit their model: which part is invalid, and why."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -15,22 +15,22 @@ from fvs_service.errors import (
     UnsupportedMediaTypeError,
 )
 
-_MOST_FIELDS = 32
-_OUR_OWN = "Value error, "
-"""What pydantic puts before the messages of our validators."""
-_MESSAGES = {"extra_forbidden": "there is no such field here", "missing": "it is missing"}
-_HINT = "GET /openapi.json says what is taken."
+_MAX_FIELDS = 32
+_VALIDATOR = "Value error, "
+"""Pydantic's prefix of the messages of our validators."""
+_MESSAGES = {"extra_forbidden": "there is no such field", "missing": "it is missing"}
+_HINT = "GET /openapi.json describes the request."
 
 
 def error_of(request: Request, error: RequestValidationError) -> ServiceError:
-    """The error that the caller is told."""
+    """The service's error for one of the framework's."""
     found = error.errors()
     for item in found:
         if item["type"] == "json_invalid":
             reason = item.get("ctx", {}).get("error", "it is broken")
             return MalformedRequestError(
                 f"The body is not JSON: {reason}, at character {item['loc'][-1]}.",
-                hint="Numbers and names are written as RFC 8259 has them.",
+                hint="See RFC 8259 for the syntax of JSON.",
             )
     if any(tuple(item["loc"]) == ("body",) for item in found) and not _is_json(request, error.body):
         kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
@@ -38,7 +38,7 @@ def error_of(request: Request, error: RequestValidationError) -> ServiceError:
             f"The body is {kind}." if kind else "The body has no Content-Type.",
             hint="Send JSON with Content-Type: application/json.",
         )
-    fields = tuple(_field(item, error.body) for item in found[:_MOST_FIELDS])
+    fields = tuple(_field(item, error.body) for item in found[:_MAX_FIELDS])
     first = fields[0]
     sentence = f"{first.field}: {first.message}." if first.field else _sentence(first.message)
     return InvalidRequestError(sentence, errors=fields, hint=_HINT)
@@ -54,7 +54,7 @@ def _is_json(request: Request, body: object) -> bool:
 
 
 def _field(item: Mapping[str, Any], body: object) -> FieldError:
-    message = _MESSAGES.get(item["type"]) or str(item["msg"]).removeprefix(_OUR_OWN)
+    message = _MESSAGES.get(item["type"]) or str(item["msg"]).removeprefix(_VALIDATOR)
     where, *inside = item["loc"]
     if where == "body":
         inside = _path(inside, body, missing=item["type"] == "missing")
@@ -62,7 +62,7 @@ def _field(item: Mapping[str, Any], body: object) -> FieldError:
 
 
 def _path(location: Sequence[str | int], body: object, *, missing: bool) -> list[str | int]:
-    """The way to a part of ``body``. Pydantic's names the kind of a union as well, which is nowhere in it."""
+    """The path to a part of ``body``: pydantic's without the names of union members."""
     path: list[str | int] = []
     for part, following in pairwise((*location, None)):
         if isinstance(body, list) and isinstance(part, int):

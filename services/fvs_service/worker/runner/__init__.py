@@ -1,1 +1,1 @@
-"""The runner: one scene's child process. It learns, and answers rankings while it learns."""
+"""The runner: a scene's child process. It trains the model, and ranks with it at the same time."""

@@ -1,11 +1,10 @@
-"""The runner's process: it is told what to be on standard input, says where it answers, and serves.
+"""The runner's process: reads its order from standard input, writes its endpoint to standard output, serves.
 
-It ends when its worker does: by the kernel's signal where there is one, when standard input ends, when
-nobody extends its lease for too long (a frozen worker), and when another process has become its parent.
+It ends with its worker: when the worker's process ends, and when the worker, frozen or cut off from the
+database, does not extend the scene's lease in time.
 """
 
 import contextlib
-import ctypes
 import json
 import os
 import secrets
@@ -16,37 +15,27 @@ import threading
 import time
 from typing import TextIO
 
+from fvs_engine.child_process import EXIT_ORPHANED, end_with_parent
 from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
-from fvs_service.settings import Settings
-from fvs_service.worker.protocol import Message
+from fvs_service.worker.protocol.messages import RunnerOrder
 
 EXIT_YIELDED = 0
-_EXIT_ORPHANED = 3
 _EXIT_LOCKED = 4
 _LOCK_PATIENCE_S = 10.0
 _WATCH_S = 0.5
 _NICENESS = 5
-"""What computes gives way to what answers."""
-_PR_SET_PDEATHSIG = 1
-
-
-class RunnerOrder(Message):
-    """What a runner is told first."""
-
-    scene_id: str
-    parent: int
-    settings: Settings
+"""Training gets less processor time than the gateway and the workers."""
 
 
 def main() -> None:
-    """Be the runner that the first line of standard input asks for."""
+    """Run the runner of the scene that the order on standard input names."""
     order = RunnerOrder.model_validate_json(sys.stdin.buffer.readline())
-    die_with_parent(order.parent)
+    end_with_parent(order.parent)
     os.nice(_NICENESS)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the supervisor
-    answers = _own_standard_output()
-    watch = LeaseWatch(order.parent, order.settings.lease_s)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor handles Ctrl-C
+    endpoint = _own_standard_output()
+    watch = LeaseWatch(order.settings.lease_s)
     threading.Thread(target=watch.listen, daemon=True).start()
     threading.Thread(target=watch.guard, daemon=True).start()
     folder = order.settings.scenes.absolute() / order.scene_id
@@ -55,51 +44,44 @@ def main() -> None:
         try:
             held.enter_context(locked_folder(folder, _LOCK_PATIENCE_S))
         except OutputExistsError:
-            print("Another runner holds the scene's folder.", file=sys.stderr, flush=True)  # noqa: T201 - the log
+            print("Another runner uses the scene's folder.", file=sys.stderr, flush=True)  # noqa: T201 - the log
             os._exit(_EXIT_LOCKED)
         from fvs_service.worker.runner.server import RunnerServer
 
         secret = secrets.token_urlsafe(24)
         server = RunnerServer(order.scene_id, folder, order.settings, secret)
         host, port = server.address
-        answers.write(json.dumps({"endpoint": f"{host}:{port}/{secret}"}) + "\n")
-        answers.flush()
+        endpoint.write(json.dumps({"endpoint": f"{host}:{port}/{secret}"}) + "\n")
+        endpoint.flush()
         server.serve()
-    os._exit(EXIT_YIELDED)  # threads that still answer must not hold it
-
-
-def die_with_parent(parent: int) -> None:
-    """Ask the kernel to kill this process when the thread that made it ends, where it can; check the rest."""
-    with contextlib.suppress(OSError, AttributeError):  # on other systems there is only the watch
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(_EXIT_ORPHANED)
+    os._exit(EXIT_YIELDED)  # without waiting for threads that still send responses
 
 
 class LeaseWatch:
-    """Ends the process when its worker is gone, or has not extended the lease for as long as it lasts."""
+    """Ends the process when its worker has not extended the lease for as long as a lease lasts.
 
-    def __init__(self, parent: int, lease_s: float) -> None:
-        self._parent = parent
+    The worker writes a byte to standard input whenever it has extended the lease.
+    """
+
+    def __init__(self, lease_s: float) -> None:
         self._lease_s = lease_s
         self._until = time.monotonic() + lease_s
 
     def listen(self) -> None:
-        """Take the worker's word, a byte whenever it extended the lease; its end is the worker's."""
+        """Read the worker's bytes; the end of standard input is the end of the worker."""
         while os.read(0, 4096):
             self._until = time.monotonic() + self._lease_s
-        os._exit(_EXIT_ORPHANED)
+        os._exit(EXIT_ORPHANED)
 
     def guard(self) -> None:
-        """Look whether the worker still is what it was.
+        """End the process once the lease has run out.
 
-        Words that were not read yet count: imports keep all other threads waiting, on a slow machine for
-        longer than a lease.
+        Unread bytes count: imports block all other threads, on a slow machine for longer than a lease.
         """
-        while os.getppid() == self._parent and (time.monotonic() < self._until or _unread()):
+        while time.monotonic() < self._until or _unread():
             time.sleep(_WATCH_S)
-        print("The worker is gone, or holds the scene no longer.", file=sys.stderr, flush=True)  # noqa: T201 - the log
-        os._exit(_EXIT_ORPHANED)
+        print("The scene's lease was not extended.", file=sys.stderr, flush=True)  # noqa: T201 - the log
+        os._exit(EXIT_ORPHANED)
 
 
 def _unread() -> bool:
@@ -107,10 +89,10 @@ def _unread() -> bool:
 
 
 def _own_standard_output() -> TextIO:
-    """Keep standard output for answers to the worker: what libraries print goes to the log."""
-    answers = os.fdopen(os.dup(1), "w")
+    """Keep standard output for the endpoint: what libraries print goes to the log."""
+    own = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    return answers
+    return own
 
 
 if __name__ == "__main__":

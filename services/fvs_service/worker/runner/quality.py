@@ -1,4 +1,4 @@
-"""How well a model shows photographs that it has not learned from."""
+"""How well a model renders images that it was not trained on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fvs_engine.splat.views import TrainingView
 
 @dataclass(frozen=True)
 class Quality:
-    """Means over photographs: peak signal-to-noise ratio in dB, and structural similarity."""
+    """Means over images: peak signal-to-noise ratio in dB, and structural similarity."""
 
     psnr_db: float
     ssim: float
@@ -29,13 +29,13 @@ def measure(
     rasterizer: Rasterizer,
     monitor: Monitor,
 ) -> Quality | None:
-    """The quality at ``views``, None without any. Stage ``evaluate``; raises ``Cancelled``."""
+    """The quality at ``views``; None without any. Stage ``evaluate``; raises ``Cancelled``."""
     ratios, similarities = [], []
     with torch.no_grad(), torch_threads_for(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
-            drawn = rasterizer.render(gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree)
-            render = drawn.color.clamp(0, 1).cpu().numpy()
+            rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree)
+            render = rendering.color.clamp(0, 1).cpu().numpy()
             photograph = view.image.astype(np.float32) / 255
             ratios.append(psnr(render, photograph))
             similarities.append(ssim(render, photograph))
@@ -46,7 +46,7 @@ def measure(
 
 
 def spread(views: Sequence[TrainingView], most: int) -> Sequence[TrainingView]:
-    """At most so many of the views, spread evenly over them."""
+    """At most ``most`` of the views, evenly spaced."""
     if len(views) <= most:
         return views
     return [views[index] for index in np.linspace(0, len(views) - 1, most).round().astype(int)]

@@ -1,4 +1,4 @@
-"""Where a runner listens: a thread per connection, and one job at a time."""
+"""The runner's server: a thread per connection, one ranking at a time, one job at a time."""
 
 import base64
 import hmac
@@ -6,57 +6,54 @@ import logging
 import socket
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
+from fvs_service.rankings.port import RankViews, RenderView
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
-from fvs_service.worker.protocol import (
-    QUESTION,
-    CancelQuestion,
-    DrawQuestion,
-    ErrorNote,
-    JobQuestion,
-    Line,
-    PingQuestion,
-    ProgressNote,
-    Question,
-    RankQuestion,
-    RunnerGoneError,
-    YieldQuestion,
-    note_of,
+from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
+from fvs_service.worker.protocol.messages import (
+    REQUEST,
+    CancelJob,
+    Failure,
+    Ping,
+    Request,
+    RunJob,
+    YieldScene,
+    failure_of,
 )
-from fvs_service.worker.runner.answers import document_of, draw_view, rank_views
-from fvs_service.worker.runner.learning import Learner
-from fvs_service.worker.runner.pace import JobMonitor, Pace
-from fvs_service.worker.runner.states import States
+from fvs_service.worker.runner.job_monitor import JobMonitor
+from fvs_service.worker.runner.model_states import ModelStates
+from fvs_service.worker.runner.ranking import rank_views, render_view
+from fvs_service.worker.runner.request_queue import RequestQueue
+from fvs_service.worker.runner.scene_jobs import SceneJobs
 
 _log = logging.getLogger(__name__)
 _BACKLOG = 128
 
 _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
-"""Codes of failures that the same job would meet again."""
+"""Codes of failures that a retry would meet again."""
 
 
 class RunnerServer:
-    """Answers questions about one scene until it is asked to yield."""
+    """Serves requests about one scene until one of them is ``YieldScene``."""
 
     def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
         self._secret = secret
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs_url)
         self._rasterizer = create_rasterizer(settings.worker.backend)
-        self._states = States(scene_id, blobs, self._rasterizer)
-        self._learner = Learner(folder, blobs, settings.worker, self._rasterizer, self._states)
-        self._pace = Pace()
-        self._working = threading.Lock()
+        self._states = ModelStates(scene_id, blobs, self._rasterizer)
+        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._states)
+        self._requests = RequestQueue()
+        self._job_running = threading.Lock()
         self._monitor: JobMonitor | None = None
-        self._worker: Line | None = None
+        self._worker: Connection | None = None
         self._yielded = threading.Event()
-        self._touched = time.monotonic()
+        self._used = time.monotonic()
         self._socket = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG)
 
     @property
@@ -66,99 +63,95 @@ class RunnerServer:
         return host, port
 
     def serve(self) -> None:
-        """Answer until somebody asks to yield."""
+        """Serve until the scene is yielded."""
         threading.Thread(target=self._accept, daemon=True).start()
         self._yielded.wait()
 
     def _accept(self) -> None:
         while True:
-            connection, _ = self._socket.accept()
-            threading.Thread(target=self._talk, args=(Line(connection),), daemon=True).start()
+            accepted, _ = self._socket.accept()
+            threading.Thread(target=self._serve_connection, args=(Connection(accepted),), daemon=True).start()
 
-    def _talk(self, line: Line) -> None:
+    def _serve_connection(self, connection: Connection) -> None:
         try:
-            told = line.receive().get("secret", "")
-            if not hmac.compare_digest(str(told).encode(), self._secret.encode()):
+            secret = connection.receive().get("secret", "")
+            if not hmac.compare_digest(str(secret).encode(), self._secret.encode()):
                 return
             while True:
-                self._reply(line, QUESTION.validate_python(line.receive(), strict=False))
+                self._respond(connection, REQUEST.validate_json(connection.receive_line()))
         except RunnerGoneError:
             pass
         except Exception:
-            _log.exception("A question could not be read.")
+            _log.exception("A request cannot be read.")
         finally:
-            line.close()
+            connection.close()
 
-    def _reply(self, line: Line, question: Question) -> None:
+    def _respond(self, connection: Connection, request: Request) -> None:
         try:
-            answer = {"result": self._result(line, question)}
+            response = {"result": self._result(connection, request)}
         except RunnerGoneError:
             raise
         except Exception as error:
             if not isinstance(error, EngineError | ServiceError):
-                _log.exception("A question of kind %s failed.", question.kind)
-            note = _note_of_job(error) if isinstance(question, JobQuestion) else note_of(error)
-            answer = {"error": note.model_dump(mode="json")}
-        line.send(answer)
-        if isinstance(question, YieldQuestion) and "result" in answer:
+                _log.exception("A request of kind %s failed.", request.kind)
+            failure = _failure_of_job(error) if isinstance(request, RunJob) else failure_of(error)
+            response = {"error": failure.model_dump(mode="json")}
+        connection.send(response)
+        if isinstance(request, YieldScene) and "result" in response:
             self._yielded.set()
 
-    def _result(self, line: Line, question: Question) -> Any:
-        match question:
-            case RankQuestion():
-                self._touched = time.monotonic()
-                with self._pace.answering() as waited_s:
-                    find = self._states.exactly if question.pinned else self._states.newest
-                    ranked = rank_views(question, find(question.snapshot_id), self._rasterizer)
-                return document_of(replace(ranked, waited_s=waited_s))
-            case DrawQuestion():
-                self._touched = time.monotonic()
-                with self._pace.answering():
-                    state = self._states.exactly(question.snapshot_id)
-                    return base64.b64encode(draw_view(question, state, self._rasterizer)).decode()
-            case JobQuestion():
-                return self._work(line, question)
-            case CancelQuestion():
+    def _result(self, connection: Connection, request: Request) -> Any:
+        match request:
+            case RankViews():
+                self._used = time.monotonic()
+                with self._requests.turn() as waited_s:
+                    find = self._states.of_snapshot if request.pinned else self._states.newest
+                    ranked = rank_views(request, find(request.snapshot_id), self._rasterizer)
+                return {**ranked.model_dump(mode="json"), "waited_s": waited_s}
+            case RenderView():
+                self._used = time.monotonic()
+                with self._requests.turn():
+                    state = self._states.of_snapshot(request.snapshot_id)
+                    return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
+            case RunJob():
+                return self._run_job(connection, request)
+            case CancelJob():
                 monitor = self._monitor
                 if monitor is not None:
                     monitor.cancel()
                 return None
-            case YieldQuestion():
-                if not self._working.acquire(blocking=False):
+            case YieldScene():
+                if not self._job_running.acquire(blocking=False):
                     worker = self._worker
                     if worker is not None:
                         worker.send({"wanted": True})
                     raise ConflictError("A job is running.")
-                return None  # and no other job begins
-            case PingQuestion():
-                return {"idle_s": 0.0 if self._working.locked() else time.monotonic() - self._touched}
+                return None  # the lock stays acquired, so that no other job starts
+            case Ping():
+                return {"idle_s": 0.0 if self._job_running.locked() else time.monotonic() - self._used}
 
-    def _work(self, line: Line, question: JobQuestion) -> Any:
-        if not self._working.acquire(blocking=False):
+    def _run_job(self, connection: Connection, request: RunJob) -> Any:
+        if not self._job_running.acquire(blocking=False):
             raise ConflictError("Another job is running.")
         try:
-            self._worker = line
+            self._worker = connection
             self._monitor = JobMonitor(
-                lambda note: _tell(line, note),
-                self._pace,
-                lambda iteration: self._learner.on_step(question, iteration),
+                lambda progress: connection.send({"progress": progress.model_dump(mode="json")}),
+                self._requests,
+                lambda iteration: self._jobs.publish_state(request, iteration),
             )
-            outcome = self._learner.run(
-                question, self._monitor, lambda sentence: line.send({"warning": sentence})
+            outcome = self._jobs.run(
+                request, self._monitor, lambda sentence: connection.send({"warning": sentence})
             )
             return outcome.model_dump(mode="json")
         finally:
-            self._monitor, self._worker, self._touched = None, None, time.monotonic()
-            self._working.release()
+            self._monitor, self._worker, self._used = None, None, time.monotonic()
+            self._job_running.release()
 
 
-def _tell(line: Line, note: ProgressNote) -> None:
-    line.send({"progress": note.model_dump(mode="json")})
-
-
-def _note_of_job(error: Exception) -> ErrorNote:
-    """Why a job failed, in the engine's own codes."""
+def _failure_of_job(error: Exception) -> Failure:
+    """The message for a failed job, with the engine's own code."""
     if not isinstance(error, EngineError):
-        return note_of(error)
+        return failure_of(error)
     retryable = error.code not in _FINAL or isinstance(error, Cancelled)
-    return ErrorNote(code=error.code, message=error.message, hint=error.hint, retryable=retryable)
+    return Failure(code=error.code, message=error.message, hint=error.hint, retryable=retryable)

@@ -1,4 +1,4 @@
-"""The files of a snapshot, made from what was learnt."""
+"""The artifacts of a snapshot, written from a trained model."""
 
 import shutil
 import zipfile
@@ -17,10 +17,10 @@ from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image
 from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS
-from fvs_service.worker.runner.states import METRICS
+from fvs_service.worker.runner.model_states import METRICS
 
 COLMAP = "colmap.zip"
-"""The artefact with COLMAP's binary model of the same cameras and points."""
+"""The artifact with COLMAP's binary model of the same cameras and points."""
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _BOX_PERCENTILES = (2.0, 98.0)
 """Of the points along each axis: sparse points have far outliers."""
 
 
-def write_model_files(
+def write_artifacts(
     folder: Path,
     views: Sequence[TrainingView],
     images: Mapping[str, Image],
@@ -37,7 +37,7 @@ def write_model_files(
     metrics: SnapshotMetrics,
     colmap: Path,
 ) -> tuple[str, ...]:
-    """Write the artefacts into an empty ``folder``; returns their names. ``images`` are by view name."""
+    """Write the artifacts into an empty ``folder``; returns their names. ``images`` are by view name."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     write_ply(folder / GAUSSIANS, gaussians)
@@ -54,14 +54,7 @@ def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points:
     lower, upper = np.percentile(points, _BOX_PERCENTILES, axis=0)
     model_from_camera = {view.name: view.camera_from_model.inverse() for view in views}
     return SnapshotCameras(
-        camera=PinholeIntrinsics(
-            width_px=usual.width,
-            height_px=usual.height,
-            fx_px=usual.fx,
-            fy_px=usual.fy,
-            cx_px=usual.cx,
-            cy_px=usual.cy,
-        ),
+        camera=PinholeIntrinsics.of(usual),
         views=tuple(
             SnapshotView(
                 image=images[name].digest,
@@ -79,7 +72,7 @@ def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points:
 
 
 def _up(rotations: Sequence[Array]) -> Array:
-    """The direction that is up in most images, in the model's frame."""
+    """The mean upward direction of the images, in the model frame."""
     mean = -np.mean([rotation[:, 1] for rotation in rotations], axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])

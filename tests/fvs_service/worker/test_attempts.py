@@ -1,4 +1,4 @@
-"""An attempt whose processes die: its host and its runner are played."""
+"""Attempts whose processes die, with a fake runner and fake leased scenes."""
 
 import itertools
 import socket
@@ -10,15 +10,15 @@ from typing import Any, cast
 
 import pytest
 from fvs_service.jobs import ledger
-from fvs_service.worker import attempt
-from fvs_service.worker.attempt import MAX_TRIES, Attempts
-from fvs_service.worker.host import Host, Hosted
-from fvs_service.worker.protocol import Line, RunnerGoneError
+from fvs_service.worker import attempts
+from fvs_service.worker.attempts import MAX_TRIES, Attempts
+from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
+from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 from fvs_service.worker.tries import Tries
 
 
 class DyingRunner:
-    """Tells how far it came, and then that its child has died; or nothing more, as if it had died itself."""
+    """Reports progress, and then that its SfM child died, or nothing more, as if it had died itself."""
 
     def __init__(self, shares: Iterator[float], *, of_its_child: bool) -> None:
         self._shares, self._of_its_child = shares, of_its_child
@@ -37,21 +37,21 @@ class DyingRunner:
     def _serve(self) -> None:
         while True:
             try:
-                line = Line(self._socket.accept()[0])
+                connection = Connection(self._socket.accept()[0])
             except OSError:
                 return
-            line.receive()
-            assert line.receive()["kind"] == "job"
+            connection.receive()
+            assert connection.receive()["kind"] == "job"
             self.asked += 1
-            line.send({"progress": {"stage": "train", "share": next(self._shares)}})
+            connection.send({"progress": {"stage": "train", "share": next(self._shares)}})
             if self._of_its_child:
                 death = {"code": "process-died", "message": "Stage 'match' was killed.", "hint": ""}
-                line.send({"error": {**death, "retryable": True}})
-            line.close()
+                connection.send({"error": {**death, "retryable": True}})
+            connection.close()
 
 
-class PlayedHost:
-    """Has the scene's lease, and the runner that it is given; without one none starts."""
+class FakeScenes:
+    """Leases any scene, with the given runner; without one no runner starts."""
 
     stopping = False
 
@@ -60,44 +60,44 @@ class PlayedHost:
         self.started = self.dropped = 0
 
     @contextmanager
-    def hold(self, scene_id: str, *_: Any) -> Iterator[Hosted]:
+    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
         self.started += 1
         if self._runner is None:
             raise RunnerGoneError("The runner did not start.")
         child: Any = SimpleNamespace(endpoint=self._runner.endpoint)
-        yield Hosted(self._gateway.lease(scene_id), child)
+        yield LeasedScene(self._gateway.lease(scene_id), child)
 
     @contextmanager
-    def leased(self, scene_id: str, _give_up: Any) -> Iterator[Any]:
+    def without_runner(self, scene_id: str, _give_up: Any) -> Iterator[Any]:
         yield self._gateway.lease(scene_id)
 
-    def drop(self, _hosted: Hosted) -> None:
+    def drop(self, _scene: LeasedScene) -> None:
         self.dropped += 1
 
 
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(attempt, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
 
 
-def _run(gateway: Any, host: PlayedHost) -> Any:
+def _run(gateway: Any, scenes: FakeScenes) -> Any:
     """The job once it has been run to its end."""
     job = gateway.queue(gateway.scene())
     ticket = gateway.engine.submitted[f"{job}.1"]
-    Attempts(gateway.application.storage, cast(Host, host)).run(ticket)
+    Attempts(gateway.application.storage, cast(LeasedScenes, scenes)).run(ticket)
     return gateway.client.get(f"/v1/jobs/{job}").json()
 
 
 @pytest.mark.parametrize("of_its_child", [True, False])
 def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of_its_child: bool) -> None:
     runner = DyingRunner(itertools.repeat(0.5), of_its_child=of_its_child)
-    host = PlayedHost(gateway, runner)
-    found = _run(gateway, host)
+    scenes = FakeScenes(gateway, runner)
+    found = _run(gateway, scenes)
     runner.close()
     assert runner.asked == MAX_TRIES
     # A runner whose child died is well: it stays warm, and answers rankings.
-    assert host.dropped == (0 if of_its_child else MAX_TRIES)
+    assert scenes.dropped == (0 if of_its_child else MAX_TRIES)
     assert (found["state"], found["error"]["code"]) == ("failed", "runner-died")
     assert ("Stage 'match' was killed." in found["error"]["message"]) == of_its_child
     assert found["error"]["retryable"]
@@ -107,16 +107,16 @@ def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of
 def test_a_job_that_comes_farther_each_time_is_not_given_up(gateway: Any) -> None:
     shares = itertools.chain([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8], itertools.repeat(0.8))
     runner = DyingRunner(shares, of_its_child=True)
-    found = _run(gateway, PlayedHost(gateway, runner))
+    found = _run(gateway, FakeScenes(gateway, runner))
     runner.close()
     assert runner.asked == 8 + MAX_TRIES - 1
     assert found["state"] == "failed"
 
 
 def test_a_runner_that_does_not_start_is_given_up(gateway: Any) -> None:
-    host = PlayedHost(gateway, None)
-    found = _run(gateway, host)
-    assert host.started == MAX_TRIES
+    scenes = FakeScenes(gateway, None)
+    found = _run(gateway, scenes)
+    assert scenes.started == MAX_TRIES
     assert found["error"]["message"].endswith("The runner did not start.")
 
 
@@ -126,9 +126,9 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
     dead = gateway.lease(scene)
     storage.ledger.start(dead, job, 1)
     gateway.client.post(f"/v1/jobs/{job}:cancel")
-    host = PlayedHost(gateway, None)
-    Attempts(storage, cast(Host, host)).run(gateway.engine.submitted[f"{job}.1"])
-    assert host.started == 0
+    scenes = FakeScenes(gateway, None)
+    Attempts(storage, cast(LeasedScenes, scenes)).run(gateway.engine.submitted[f"{job}.1"])
+    assert scenes.started == 0
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
 
 
@@ -136,10 +136,10 @@ def test_tries_of_workers_that_died_count(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
     ticket = gateway.engine.submitted[f"{job}.1"]
     storage = gateway.application.storage
-    for _ in range(MAX_TRIES):  # each began, and was not heard of again
-        Tries(storage.settings.scenes / scene, ticket).begin(0.0)
-    host = PlayedHost(gateway, None)
-    Attempts(storage, cast(Host, host)).run(ticket)
-    assert host.started == 0
+    for _ in range(MAX_TRIES):  # each started, and its worker died
+        Tries(storage.settings.scenes / scene, ticket).start(0.0)
+    scenes = FakeScenes(gateway, None)
+    Attempts(storage, cast(LeasedScenes, scenes)).run(ticket)
+    assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
-    assert found["error"]["message"].endswith("the death of its worker")
+    assert found["error"]["message"].endswith("its worker died")

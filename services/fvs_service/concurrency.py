@@ -1,4 +1,4 @@
-"""How much of something a tenant may use at once."""
+"""Limits on what a tenant may do at the same time."""
 
 import threading
 from collections import Counter
@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from fvs_service.errors import LimitExceededError
 
 
-class AtOnce:
-    """Counts what is going on per tenant, in this process, and refuses what exceeds ``limit``."""
+class ConcurrencyLimit:
+    """Allows each tenant ``limit`` operations at a time in this process; ``what`` names them in messages."""
 
     def __init__(self, what: str, limit: int) -> None:
         self._what, self._limit = what, limit
@@ -17,8 +17,8 @@ class AtOnce:
         self._used: Counter[str] = Counter()
 
     @contextmanager
-    def use(self, tenant_id: str) -> Iterator[None]:
-        """Take one place while the block runs; raises ``LimitExceededError`` when all are taken."""
+    def slot(self, tenant_id: str) -> Iterator[None]:
+        """Occupy one of the tenant's slots for the block; raises ``LimitExceededError`` when none is free."""
         with self._lock:
             if self._used[tenant_id] >= self._limit:
                 raise LimitExceededError(

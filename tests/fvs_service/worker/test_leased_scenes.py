@@ -2,19 +2,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fvs_service.worker import host as host_module
-from fvs_service.worker.host import Host
+from fvs_service.worker import leased_scenes
+from fvs_service.worker.leased_scenes import LeasedScenes
 
 
-def test_a_scene_that_another_worker_holds_is_not_warmed_here(gateway: Any) -> None:
+def test_no_runner_is_started_for_a_scene_that_another_worker_has_leased(gateway: Any) -> None:
     """Its runner may only be starting: taking the scene from it would start another one, all over."""
     scene = gateway.scene()
     theirs = gateway.lease(scene, "theirs")
-    host = Host(gateway.application.storage, "ours")
+    scenes = LeasedScenes(gateway.application.storage, "ours")
     try:
-        host.warm(scene)  # returns at once
+        scenes.start_runner(scene)  # returns at once
     finally:
-        host.stop()
+        scenes.stop()
     assert gateway.application.storage.leases.holder(scene) == theirs
 
 
@@ -36,16 +36,16 @@ def test_a_scene_keeps_its_memory_until_the_last_one_is_done_with_it(
 
         def retire(self, _patience_s: float) -> None: ...
 
-    monkeypatch.setattr(host_module, "RunnerChild", Child)
-    monkeypatch.setattr(host_module, "memory_limit_bytes", lambda _: 4_000_000_000)
-    learning, another = gateway.scene(), gateway.scene()
-    host = Host(gateway.application.storage, "ours")
+    monkeypatch.setattr(leased_scenes, "RunnerChild", Child)
+    monkeypatch.setattr(leased_scenes, "memory_limit_bytes", lambda _: 4_000_000_000)
+    training, another = gateway.scene(), gateway.scene()
+    scenes = LeasedScenes(gateway.application.storage, "ours")
     try:
-        with host.hold(learning, 3_500_000_000, lambda: False):
-            host.warm(learning)
-            with host.hold(another, 1_000_000_000, lambda: True) as refused:
+        with scenes.with_runner(training, 3_500_000_000, lambda: False):
+            scenes.start_runner(training)
+            with scenes.with_runner(another, 1_000_000_000, lambda: True) as refused:
                 assert refused is None
-        with host.hold(another, 1_000_000_000, lambda: True) as hosted:
-            assert hosted is not None
+        with scenes.with_runner(another, 1_000_000_000, lambda: True) as leased:
+            assert leased is not None
     finally:
-        host.stop()
+        scenes.stop()

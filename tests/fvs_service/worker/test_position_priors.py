@@ -11,9 +11,9 @@ from fvs_service.model import now
 from fvs_service.scenes.model import AltitudeDatum, CameraPrior, Origin
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
-from fvs_service.worker.protocol import JobQuestion
-from fvs_service.worker.runner import learning
-from fvs_service.worker.runner.told_positions import told_positions
+from fvs_service.worker.protocol.messages import RunJob
+from fvs_service.worker.runner import scene_jobs
+from fvs_service.worker.runner.position_priors import position_priors
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
@@ -60,24 +60,24 @@ def _named(*images: Image) -> Mapping[str, Image]:
     return {f"{image.number:06d}.jpg": image for image in images}
 
 
-def test_places_are_those_of_the_world() -> None:
-    told = told_positions(_named(_local(1), _image(2, None)), None)
-    assert told is not None
-    assert (list(told.by_name), told.accuracy) == (["000001.jpg"], 0.0)
-    np.testing.assert_array_equal(told.by_name["000001.jpg"], [1.0, 2.0, 3.0])
+def test_priors_are_in_the_world_frame() -> None:
+    found = position_priors(_named(_local(1), _image(2, None)), None)
+    assert found is not None
+    assert (list(found.by_name), found.accuracy) == (["000001.jpg"], 0.0)
+    np.testing.assert_array_equal(found.by_name["000001.jpg"], [1.0, 2.0, 3.0])
     mixed = _named(_geodetic(1, PriorSource.METADATA), _geodetic(2, PriorSource.REQUEST))
-    by_gps = told_positions(mixed, _ORIGIN)
+    by_gps = position_priors(mixed, _ORIGIN)
     assert by_gps is not None
     assert by_gps.accuracy > 0
     np.testing.assert_allclose(by_gps.by_name["000002.jpg"], [0.0, 0.0, 2.0], atol=1e-6)
     assert len(by_gps.by_name) == 2
 
 
-def test_what_only_files_tell_is_left_to_structure_from_motion() -> None:
-    assert told_positions(_named(_geodetic(1, PriorSource.METADATA)), _ORIGIN) is None
-    assert told_positions(_named(_image(1, None)), None) is None
+def test_positions_in_files_alone_are_left_to_structure_from_motion() -> None:
+    assert position_priors(_named(_geodetic(1, PriorSource.METADATA)), _ORIGIN) is None
+    assert position_priors(_named(_image(1, None)), None) is None
     attitude = _image(1, Prior(source=PriorSource.REQUEST, yaw_deg=1.0))
-    assert told_positions(_named(attitude), _ORIGIN) is None
+    assert position_priors(_named(attitude), _ORIGIN) is None
 
 
 def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,12 +93,12 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
         priors.append(settings.sfm.focal_prior)
         return SimpleNamespace(iteration=0, add=add)
 
-    place: Callable[..., Mapping[str, Image]] = lambda *_: _named(*images)  # noqa: E731
-    monkeypatch.setattr(learning, "GrowingScene", SimpleNamespace(open=open_scene))
-    monkeypatch.setattr(learning, "place_photographs", place)
+    prepare: Callable[..., Mapping[str, Image]] = lambda *_: _named(*images)  # noqa: E731
+    monkeypatch.setattr(scene_jobs, "GrowingScene", SimpleNamespace(open=open_scene))
+    monkeypatch.setattr(scene_jobs, "prepare_images", prepare)
     states: Any = SimpleNamespace(forget_live=lambda: None)
-    learner = learning.Learner(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)
-    question = JobQuestion(
+    jobs = scene_jobs.SceneJobs(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)
+    request = RunJob(
         job_id="job",
         request=JobRequest(kind=JobKind.UPDATE),
         images=tuple(images),
@@ -108,6 +108,6 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
     )
     monitor: Any = Monitor()
     with pytest.raises(Cancelled):
-        learner.run(question, monitor, lambda _sentence: None)
+        jobs.run(request, monitor, lambda _sentence: None)
     assert [list(positions.by_name) for positions in passed] == [["000000.jpg", "000001.jpg", "000002.jpg"]]
     assert priors == [FocalPrior(focal_length_px=2000.0, width_px=1600)]

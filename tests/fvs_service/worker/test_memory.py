@@ -3,7 +3,7 @@ import time
 
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
-from fvs_service.worker.capacity import MemoryBudget, job_need_bytes, memory_limit_bytes, warm_need_bytes
+from fvs_service.worker.memory import MemoryBudget, idle_need_bytes, job_need_bytes, memory_limit_bytes
 
 
 def _never() -> bool:
@@ -61,7 +61,7 @@ def test_a_fine_model_needs_more_than_an_update() -> None:
     settings = WorkerSettings()
     update = job_need_bytes(JobRequest(kind=JobKind.UPDATE), (), settings)
     fine = job_need_bytes(JobRequest(kind=JobKind.FINE), (), settings)
-    assert warm_need_bytes(0) < update < fine
+    assert idle_need_bytes(0) < update < fine
 
 
 def test_workers_share_the_machine() -> None:

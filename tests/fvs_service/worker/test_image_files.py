@@ -10,7 +10,7 @@ from fvs_service.images.model import Registration, Verdict
 from fvs_service.images.service import blob_key
 from fvs_service.model import now
 from fvs_service.storage.blobs import Blobs
-from fvs_service.worker.runner.photographs import place_photographs
+from fvs_service.worker.runner.image_files import prepare_images
 from PIL import Image
 
 from fvs_engine.monitor import Monitor
@@ -62,11 +62,11 @@ def test_photographs_are_upright_files_in_the_order_of_arrival(
 ) -> None:
     images = [store(2), store(10, "WEBP"), store(1, exif={_ORIENTATION: 6}), store(3, "PNG")]
     blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
-    placed = place_photographs(blobs, images, folder, Monitor())
+    placed = prepare_images(blobs, images, folder, Monitor())
     assert [placed[name].number for name in sorted(placed)] == [1, 2, 3, 10]
     with Image.open(folder / min(placed)) as turned:
         assert turned.size == (48, 64)
     before = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
-    again = place_photographs(blobs, [*images, store(11)], folder, Monitor())
+    again = prepare_images(blobs, [*images, store(11)], folder, Monitor())
     assert len(again) == 5
     assert before.items() <= {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}.items()

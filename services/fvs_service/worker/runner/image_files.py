@@ -1,4 +1,4 @@
-"""The scene's photographs as files for the engine: upright, 8 bits, in the order of arrival."""
+"""The scene's images as files for the engine: upright, 8 bits, named in the order of arrival."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -9,24 +9,24 @@ from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_service.images.model import Image
-from fvs_service.images.service import fill_folder
+from fvs_service.images.service import export_images
 from fvs_service.storage.blobs import Blobs
 
 
-def place_photographs(
+def prepare_images(
     blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor
 ) -> Mapping[str, Image]:
-    """Put what is missing into ``folder``; returns file name → image, sorted as they arrived.
+    """Write the missing images into ``folder``; returns file name → image in the order of arrival.
 
-    Files have the names that ``file_name`` gives, with another suffix where the format had to change. An
-    image that the engine cannot use after all is left out.
+    Files have the names that ``file_name`` gives, with another suffix where the format had to change. Images
+    that the engine cannot use are left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = [image for image in images if image.number not in _present(folder)]
     if missing:
         arrivals = folder.with_name("arrivals")
         shutil.rmtree(arrivals, ignore_errors=True)
-        fill_folder(blobs, tuple(missing), arrivals)
+        export_images(blobs, tuple(missing), arrivals)
         ready = fresh_folder(folder.with_name("ready"))
         photographs = catalog_images(arrivals, monitor=monitor).photographs
         for file in normalise_images(photographs, ready, monitor=monitor).values():

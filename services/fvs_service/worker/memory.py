@@ -1,4 +1,4 @@
-"""Memory that scenes may use on one worker: what does not fit waits for its turn."""
+"""The memory budget of one worker: jobs that do not fit wait."""
 
 import os
 import threading
@@ -11,15 +11,15 @@ from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 
 PROGRAM_BYTES = 700_000_000
-"""What a runner needs before it has learnt anything: the interpreter, torch and Numba, and structure from
-motion's child. Measured on a made-up scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
-_WARM_GAUSSIAN_BYTES = 2 * 4 * 59
+"""A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a made-up scene
+of 11 images at 160 px: peaks of 570 MB and 110 MB."""
+_IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
 
 
 def memory_limit_bytes(settings: WorkerSettings) -> int:
-    """What the scenes of one worker may use together."""
+    """The memory that all scenes of one worker share."""
     if settings.memory_bytes is not None:
         return settings.memory_bytes
     machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -27,7 +27,7 @@ def memory_limit_bytes(settings: WorkerSettings) -> int:
 
 
 def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: WorkerSettings) -> int:
-    """What a job needs at most and about, its runner included."""
+    """An estimate of the most memory that a job needs, its runner included."""
     side = request.long_side_px or settings.long_side_px
     sizes = [reduced_size(image.width_px or side, image.height_px or side, side) for image in images]
     width, height = max(sizes, key=lambda size: size[0] * size[1], default=(side, side))
@@ -37,25 +37,25 @@ def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: Wor
     return PROGRAM_BYTES + training
 
 
-def warm_need_bytes(gaussians: int) -> int:
-    """What a runner that only answers needs for a model of so many Gaussians."""
-    return PROGRAM_BYTES + gaussians * _WARM_GAUSSIAN_BYTES
+def idle_need_bytes(gaussians: int) -> int:
+    """The memory of a runner that only ranks with a model of so many Gaussians."""
+    return PROGRAM_BYTES + gaussians * _IDLE_GAUSSIAN_BYTES
 
 
 class MemoryBudget:
-    """Shares a limit among scenes; a scene that needs more than all of it may run alone."""
+    """Divides a limit among scenes; a scene that needs more than the limit runs alone."""
 
     def __init__(self, limit_bytes: int, make_room: Callable[[], bool]) -> None:
-        """``make_room`` gives up something that nobody uses, and says whether there was anything."""
+        """``make_room`` releases a scene that is not in use; it returns whether there was one."""
         self._limit_bytes = limit_bytes
         self._make_room = make_room
         self._changed = threading.Condition()
         self._reserved: dict[str, int] = {}
 
     def reserve(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> bool:
-        """Wait until the scene may use so much, or what it has if that is more.
+        """Wait until the scene has ``need_bytes``, or what it had if that is more.
 
-        Returns False when ``give_up`` says so first.
+        Returns False when ``give_up`` returned True first.
         """
         while True:
             with self._changed:
@@ -72,14 +72,14 @@ class MemoryBudget:
                 self._changed.wait(_POLL_S)
 
     def shrink(self, scene_id: str, need_bytes: int) -> None:
-        """The scene needs less now."""
+        """Reduce what the scene has reserved."""
         with self._changed:
             if scene_id in self._reserved:
                 self._reserved[scene_id] = min(need_bytes, self._reserved[scene_id])
                 self._changed.notify_all()
 
     def release(self, scene_id: str) -> None:
-        """The scene uses nothing any more."""
+        """Free what the scene has reserved."""
         with self._changed:
             self._reserved.pop(scene_id, None)
             self._changed.notify_all()

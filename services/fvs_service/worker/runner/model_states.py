@@ -1,6 +1,6 @@
-"""The models that questions are answered from: snapshots, and copies of the one that is learning.
+"""The states of a scene's model that rank: snapshots, and copies of the model in training.
 
-Readers take whatever state is the newest and keep it as long as they need: a state never changes.
+A state never changes, so readers need no lock.
 """
 
 import tempfile
@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
-from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
@@ -22,14 +19,14 @@ from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, artifact_key
 from fvs_service.storage.blobs import Blobs
 
 METRICS = "metrics.json"
-"""The artefact with the snapshot's ``SnapshotMetrics``."""
+"""The artifact with the snapshot's ``SnapshotMetrics``."""
 
 _KEPT = 2
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """A model, trained for ``iterations``, that is the snapshot ``snapshot_id`` or grew from it."""
+class ModelState:
+    """A model after ``iterations``: the snapshot ``snapshot_id``, or a training that started from it."""
 
     snapshot_id: str
     gaussians: Gaussians
@@ -39,36 +36,34 @@ class State:
 
     @cached_property
     def visited(self) -> tuple[PinholeView, ...]:
-        """The views that were photographed; a prefix keeps their ids apart from those of candidates."""
-        lens, views = self.cameras.camera, self.cameras.views
-        camera = PinholeCamera(lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
-        turns = matrix_from_quaternion(np.array([view.orientation_wxyz for view in views]).reshape(-1, 4))
+        """The visited views; a prefix keeps their names apart from those of candidates."""
+        camera = self.cameras.camera.pinhole
         return tuple(
-            PinholeView(
-                f"visited:{view.image}", camera, RigidTransform(turn, np.array(view.position)).inverse()
+            PinholeView(f"visited:{view.image}", camera, model_from_camera.inverse())
+            for view, model_from_camera in zip(
+                self.cameras.views, self.cameras.model_from_cameras(), strict=True
             )
-            for view, turn in zip(views, turns, strict=True)
         )
 
 
-class States:
-    """Finds the state for a question; safe to use from any thread."""
+class ModelStates:
+    """The states of one scene; safe to use from any thread."""
 
     def __init__(self, scene_id: str, blobs: Blobs, rasterizer: Rasterizer) -> None:
         self._scene_id = scene_id
         self._blobs = blobs
         self._rasterizer = rasterizer
         self._lock = threading.Lock()
-        self._loaded: OrderedDict[str, State] = OrderedDict()
-        self._live: State | None = None
+        self._loaded: OrderedDict[str, ModelState] = OrderedDict()
+        self._live: ModelState | None = None
 
-    def newest(self, snapshot_id: str) -> State:
-        """The state that grew farthest from a snapshot."""
+    def newest(self, snapshot_id: str) -> ModelState:
+        """The latest state of a training that started from the snapshot, or the snapshot."""
         live = self._live
-        return live if live is not None and live.snapshot_id == snapshot_id else self.exactly(snapshot_id)
+        return live if live is not None and live.snapshot_id == snapshot_id else self.of_snapshot(snapshot_id)
 
-    def exactly(self, snapshot_id: str) -> State:
-        """A snapshot; raises ``NotFoundError``."""
+    def of_snapshot(self, snapshot_id: str) -> ModelState:
+        """The state of a snapshot; raises ``NotFoundError``."""
         with self._lock:
             state = self._loaded.get(snapshot_id)
             if state is None:
@@ -79,23 +74,23 @@ class States:
             return state
 
     def publish(self, snapshot_id: str, gaussians: Gaussians, sh_degree: int, iterations: int) -> None:
-        """Let rankings use a copy of ``gaussians``, which go on changing."""
+        """Let rankings use a copy of ``gaussians``, which training goes on to change."""
         copy = Gaussians(**{name: tensor.detach().clone() for name, tensor in gaussians.tensors().items()})
-        cameras = self.exactly(snapshot_id).cameras
-        self._live = State(snapshot_id, copy, sh_degree, cameras, iterations)
+        cameras = self.of_snapshot(snapshot_id).cameras
+        self._live = ModelState(snapshot_id, copy, sh_degree, cameras, iterations)
 
     def forget_live(self) -> None:
-        """Go back to snapshots: the learning has ended, one way or another."""
+        """Rank with snapshots only: the training has ended."""
         self._live = None
 
-    def _load(self, snapshot_id: str) -> State:
+    def _load(self, snapshot_id: str) -> ModelState:
         cameras = SnapshotCameras.model_validate_json(self._read(snapshot_id, CAMERAS))
         with tempfile.TemporaryDirectory(prefix="fvs-") as folder:
             file = Path(folder) / GAUSSIANS
-            self._blobs.place(artifact_key(self._scene_id, snapshot_id, GAUSSIANS), file)
+            self._blobs.export(artifact_key(self._scene_id, snapshot_id, GAUSSIANS), file)
             gaussians = read_ply(file).to(self._rasterizer.device)
         metrics = SnapshotMetrics.model_validate_json(self._read(snapshot_id, METRICS))
-        return State(snapshot_id, gaussians, gaussians.sh_degree, cameras, metrics.iterations)
+        return ModelState(snapshot_id, gaussians, gaussians.sh_degree, cameras, metrics.iterations)
 
     def _read(self, snapshot_id: str, name: str) -> bytes:
         return self._blobs.read(artifact_key(self._scene_id, snapshot_id, name))

@@ -1,6 +1,6 @@
-"""Which workers live: each shows itself, and one of the others takes over what a dead one left.
+"""Heartbeats of workers: they show which workers live, so that another takes over the jobs of a dead one.
 
-A worker that was only frozen, and taken for dead, learns of it when it shows itself again.
+A worker that was only frozen learns from its next heartbeat that it was taken for dead.
 """
 
 from sqlalchemy import delete, select, update
@@ -9,19 +9,19 @@ from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.tables import WorkerRow
 
 _MISSED = 3
-"""A worker that has not shown itself for so many leases is dead for good; its supervisor would have
-started it again long ago."""
+"""A worker without a heartbeat for so many leases is dead for good: its supervisor would have restarted it
+long before."""
 
 
-class Presence:
-    """Shows that a worker lives; times are the database's."""
+class Heartbeats:
+    """Writes and reads heartbeats; times are the database's."""
 
     def __init__(self, database: Database, lease_s: float) -> None:
         self._database = database
         self._duration_ms = round(_MISSED * lease_s * 1000)
 
-    def show(self, worker_id: str) -> bool:
-        """Say that this worker lives; whether the others still thought so."""
+    def beat(self, worker_id: str) -> bool:
+        """Record that this worker lives; False when it was not known, or was taken for dead."""
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(
@@ -34,10 +34,10 @@ class Presence:
                 session.add(WorkerRow(id=worker_id, expires_at_ms=until))
         return known is not None
 
-    def take_dead(self, worker_id: str) -> tuple[str, ...]:
-        """The workers that are dead for good; each is given to one caller only, until that one is dead too.
+    def claim_dead(self, worker_id: str) -> tuple[str, ...]:
+        """The ids of dead workers; each goes to one caller only, unless that one dies too.
 
-        The caller takes over what they left, and then says ``forget``.
+        The caller requeues their jobs and then calls ``forget``.
         """
         with self._database.reading() as session:
             dead = session.scalars(
@@ -46,15 +46,15 @@ class Presence:
         if not dead:
             return ()
         with self._database.writing() as session:
-            taken = session.scalars(
+            claimed = session.scalars(
                 update(WorkerRow)
                 .where(WorkerRow.id.in_(dead), WorkerRow.expires_at_ms < now_ms())
                 .values(expires_at_ms=now_ms() + self._duration_ms)
                 .returning(WorkerRow.id)
             )
-            return tuple(taken)
+            return tuple(claimed)
 
     def forget(self, worker_id: str) -> None:
-        """A dead worker has left nothing any more."""
+        """Delete a dead worker whose jobs are queued again."""
         with self._database.writing() as session:
             session.execute(delete(WorkerRow).where(WorkerRow.id == worker_id))

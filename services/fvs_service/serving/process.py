@@ -1,0 +1,56 @@
+"""The supervisor's child processes: ``python -m fvs_service.serving.process gateway|worker``.
+
+The first line of standard input is a ``ProcessOrder``. A gateway writes its URL to standard output once it
+answers.
+"""
+
+import os
+import sys
+
+from fvs_engine.child_process import end_with_parent
+from fvs_engine.records import Record
+from fvs_service.application import Backend, open_storage
+from fvs_service.settings import Settings
+from fvs_service.telemetry import configure_logging
+from fvs_service.worker.engine import DbosEngine
+from fvs_service.worker.runners import LeasedRunners
+
+GATEWAY, WORKER = "gateway", "worker"
+
+
+class ProcessOrder(Record):
+    """What a child process runs with; ``name`` is a worker's id, the same in every restart."""
+
+    name: str
+    parent: int
+    settings: Settings
+    log_json: bool
+
+
+def main() -> None:
+    """Run a gateway or a worker until SIGINT or SIGTERM."""
+    (role,) = sys.argv[1:]
+    order = ProcessOrder.model_validate_json(sys.stdin.buffer.readline())
+    end_with_parent(order.parent)
+    configure_logging(machine=order.log_json)
+    if role == GATEWAY:
+        _run_gateway(order)
+    else:
+        _run_worker(order)
+
+
+def _run_gateway(order: ProcessOrder) -> None:
+    from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
+
+    backend = Backend(engine=DbosEngine, runners=LeasedRunners)
+    run_gateway(order.settings, backend, announce=lambda url: print(url, flush=True))  # noqa: T201
+
+
+def _run_worker(order: ProcessOrder) -> None:
+    with open_storage(order.settings) as storage:
+        DbosEngine(storage).run_worker(order.name)
+    os._exit(0)  # without waiting for attempts that still run: the next process resumes them
+
+
+if __name__ == "__main__":
+    main()

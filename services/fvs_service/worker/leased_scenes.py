@@ -1,0 +1,287 @@
+"""The scenes that one worker has leased: their leases, their runners, and the memory that they share."""
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import structlog
+
+from fvs_service.application import Storage
+from fvs_service.errors import StaleLeaseError
+from fvs_service.scenes.lease import Lease
+from fvs_service.scenes.repository import find_scene
+from fvs_service.snapshots.repository import find_snapshot
+from fvs_service.worker.memory import MemoryBudget, idle_need_bytes, memory_limit_bytes
+from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError, call
+from fvs_service.worker.protocol.messages import YieldScene
+from fvs_service.worker.runner_child import RunnerChild
+
+_POLL_S = 0.25
+_YIELD_S = 2.0
+_RETIRE_S = 5.0
+_START_PATIENCE_S = 60.0
+"""The request that needed the runner has failed by then."""
+
+_log = structlog.get_logger()
+
+
+@dataclass
+class LeasedScene:
+    """A scene that this worker has leased, with its runner; ``users`` counts the blocks that use it."""
+
+    lease: Lease
+    child: RunnerChild
+    users: int = 0
+
+    @property
+    def endpoint(self) -> str:
+        """The address of the runner."""
+        return self.child.endpoint
+
+
+class LeasedScenes:
+    """Leases scenes for jobs and for rankings; safe to use from any thread."""
+
+    def __init__(self, storage: Storage, worker_id: str) -> None:
+        self._storage = storage
+        self._worker_id = worker_id
+        self._budget = MemoryBudget(memory_limit_bytes(storage.settings.worker), self._unload_longest_idle)
+        self._spawner = ThreadPoolExecutor(1, thread_name_prefix="spawner")
+        self._lock = threading.Lock()
+        self._scene_locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        self._scenes: dict[str, LeasedScene] = {}
+        self._stopping = threading.Event()
+        self._maintenance = threading.Thread(target=self._run_maintenance, daemon=True)
+        self._maintenance.start()
+
+    @contextmanager
+    def with_runner(
+        self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]
+    ) -> Iterator[LeasedScene | None]:
+        """The scene with its runner for the block; None when ``give_up`` returned True before.
+
+        Waits for memory, and for another worker to yield the scene. Raises ``RunnerGoneError`` when the
+        runner does not start.
+        """
+        scene = self._take(scene_id, need_bytes, lambda: give_up() or self._stopping.is_set())
+        try:
+            yield scene
+        finally:
+            if scene is not None:
+                self._end_use(scene)
+
+    @contextmanager
+    def without_runner(self, scene_id: str, give_up: Callable[[], bool]) -> Iterator[Lease | None]:
+        """The scene's lease for the block, without a runner; None when ``give_up`` returned True before."""
+        with self._scene_locks[scene_id]:
+            self._drop(self._scenes.get(scene_id))
+            lease = self._acquire(scene_id, give_up)
+            try:
+                yield lease
+            finally:
+                if lease is not None:
+                    self._storage.leases.release(lease)
+
+    def start_runner(self, scene_id: str) -> None:
+        """Start the scene's runner, so that it can rank; a failure is only logged.
+
+        Does nothing when another worker has the lease: it has a runner, or is starting one.
+        """
+        until = time.monotonic() + _START_PATIENCE_S
+
+        def give_up() -> bool:
+            holder = self._storage.leases.holder(scene_id)
+            return time.monotonic() > until or (holder is not None and holder.worker_id != self._worker_id)
+
+        try:
+            with self.with_runner(scene_id, self._idle_need(scene_id), give_up):
+                pass
+        except RunnerGoneError as error:
+            _log.warning("runner did not start", scene=scene_id, reason=str(error))
+
+    def drop(self, scene: LeasedScene) -> None:
+        """Kill the scene's runner and release the lease."""
+        with self._scene_locks[scene.lease.scene_id]:
+            self._drop(scene)
+
+    def stop(self) -> None:
+        """End all runners and release all leases."""
+        self._stopping.set()
+        self._maintenance.join()
+        scenes = list(self._scenes.values())
+        with ThreadPoolExecutor(max(1, len(scenes))) as pool:
+            list(pool.map(lambda scene: scene.child.retire(_RETIRE_S), scenes))
+        for scene in scenes:
+            self._drop(scene)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the worker is about to end."""
+        return self._stopping.is_set()
+
+    def _take(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> LeasedScene | None:
+        with self._scene_locks[scene_id]:
+            scene = self._scenes.get(scene_id)
+            if scene is not None and scene.child.alive:
+                with self._lock:
+                    scene.users += 1
+                if self._budget.reserve(scene_id, need_bytes, give_up):
+                    return scene
+                with self._lock:
+                    scene.users -= 1
+                return None
+            self._drop(scene)
+            if not self._budget.reserve(scene_id, need_bytes, give_up):
+                return None
+            lease = self._acquire(scene_id, give_up)
+            if lease is None:
+                self._budget.release(scene_id)
+                return None
+            return self._start(lease)
+
+    def _end_use(self, scene: LeasedScene) -> None:
+        """End one use of the scene; after the last one it keeps only the memory of an idle runner."""
+        need = None
+        try:
+            need = self._idle_need(scene.lease.scene_id)
+        finally:
+            with self._lock:
+                scene.users -= 1
+                if scene.users == 0 and need is not None:
+                    self._budget.shrink(scene.lease.scene_id, need)
+
+    def _start(self, lease: Lease) -> LeasedScene:
+        starting = _StartingLease(self._storage, lease)
+        try:
+            child = RunnerChild(
+                lease.scene_id,
+                self._storage.settings,
+                self._spawner,
+                lambda: self._stopping.is_set() or starting.lost(),
+            )
+        except RunnerGoneError:
+            self._budget.release(lease.scene_id)
+            self._storage.leases.release(lease)
+            raise
+        try:
+            scene = LeasedScene(self._storage.leases.extend(lease, child.endpoint), child, users=1)
+        except StaleLeaseError as error:
+            child.kill()
+            self._budget.release(lease.scene_id)
+            raise RunnerGoneError("Another worker took the scene.") from error
+        with self._lock:
+            self._scenes[lease.scene_id] = scene
+        return scene
+
+    def _acquire(self, scene_id: str, give_up: Callable[[], bool]) -> Lease | None:
+        while True:
+            lease = self._storage.leases.acquire(scene_id, self._worker_id)
+            if lease is not None or give_up():
+                return lease
+            holder = self._storage.leases.holder(scene_id)
+            if holder is not None and holder.endpoint is not None:
+                _request_yield(holder.endpoint)
+            time.sleep(_POLL_S)
+
+    def _drop(self, scene: LeasedScene | None) -> None:
+        if scene is None:
+            return
+        scene_id = scene.lease.scene_id
+        scene.child.kill()
+        with self._lock:
+            if self._scenes.get(scene_id) is scene:
+                del self._scenes[scene_id]
+                self._budget.release(scene_id)
+        self._storage.leases.release(scene.lease)
+
+    def _run_maintenance(self) -> None:
+        """Until the worker stops: extend leases, drop dead runners, unload idle ones."""
+        every_s = self._storage.settings.lease_s / 5
+        extended = 0.0
+        while not self._stopping.wait(_POLL_S):
+            due = time.monotonic() - extended >= every_s
+            if due:
+                extended = time.monotonic()
+            for scene in list(self._scenes.values()):
+                try:
+                    self._maintain(scene, due)
+                except Exception:  # without the database the leases run out
+                    _log.exception("cannot maintain a lease", scene=scene.lease.scene_id)
+
+    def _maintain(self, scene: LeasedScene, due: bool) -> None:
+        if not scene.child.alive:
+            if scene.users == 0:
+                self._drop_if_free(scene)
+        elif due:
+            self._extend(scene)
+            if scene.users == 0 and scene.child.idle_s() > self._storage.settings.worker.idle_s:
+                self._unload(scene)
+
+    def _extend(self, scene: LeasedScene) -> None:
+        try:
+            self._storage.leases.extend(scene.lease)
+        except StaleLeaseError:
+            _log.warning("lease lost", scene=scene.lease.scene_id)
+            scene.child.kill()  # which ends the job that uses it
+        else:
+            scene.child.extend()
+
+    def _unload_longest_idle(self) -> bool:
+        free = [scene for scene in list(self._scenes.values()) if scene.users == 0]
+        return any(self._unload(scene) for scene in sorted(free, key=lambda one: -one.child.idle_s()))
+
+    def _unload(self, scene: LeasedScene) -> bool:
+        lock = self._scene_locks[scene.lease.scene_id]
+        if not lock.acquire(blocking=False):
+            return False
+        try:
+            if scene.users or not scene.child.yield_scene():
+                return False
+            self._drop(scene)
+            return True
+        finally:
+            lock.release()
+
+    def _drop_if_free(self, scene: LeasedScene) -> None:
+        lock = self._scene_locks[scene.lease.scene_id]
+        if lock.acquire(blocking=False):
+            try:
+                self._drop(scene)
+            finally:
+                lock.release()
+
+    def _idle_need(self, scene_id: str) -> int:
+        with self._storage.database.reading() as session:
+            snapshot_id = find_scene(session, scene_id).snapshot_id
+            gaussians = 0 if snapshot_id is None else find_snapshot(session, snapshot_id).metrics.gaussians
+        return idle_need_bytes(gaussians)
+
+
+class _StartingLease:
+    """A lease that is extended while its runner starts."""
+
+    def __init__(self, storage: Storage, lease: Lease) -> None:
+        self._storage = storage
+        self._lease = lease
+        self._extended = time.monotonic()
+
+    def lost(self) -> bool:
+        """Extend the lease when that is due; returns whether another worker has taken it."""
+        if time.monotonic() - self._extended < self._storage.settings.lease_s / 5:
+            return False
+        self._extended = time.monotonic()
+        try:
+            self._storage.leases.extend(self._lease)
+        except StaleLeaseError:
+            return True
+        return False
+
+
+def _request_yield(endpoint: str) -> None:
+    """Ask another worker's runner to end, which it does unless a job runs."""
+    with suppress(RunnerGoneError, RunnerError):
+        call(endpoint, YieldScene(), _YIELD_S)

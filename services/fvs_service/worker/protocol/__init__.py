@@ -1,0 +1,1 @@
+"""The protocol between runners and their clients: the only part that workers and runners share."""

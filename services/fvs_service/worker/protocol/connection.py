@@ -1,0 +1,117 @@
+"""Connections to runners: one JSON document per line over TCP, one request at a time.
+
+The first line of a connection is the runner's secret. See ``messages`` for what follows.
+"""
+
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from fvs_engine.records import Record
+from fvs_service.worker.protocol.messages import Failure
+
+_MAX_LINE_BYTES = 64_000_000
+
+
+class RunnerError(Exception):
+    """The runner's response is an error."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+class RunnerGoneError(Exception):
+    """The runner, or the connection to it, ended before the response."""
+
+
+class Connection:
+    """Either end of a connection between a runner and its client; ``send`` may be called from any thread."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._connection = connection
+        self._file = connection.makefile("rb")
+        self._sending = threading.Lock()
+
+    def send(self, document: Any) -> None:
+        """Send one document; raises ``RunnerGoneError``."""
+        self._send(json.dumps(document, separators=(",", ":")).encode())
+
+    def send_record(self, record: Record) -> None:
+        """Send one record; raises ``RunnerGoneError``."""
+        self._send(record.model_dump_json().encode())
+
+    def receive_line(self) -> bytes:
+        """The next document as JSON; raises ``RunnerGoneError`` when there is none any more."""
+        try:
+            line = self._file.readline(_MAX_LINE_BYTES)
+        except OSError as error:
+            raise RunnerGoneError("The connection is broken.") from error
+        if not line.endswith(b"\n"):
+            raise RunnerGoneError("The other side has closed the connection.")
+        return line
+
+    def receive(self) -> Any:
+        """The next document; raises ``RunnerGoneError`` when there is none any more."""
+        return json.loads(self.receive_line())
+
+    def set_timeout(self, seconds: float | None) -> None:
+        """Limit each send and receive to ``seconds``; None: no limit."""
+        self._connection.settimeout(seconds)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._file.close()
+        self._connection.close()
+
+    def _send(self, line: bytes) -> None:
+        try:
+            with self._sending:
+                self._connection.sendall(line + b"\n")
+        except OSError as error:
+            raise RunnerGoneError("The connection is broken.") from error
+
+
+def connect(endpoint: str, timeout_s: float) -> Connection:
+    """Connect to a runner; ``endpoint`` is ``host:port/secret``. Raises ``RunnerGoneError``."""
+    address, secret = endpoint.split("/", 1)
+    host, port = address.rsplit(":", 1)
+    try:
+        connection = Connection(socket.create_connection((host, int(port)), timeout_s))
+    except OSError as error:
+        raise RunnerGoneError(f"No runner listens at {address}.") from error
+    connection.send({"secret": secret})
+    return connection
+
+
+def exchange(connection: Connection, request: Record) -> Iterator[Any]:
+    """Send a request; yields the documents that precede the response, then ``{"result": …}``.
+
+    Raises ``RunnerError`` when the response is an error, ``RunnerGoneError``.
+    """
+    connection.send_record(request)
+    while True:
+        document = connection.receive()
+        if "error" in document:
+            raise RunnerError(Failure.model_validate(document["error"]))
+        yield document
+        if "result" in document:
+            return
+
+
+def result_of(connection: Connection, request: Record) -> Any:
+    """Send a request and return its result; documents before it are ignored. Raises as ``exchange``."""
+    return next(document["result"] for document in exchange(connection, request) if "result" in document)
+
+
+def call(endpoint: str, request: Record, timeout_s: float) -> Any:
+    """The result of a request over a connection of its own. Raises as ``exchange``."""
+    connection = connect(endpoint, timeout_s)
+    try:
+        connection.set_timeout(timeout_s)
+        return result_of(connection, request)
+    finally:
+        connection.close()

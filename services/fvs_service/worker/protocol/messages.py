@@ -1,0 +1,129 @@
+"""The messages of the protocol: requests to a runner, and what it sends back.
+
+A request is ``RankViews``, ``RenderView``, ``RunJob``, ``CancelJob``, ``YieldScene`` or ``Ping``. The
+response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects with
+``progress`` (a ``StageProgress``), ``warning`` (a sentence) or ``wanted`` (another worker asks for the scene)
+precede it.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from fvs_engine.errors import EngineError
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.records import Record
+from fvs_service.errors import (
+    InternalError,
+    InvalidRequestError,
+    NotFoundError,
+    OutOfSpaceError,
+    ServiceError,
+    UnavailableError,
+    from_engine,
+)
+from fvs_service.images.model import Image
+from fvs_service.jobs.model import JobRequest
+from fvs_service.rankings.port import RankViews, RenderView
+from fvs_service.scenes.model import CameraPrior, Origin
+from fvs_service.settings import Settings
+from fvs_service.snapshots.model import SnapshotMetrics
+
+
+class RunnerOrder(Record):
+    """The first line of a runner's standard input: its scene, its parent's process id, the settings."""
+
+    scene_id: str
+    parent: int
+    settings: Settings
+
+
+class RunJob(Record):
+    """Run a job until its files are written; the result is a ``JobOutcome``.
+
+    ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
+    of the world frame of their position priors, ``snapshot_id`` the scene's latest snapshot, None before the
+    first.
+    """
+
+    kind: Literal["job"] = "job"
+    job_id: str
+    request: JobRequest
+    images: tuple[Image, ...]
+    camera: CameraPrior | None
+    origin: Origin | None
+    snapshot_id: str | None
+
+
+class CancelJob(Record):
+    """Stop the running job at its next step."""
+
+    kind: Literal["cancel"] = "cancel"
+
+
+class YieldScene(Record):
+    """End the runner, so that another worker can take the scene; an error while a job runs."""
+
+    kind: Literal["yield"] = "yield"
+
+
+class Ping(Record):
+    """Return ``{"idle_s": …}``: the time since the last ranking, rendering or job ended."""
+
+    kind: Literal["ping"] = "ping"
+
+
+Request = Annotated[
+    RankViews | RenderView | RunJob | CancelJob | YieldScene | Ping, Field(discriminator="kind")
+]
+REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
+
+
+class StageProgress(Record):
+    """How far a stage has come, in [0, 1] (None: unknown), and the time it still needs."""
+
+    stage: str
+    share: float | None
+    eta_s: float | None = None
+
+
+class JobOutcome(Record):
+    """What a job has made: ``files`` in ``folder``, and which images are registered.
+
+    ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` are the digests
+    of all others that the job processed.
+    """
+
+    folder: str
+    files: tuple[str, ...]
+    model_from_camera: dict[str, RigidTransform]
+    unregistered: tuple[str, ...]
+    metrics: SnapshotMetrics
+
+
+class Failure(Record):
+    """Why a request failed; ``code`` is one of the engine's for jobs, else one of the service's."""
+
+    code: str
+    message: str
+    hint: str
+    retryable: bool
+
+
+def failure_of(error: Exception) -> Failure:
+    """The message for a request that failed with ``error``."""
+    if isinstance(error, EngineError):
+        error = from_engine(error)
+    if isinstance(error, ServiceError):
+        return Failure(code=error.code, message=error.message, hint=error.hint, retryable=error.retryable)
+    return Failure(
+        code=InternalError.code, message=f"{type(error).__name__}: {error}", hint="", retryable=True
+    )
+
+
+_KINDS = {kind.code: kind for kind in (InvalidRequestError, NotFoundError, OutOfSpaceError, UnavailableError)}
+
+
+def error_of(failure: Failure) -> ServiceError:
+    """The service's error for a failed request."""
+    return _KINDS.get(failure.code, InternalError)(failure.message, hint=failure.hint)

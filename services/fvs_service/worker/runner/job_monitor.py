@@ -1,0 +1,45 @@
+"""The monitor of a job: reports its progress, and pauses it for requests."""
+
+import time
+from collections.abc import Callable
+
+from fvs_engine.monitor import Monitor, Progress
+from fvs_service.worker.protocol.messages import StageProgress
+from fvs_service.worker.runner.request_queue import RequestQueue
+
+_REPORT_EVERY_S = 0.2
+
+
+class JobMonitor(Monitor):
+    """Calls ``on_stage`` a few times a second and ``on_step`` after every training iteration."""
+
+    def __init__(
+        self,
+        on_stage: Callable[[StageProgress], None],
+        requests: RequestQueue,
+        on_step: Callable[[int], None] = lambda _iteration: None,
+    ) -> None:
+        super().__init__(self._report)
+        self._on_stage = on_stage
+        self._on_step = on_step
+        self._requests = requests
+        self._reported: tuple[str, float] = ("", 0.0)
+
+    def check(self) -> None:
+        """See ``Monitor``; waits for requests."""
+        super().check()
+        self._requests.wait_until_empty()
+
+    def _report(self, progress: Progress) -> None:
+        if progress.stage == "train":
+            self._on_step(progress.done)
+        stage, when = self._reported
+        if stage == progress.stage and time.monotonic() - when < _REPORT_EVERY_S:
+            return
+        self._reported = (progress.stage, time.monotonic())
+        share = progress.done / progress.total if progress.total else None
+        rate = progress.detail.get("iterations_per_s")
+        eta_s = None
+        if isinstance(rate, float) and rate > 0 and progress.total:
+            eta_s = (progress.total - progress.done) / rate
+        self._on_stage(StageProgress(stage=progress.stage, share=share, eta_s=eta_s))

@@ -1,0 +1,64 @@
+"""Ranks and renders views with a state of the model."""
+
+import io
+import time
+
+import numpy as np
+import torch
+from PIL import Image
+
+from fvs_engine.pipeline.contact_sheet import log_magnitude
+from fvs_engine.select.interface import SelectionContext, select
+from fvs_engine.select.selectors import create_selector
+from fvs_engine.splat.raster import Rasterizer
+from fvs_service.rankings.port import RankedViews, RankViews, RenderView, ViewImage
+from fvs_service.worker.runner.model_states import ModelState
+
+
+def rank_views(request: RankViews, state: ModelState, rasterizer: Rasterizer) -> RankedViews:
+    """Rank the request's views; raises ``InvalidInputError`` for an unknown method."""
+    names = (*(view.name for view in state.visited), *sorted(view.name for view in request.views))
+    context = SelectionContext(
+        gaussians=state.gaussians,
+        rasterizer=rasterizer,
+        sh_degree=state.sh_degree,
+        visited=state.visited,
+        candidates=request.views,
+        order={name: place for place, name in enumerate(names)},
+        budget=len(state.visited) + request.budget,
+        seed=request.seed,
+        step=0,
+    )
+    started = time.perf_counter()
+    selection = select(context, create_selector(request.method), request.distances)
+    return RankedViews(
+        snapshot_id=state.snapshot_id,
+        iterations=state.iterations,
+        gaussians=len(state.gaussians),
+        candidates=selection.ranked,
+        fallback=selection.fallback,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def render_view(request: RenderView, state: ModelState, rasterizer: Rasterizer) -> bytes:
+    """A PNG of the view, or of the spectrum ln |F| of it (0 cycles/px in the middle, darker is less)."""
+    view = request.view
+    with torch.no_grad():
+        rendering = rasterizer.render(
+            state.gaussians, view.camera, view.camera_from_model, sh_degree=state.sh_degree
+        )
+    color = rendering.color.clamp(0.0, 1.0).cpu().numpy()
+    if request.image is ViewImage.RENDER:
+        return _png(np.round(color * 255.0).astype(np.uint8))
+    spectrum = log_magnitude(color)
+    finite = spectrum[np.isfinite(spectrum)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    shares = (np.nan_to_num(spectrum, neginf=low) - low) / max(high - low, 1e-6)
+    return _png(np.round(np.clip(shares, 0.0, 1.0) * 255.0).astype(np.uint8))
+
+
+def _png(pixels: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "PNG")
+    return out.getvalue()

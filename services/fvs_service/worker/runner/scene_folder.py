@@ -1,0 +1,45 @@
+"""The folder of a scene on a worker's disk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.records import Record
+
+
+class SceneChoice(Record):
+    """How a scene is trained: set by its first update, the same for all later ones."""
+
+    long_side_px: int
+    initial_iterations: int
+    iterations_per_image: int
+    max_gaussians: int
+
+
+@dataclass(frozen=True)
+class SceneFolder:
+    """The paths in a scene's folder ``root``."""
+
+    root: Path
+
+    @property
+    def images(self) -> Path:
+        """The images, as files for the engine."""
+        return self.root / "images"
+
+    @property
+    def growing(self) -> Path:
+        """The folder of the ``GrowingScene``."""
+        return self.root / "growing"
+
+    @property
+    def choice(self) -> Path:
+        """The ``SceneChoice``."""
+        return self.root / "choice.json"
+
+    def fine(self, job_id: str) -> Path:
+        """The cameras and the checkpoint of a fine model."""
+        return self.root / "fine" / job_id
+
+    def outcome(self, job_id: str) -> Path:
+        """The artifacts that a job has written and its worker has not committed yet."""
+        return self.root / "outcome" / job_id

@@ -1,0 +1,109 @@
+"""A runner as seen by its worker: starts the child process, calls it, and ends it."""
+
+import contextlib
+import json
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from fvs_engine import child_process
+from fvs_engine.records import Record
+from fvs_service.settings import Settings
+from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError, call
+from fvs_service.worker.protocol.messages import CancelJob, Ping, RunnerOrder, YieldScene
+
+_MODULE = "fvs_service.worker.runner.process"
+_START_S = 300.0
+"""The first start on a machine compiles the kernels."""
+_RESPONSE_S = 2.0
+_POLL_S = 0.1
+
+
+class RunnerChild:
+    """Starts a runner and waits for its endpoint; raises ``RunnerGoneError`` when it dies before.
+
+    ``spawner`` is the one thread that starts children: the kernel kills a child when the thread that made it
+    ends.
+    """
+
+    def __init__(
+        self, scene_id: str, settings: Settings, spawner: ThreadPoolExecutor, give_up: Callable[[], bool]
+    ) -> None:
+        folder = settings.scenes / scene_id
+        folder.mkdir(parents=True, exist_ok=True)
+        self.scene_id = scene_id
+        self._writing = threading.Lock()
+        order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), settings=settings)
+        self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
+        self.endpoint = self._wait_for_endpoint(give_up)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
+    def extend(self) -> None:
+        """Signal the runner that its worker has extended the lease."""
+        with self._writing:
+            child_process.write(self._process, ".")
+
+    def idle_s(self) -> float:
+        """The time since its last request or job; 0 when it does not respond."""
+        try:
+            response = self._call(Ping())
+        except (RunnerGoneError, RunnerError):
+            return 0.0
+        return float(response["idle_s"])
+
+    def yield_scene(self) -> bool:
+        """End the runner unless a job runs; returns whether it ended."""
+        try:
+            self._call(YieldScene())
+        except RunnerError:
+            return False
+        except RunnerGoneError:
+            pass
+        self.kill()
+        return True
+
+    def retire(self, patience_s: float) -> None:
+        """Cancel its job, which saves a checkpoint, and end it; kill it when that takes longer."""
+        until = time.monotonic() + patience_s
+        with contextlib.suppress(RunnerGoneError, RunnerError):
+            self._call(CancelJob())
+        while not self.yield_scene() and time.monotonic() < until:
+            time.sleep(_POLL_S)
+        self.kill()
+
+    def kill(self) -> None:
+        """Kill it at once; its files on disk are always whole."""
+        self._process.kill()
+        self._process.wait()
+        child_process.close_pipes(self._process)
+
+    def _call(self, request: Record) -> Any:
+        return call(self.endpoint, request, _RESPONSE_S)
+
+    def _wait_for_endpoint(self, give_up: Callable[[], bool]) -> str:
+        def extend_or_give_up() -> bool:
+            self.extend()
+            return give_up()
+
+        line = child_process.first_line(self._process, _START_S, extend_or_give_up, _POLL_S)
+        if not line:
+            self.kill()
+            raise RunnerGoneError(f"The runner of scene {self.scene_id} did not start.")
+        endpoint: str = json.loads(line)["endpoint"]
+        return endpoint
+
+
+def _spawn(log: Path, order: RunnerOrder) -> "subprocess.Popen[str]":
+    threads = order.settings.worker.threads
+    environment = {} if threads is None else {"NUMBA_NUM_THREADS": str(threads)}
+    with log.open("a") as out:
+        return child_process.spawn(_MODULE, order.model_dump_json(), stderr=out, environment=environment)
