@@ -1,15 +1,15 @@
-"""One whole step of the loop, against the paper's way: everything again after every photograph.
+"""One step of the loop, against the paper's way: everything from scratch after every image.
 
     python benchmarks/loop.py DATASET [--counts 10 25 50] [--long-side 400] [--candidates 50] [--json
     loop.json]
 
-A step is: a new photograph registered in the standing reconstruction (structure from motion on the visited
-ones only), new Gaussians, 100 more iterations, all of it saved, and the 50 nearest candidates rendered and
-ranked by their median frequency. Always the nearest view is visited next, so that the paper's way works too:
-free to go where the render is worst, it meets photographs that overlap so little that structure from motion
-from nothing fails. Around every count n the median of three steps is taken; the mean over all steps holds
-those in which the model began anew, too. The paper's way with the same n + 1 photographs, in the same run and
-on the same threads: structure from motion from nothing, 1,000 + 100 per view iterations from nothing, as many
+A step is: a new image registered in the current model (structure from motion on the visited ones only), new
+Gaussians, 100 more iterations, all of it saved, and the 50 nearest candidates rendered and ranked by their
+median frequency. The nearest view is always visited next, so that the paper's way works too: where the
+selector may go to the worst render, it meets images that overlap too little for structure from motion from
+scratch. Around every count n the median of three steps is taken; the mean over all steps includes those in
+which the model is retrained from scratch. The paper's way with the same n + 1 images, in the same run and on
+the same threads: structure from motion from scratch, 1,000 + 100 per view iterations from scratch, as many
 candidates ranked (goal: a step costs ≤ 1/20 of that at 50, and does not grow with the number of views beyond
 what matching needs).
 """

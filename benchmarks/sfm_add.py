@@ -1,13 +1,12 @@
-"""Adding image n + 1 to a standing reconstruction, against structure from motion from nothing.
+"""Adding image n + 1 to a reconstruction, against a new reconstruction of all images.
 
     python benchmarks/sfm_add.py IMAGES [--transforms FILE | --colmap DIR] [--counts 10 25 49] [--json FILE]
 
-The first ten images (sorted names are the capture order) are bootstrapped, the others added one by one, so
-that the standing reconstruction is one that grew. Around every count the time of adding is taken over several
-images; then all n + 1 images are reconstructed from nothing (goals: at 50 adding costs ≤ 1/10 of that, and
-the added camera is ≤ 1.2 times as far from the truth). Errors are distances of camera centres after Umeyama
-over all n + 1 centres, in shares of the spread of the true ones. Processor time is that of all processes: it
-says the same on a machine that does other work too.
+The first ten images (sorted names are the capture order) are reconstructed together, the others added one by
+one. Around every count the time of adding is taken over several images; then all n + 1 images are
+reconstructed from scratch (goals: at 50 adding costs ≤ 1/10 of that, and the added camera is ≤ 1.2 times as
+far from the truth). Errors are distances of camera centres after Umeyama over all n + 1 centres, in shares of
+the spread of the true ones. Processor time is that of all processes, and independent of other load.
 """
 
 import argparse
@@ -40,7 +39,7 @@ Centres = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Added:
-    """One image added: the time it took, where all cameras stood after it."""
+    """One image added: the time it took, and all camera centres after it."""
 
     name: str
     seconds: float
@@ -79,21 +78,21 @@ def processor_s() -> float:
 
 
 def grow(images: Path, names: list[str], folder: Path, settings: SfmSettings) -> Iterator[Added]:
-    """Bootstrap with the first ten, add the others one by one; what stands already is passed over."""
+    """Reconstruct the first ten, add the others one by one; registered ones are skipped."""
     growing = GrowingReconstruction.open(folder, images, settings, Monitor())
     growing.add(names[:BOOTSTRAP], Monitor())
     for name in names[BOOTSTRAP:]:
         if name in growing.registered:
             continue
         begun, worked = time.perf_counter(), processor_s()
-        change = growing.add([name], Monitor())
+        update = growing.add([name], Monitor())
         seconds, worked = time.perf_counter() - begun, processor_s() - worked
         print(
-            f"{name}: {seconds:.1f} s, processor {worked:.1f} s, {len(growing.registered)} stand, "
-            f"{change.seconds}",
+            f"{name}: {seconds:.1f} s, processor {worked:.1f} s, {len(growing.registered)} registered, "
+            f"{update.seconds}",
             flush=True,
         )
-        for warning in change.warnings:
+        for warning in update.warnings:
             print(f"  {warning}", flush=True)
         yield Added(name, seconds, worked, growing.reconstruction.centres())
 
@@ -101,7 +100,7 @@ def grow(images: Path, names: list[str], folder: Path, settings: SfmSettings) ->
 def compare(
     images: Path, names: list[str], around: list[Added], one: Added, truth: Centres, settings: SfmSettings
 ) -> dict[str, Any]:
-    """A row of the table: the last of ``names`` added, and all of them from nothing."""
+    """A row of the table: the last of ``names`` added, and all of them from scratch."""
     seconds = [added.seconds for added in around]
     adding = Timing(min(seconds), median(seconds), max(seconds), len(seconds))
     processor = median(added.processor_s for added in around)
@@ -109,28 +108,28 @@ def compare(
         begun, worked = time.perf_counter(), processor_s()
         scratch = reconstruct(images, names, Path(folder), settings, Monitor())
         from_nothing, worked = time.perf_counter() - begun, processor_s() - worked
-    print(f"{len(names)} from nothing: {from_nothing:.1f} s, {scratch.report.seconds}", flush=True)
+    print(f"{len(names)} from scratch: {from_nothing:.1f} s, {scratch.report.seconds}", flush=True)
     ours, theirs = errors(one.centres, truth), errors(scratch.reconstruction.centres(), truth)
     apart = errors(one.centres, scratch.reconstruction.centres())
     row: dict[str, Any] = {
         "n": len(names) - 1,
         "adding one": adding,
-        "from nothing, s": from_nothing,
+        "from scratch, s": from_nothing,
         "× faster": from_nothing / adding.median_s,
         "processor: adding, s": processor,
-        "processor: from nothing, s": worked,
+        "processor: from scratch, s": worked,
         "× less": worked / processor,
-        "stand": f"{len(one.centres)} / {len(scratch.reconstruction.views)}",
+        "registered": f"{len(one.centres)} / {len(scratch.reconstruction.views)}",
         "apart, %": 100 * apart.get(one.name, float("nan")),
     }
     if truth:
         mine, other = ours.get(one.name, float("nan")), theirs.get(one.name, float("nan"))
         row |= {
             "error added, %": 100 * mine,
-            "from nothing, %": 100 * other,
+            "from scratch, %": 100 * other,
             "ratio": mine / other,
             "median of all, %": 100 * median(ours.values()),
-            "from nothing, all, %": 100 * median(theirs.values()),
+            "from scratch, all, %": 100 * median(theirs.values()),
             "ratio, all": median(ours.values()) / median(theirs.values()),
         }
     return row

@@ -153,7 +153,7 @@ class Stages:
         """Put ``model`` into ``sparse``, whole or not at all."""
         partial = fresh_folder(self.folder.partial(self.folder.sparse))
         model.write_binary(partial)
-        replace_folder(partial, self.folder.sparse)
+        rename_over(partial, self.folder.sparse)
 
 
 def fresh_folder(folder: Path) -> Path:
@@ -163,8 +163,8 @@ def fresh_folder(folder: Path) -> Path:
     return folder
 
 
-def replace_folder(source: Path, target: Path) -> None:
-    """Rename ``source`` to ``target``, which may exist."""
+def rename_over(source: Path, target: Path) -> None:
+    """Rename ``source`` to ``target``, which may exist; not flushed, for what can be computed again."""
     if target.exists():
         shutil.rmtree(target)
     source.replace(target)

@@ -20,7 +20,7 @@ from fvs_engine.sfm.colmap.database import (
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
-from fvs_engine.sfm.stages import Stages, fresh_folder, replace_folder
+from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, gather_evidence
 from fvs_engine.sfm.verification.gate import MAX_UNSUPPORTED_SHARE, Candidate
 from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
@@ -142,7 +142,7 @@ def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -
             },
             on_event=lambda registered: stages.monitor.report(stage, min(registered, count), count),
         )
-    replace_folder(partial, target)
+    rename_over(partial, target)
     stages.monitor.report(stage, count, count)
     return target
 

@@ -21,7 +21,7 @@ from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, replace_folder
+from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.views import AnyView
 
@@ -103,7 +103,7 @@ def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> p
                 "threads": stages.settings.threads,
             },
         )
-    replace_folder(partial, target)
+    rename_over(partial, target)
     stages.monitor.report("triangulation", 1, 1)
     if points == 0:
         raise ReconstructionError(

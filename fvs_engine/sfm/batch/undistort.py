@@ -6,7 +6,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap, read_colmap
 from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.stages import fresh_folder, replace_folder
+from fvs_engine.sfm.stages import fresh_folder, rename_over
 
 _JPEG_QUALITY = 99
 
@@ -37,7 +37,7 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
     }
     log = out_dir.with_name(f"{out_dir.name}.log")
     run_native("undistort", arguments, log, monitor, on_tick=report)
-    replace_folder(partial, out_dir)
+    rename_over(partial, out_dir)
     log.unlink(missing_ok=True)
     monitor.report("undistort", total, total)
     return read_colmap(sparse)

@@ -8,7 +8,6 @@ commit: after a kill before it the former model is the current one, whatever els
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,10 +16,10 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from fvs_engine.errors import InvalidInputError, StorageError
-from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.files.atomic import replace_folder, write_text_atomically
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.stages import SfmFolder, replace_folder
+from fvs_engine.sfm.stages import SfmFolder
 
 
 class GrowthState(Record):
@@ -140,11 +139,7 @@ class GrowthFolder:
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""
-        for file in self.next_model.iterdir():
-            _sync(file)
-        _sync(self.next_model)
         replace_folder(self.next_model, self.model(state.generation))
-        _sync(self.root)
         self.save(state)
         self._remove_all_but(state.generation)
 
@@ -175,11 +170,3 @@ def require_unchanged(state: GrowthState, image_dir: Path, names: Sequence[str])
                 hint="Give the new photograph a name of its own, or start in another folder.",
             )
     return sizes
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

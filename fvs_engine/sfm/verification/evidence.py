@@ -118,9 +118,9 @@ def gather_evidence(
     positions: Positions,
     on_pair: Callable[[], None] | None = None,
 ) -> Evidence | None:
-    """Everything the pairs and the positions say about ``model``; None when no verified pair lies within it.
+    """The evidence for ``model`` of pairs and positions; None when no verified pair lies within it.
 
-    It takes a hundredth of a second per pair; ``on_pair`` is called before each, a place to stop.
+    It takes a hundredth of a second per pair; ``on_pair`` is called before each and may raise to stop.
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
     if not checks:
@@ -138,7 +138,7 @@ def gather_evidence(
         rotation_support=_weighted_share(rotation, _MAX_ROTATION_DEG, matches),
         translation_support=_weighted_share(direction, _MAX_DIRECTION_DEG, matches),
         cycle_consistency=cycle_consistency(pairs),
-        unsupported_images=tuple(sorted({*_untied(model, checks), *positions.misplaced(centres)})),
+        unsupported_images=tuple(sorted({*_unsupported(model, checks), *positions.misplaced(centres)})),
         prior_residual_share=positions.residual_share(centres),
     )
 
@@ -171,30 +171,28 @@ def _supported(
     first: Array, second: Array, rotation: Array, translation: Array, max_error: float
 ) -> NDArray[np.bool_]:
     """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and before both cameras."""
-    x, y = np.c_[first, np.ones(len(first))], np.c_[second, np.ones(len(second))]
     tx, ty, tz = translation
     essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ rotation
-    lines_second, lines_first = x @ essential.T, y @ essential
-    gradient = (lines_second[:, :2] ** 2).sum(axis=1) + (lines_first[:, :2] ** 2).sum(axis=1)
-    algebraic = (y * lines_second).sum(axis=1) ** 2
-    near = algebraic <= max_error**2 * np.maximum(gradient, 1e-30)
+    errors = np.asarray(pycolmap.compute_squared_sampson_error(first, second, essential))
+    near = (errors <= max_error**2) | ~essential.any()  # coinciding cameras have no epipolar lines
     # Depths a, b of the point nearest to both rays: a·u + t = b·y, in the least squares sense.
+    x, y = np.c_[first, np.ones(len(first))], np.c_[second, np.ones(len(second))]
     u = x @ rotation.T
     uu, yy, uy = (u * u).sum(axis=1), (y * y).sum(axis=1), (u * y).sum(axis=1)
     ut, yt = u @ translation, y @ translation
-    # Nearly parallel rays meet far away, on either side within the noise: they accuse nobody.
+    # Nearly parallel rays meet far away, on either side within the noise: they contradict nothing.
     sine_squared = 1.0 - uy**2 / (uu * yy)
     parallel = sine_squared < max_error**2
     ahead = (uy * yt - yy * ut > 0) & (uu * yt - uy * ut > 0)
-    return np.asarray(near & (ahead | parallel) & np.isfinite(algebraic))
+    return np.asarray(near & (ahead | parallel))
 
 
 def _relative_pose(
     pair: VerifiedPair, first: pycolmap.Camera, second: pycolmap.Camera, keypoints: Mapping[int, Array]
 ) -> RigidTransform | None:
-    """second_from_first from this pair's matches alone; the model lends its lenses, not its poses.
+    """second_from_first from this pair's matches alone, with the model's intrinsics but not its poses.
 
-    Lenses that the view graph was calibrated with, or that were guessed, give rotations too poor to judge by.
+    Intrinsics of the view graph calibration, or guessed ones, give rotations too poor for evidence.
     """
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0
@@ -227,23 +225,24 @@ def _weighted_share(errors_deg: Array, limit_deg: float, weights: Array) -> floa
     return float((weights[known] * (errors_deg[known] < limit_deg)).sum() / weights[known].sum())
 
 
-def _untied(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> list[str]:
-    """Names of the images that the pairs do not tie to the rest of the model.
+def _unsupported(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> list[str]:
+    """Names of the images that explained pairs do not connect with the rest of the model.
 
-    They lie outside the largest group that explained pairs hold together, or on the smaller side of a seam:
-    of the matches across one, most contradict the poses, though one pair or another fits. A group of images
-    that is right in itself and stands in the wrong place looks like that.
+    They are outside the largest component of explained pairs, or on the smaller side of a cut across which
+    most matches contradict the poses, though some pairs fit. A group of images that is consistent in itself,
+    and wrong relative to the rest, looks like that.
     """
     ids = sorted(i for i, image in model.images.items() if image.has_pose)
     index = {image_id: k for k, image_id in enumerate(ids)}
     ends = np.array([(index[check.first], index[check.second]) for check in checks])
     matches = np.array([check.matches for check in checks])
     supported = np.array([check.supported for check in checks])
-    tied = np.array([explains(check) for check in checks])
-    rows, columns = ends[tied].T
-    # Of the trees that hold a group together, the one of the strongest ties: its edges are where the others
-    # are weakest, too.
-    tree = minimum_spanning_tree(coo_array((1.0 / supported[tied], (rows, columns)), shape=(len(ids),) * 2))
+    explained = np.array([explains(check) for check in checks])
+    rows, columns = ends[explained].T
+    # The spanning tree of the best supported pairs: an edge of it is the strongest link across its cut.
+    tree = minimum_spanning_tree(
+        coo_array((1.0 / supported[explained], (rows, columns)), shape=(len(ids),) * 2)
+    )
     group = connected_components(tree, directed=False)[1]
     outside = group != np.argmax(np.bincount(group))
     tree = tree.tocoo()

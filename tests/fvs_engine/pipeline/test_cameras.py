@@ -96,7 +96,7 @@ def test_cameras_of_a_transforms_json_get_points(
 def test_cameras_of_a_colmap_model_without_points_get_them(
     workspace: Workspace, given: tuple[AnyView, ...], tmp_path: Path
 ):
-    bare = Reconstruction(given, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
+    bare = Reconstruction.of_views(given)
     write_colmap(bare, tmp_path / "model")
     check_given_cameras_get_points(ReconstructionSettings(colmap=str(tmp_path / "model")), workspace, given)
 

@@ -282,7 +282,7 @@ def test_views_that_share_no_point_start_from_guesses_in_front_of_them(
     assert quality_db(scene, ["0.png", "5.png"]) > before + 5
 
 
-def test_a_model_of_guesses_begins_anew_once_its_views_share_points(
+def test_a_model_of_guesses_is_retrained_once_its_views_share_points(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
     settings = quick_settings()
@@ -293,7 +293,7 @@ def test_a_model_of_guesses_begins_anew_once_its_views_share_points(
     resumed = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     for grown in (scene, resumed):  # as if the first was killed before it saved again
         update = grown.add(["1.png", "9.png"], Monitor())
-        assert "begins anew" in update.warnings[0]
+        assert "retrained from scratch" in update.warnings[0]
         assert update.registered == ("1.png", "9.png")
         assert [view.name for view in grown.views] == ["0.png", "5.png", "1.png", "9.png"]
         assert (grown.iteration, grown.target_iteration) == (0, 40)
@@ -308,7 +308,7 @@ def test_a_model_of_guesses_begins_anew_once_its_views_share_points(
     assert scene.iteration == 40
 
 
-def test_a_model_begins_anew_whenever_its_points_have_doubled(
+def test_a_model_is_retrained_from_scratch_whenever_its_points_have_doubled(
     moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
 ) -> None:
     scene, source = moving
@@ -326,7 +326,7 @@ def test_a_model_begins_anew_whenever_its_points_have_doubled(
         resumed._resume(Monitor())
         for grown in (scene, resumed):
             update = grown.add([name], Monitor())
-            assert any("begins anew" in warning for warning in update.warnings) == anew, name
+            assert any("retrained from scratch" in warning for warning in update.warnings) == anew, name
             assert update.registered == (name,)
             assert grown.iteration == (0 if anew else before)
             assert grown.target_iteration == before + 10

@@ -83,5 +83,5 @@ def test_photographs_without_texture_are_named(tmp_path: Path, yard: Dataset) ->
     bare = shutil.copytree(yard.image_dir, tmp_path / "bare")
     for name in VISITED:
         Image.new("RGB", (320, 240), (200, 190, 180)).save(bare / name)
-    with pytest.raises(ReconstructionError, match="3 of 3 images show no texture"):
+    with pytest.raises(ReconstructionError, match="3 of 3 images have no texture"):
         KnownPoses(tmp_path / "sfm", replace(yard, image_dir=bare), SETTINGS).update(VISITED, (), Monitor())

@@ -1,7 +1,7 @@
 """Accuracy on whole scenes with ground truth, from photographs alone.
 
 Mappers do not repeat across settings and threads, so nothing here says which of them fails. Every candidate
-is measured against the truth: the kept model is right, and whatever was grossly wrong was refused.
+is measured against the truth: the kept model is right, and whatever was grossly wrong was rejected.
 """
 
 import json
@@ -64,13 +64,16 @@ def find_cameras(folder: Path, out_dir: Path) -> SfmResult:
     return reconstruct(folder / "images", names, out_dir, SfmSettings(), Monitor())
 
 
-def assert_gross_errors_were_refused(result: SfmResult, truth: Centres) -> None:
+def assert_gross_errors_were_rejected(result: SfmResult, truth: Centres) -> None:
     assert {candidate.mapper for candidate in result.report.candidates} == {"incremental", "global"}
+    wrong = set()
     for candidate in result.report.candidates:
         mapping = result.model_dir.parent / "mapping" / candidate.mapper
         found, spread = errors(model_centres(load_models(mapping)[0]), truth)
         if np.median(found) > GROSS_SHARE * spread:
-            assert candidate.verdict == "rejected", (candidate, np.median(found) / spread)
+            wrong.add(candidate.mapper)
+    rejected = {c.mapper for c in result.report.candidates if c.verdict == "rejected"}
+    assert wrong <= rejected, result.report.candidates
 
 
 def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
@@ -101,7 +104,7 @@ def test_fox_is_right_and_no_wrong_model_passes(data_dir: Path, tmp_path: Path):
     assert result.report.registered == 50
     found, spread = errors(result.reconstruction.centres(), truth)
     assert np.median(found) <= 0.01 * spread
-    assert_gross_errors_were_refused(result, truth)
+    assert_gross_errors_were_rejected(result, truth)
 
     # Whether a mapper falls for the repeating wallpaper today or not: these models it did make of it.
     model = pycolmap.Reconstruction(result.model_dir)
@@ -121,7 +124,7 @@ def test_fountain_without_intrinsics_is_right_to_ten_millimetres(data_dir: Path,
     assert result.report.registered == 11
     found, _ = errors(result.reconstruction.centres(), truth)
     assert np.median(found) <= 0.010
-    assert_gross_errors_were_refused(result, truth)
+    assert_gross_errors_were_rejected(result, truth)
 
 
 def test_castle_without_intrinsics_is_right_to_half_a_metre(data_dir: Path, tmp_path: Path):
@@ -129,4 +132,4 @@ def test_castle_without_intrinsics_is_right_to_half_a_metre(data_dir: Path, tmp_
     result = find_cameras(data_dir / "castle-P19", tmp_path)
     found, _ = errors(result.reconstruction.centres(), truth)
     assert np.median(found) <= 0.500
-    assert_gross_errors_were_refused(result, truth)
+    assert_gross_errors_were_rejected(result, truth)

@@ -168,10 +168,6 @@ def test_a_model_survives_writing_and_reading(kermit_sfm: SfmResult, tmp_path: P
     )
 
 
-def without_points(views: tuple[AnyView, ...]) -> Reconstruction:
-    return Reconstruction(views, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
-
-
 @pytest.fixture
 def kermit_folder(kermit_sfm: SfmResult, tmp_path: Path) -> Path:
     """A copy whose features and matches need not be computed again."""
@@ -184,7 +180,7 @@ def test_given_cameras_get_points_and_do_not_move(
     given = kermit_sfm.reconstruction.views
     absent = replace(given[6], name="gone.jpg")
     result = triangulate(
-        without_points((*given, absent)), kermit_dir, kermit_folder, SfmSettings(), Monitor()
+        Reconstruction.of_views((*given, absent)), kermit_dir, kermit_folder, SfmSettings(), Monitor()
     )
     assert result.report.verdict == "accepted"
     assert len(result.reconstruction.points) > 300
@@ -201,26 +197,30 @@ def test_given_cameras_follow_resized_photographs(
     double = [
         replace(view, camera=view.camera.resized(1280, 960)) for view in kermit_sfm.reconstruction.views
     ]
-    result = triangulate(without_points(tuple(double)), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+    result = triangulate(
+        Reconstruction.of_views(tuple(double)), kermit_dir, kermit_folder, SfmSettings(), Monitor()
+    )
     assert result.report.verdict == "accepted"
     assert {(view.camera.width, view.camera.height) for view in result.reconstruction.views} == {(640, 480)}
     wide = (replace(double[0], camera=double[0].camera.resized(1280, 700)), *double[1:])
     with pytest.raises(InvalidInputError, match=double[0].name):
-        triangulate(without_points(wide), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+        triangulate(Reconstruction.of_views(wide), kermit_dir, kermit_folder, SfmSettings(), Monitor())
 
 
 def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):
     def points(views: tuple[AnyView, ...]) -> SfmResult:
-        return triangulate(without_points(views), kermit_dir, kermit_folder, SfmSettings(), Monitor())
+        return triangulate(
+            Reconstruction.of_views(views), kermit_dir, kermit_folder, SfmSettings(), Monitor()
+        )
 
     given = kermit_sfm.reconstruction.views
     shift = RigidTransform(np.eye(3), np.array([10.0, 0.0, 0.0]))
     moved = tuple(replace(view, camera_from_model=view.camera_from_model @ shift) for view in given)
     first, second = points(given), points(moved)
     np.testing.assert_allclose(
-        np.median(first.reconstruction.points - second.reconstruction.points, axis=0),
+        np.median(first.reconstruction.points.xyz - second.reconstruction.points.xyz, axis=0),
         [10.0, 0.0, 0.0],
         atol=0.2,
     )

@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.verification.evidence import PairCheck, _supported, _untied, angle_deg, cycle_consistency
+from fvs_engine.sfm.verification.evidence import (
+    PairCheck,
+    _supported,
+    _unsupported,
+    angle_deg,
+    cycle_consistency,
+)
 
 NO_MATCHES = np.zeros((0, 2), dtype=np.uint32)
 
@@ -73,7 +79,7 @@ def test_a_group_that_most_matches_contradict_is_not_tied_by_the_one_pair_that_f
 
     within = [check(a, b, 500, 490) for names in (group, rest) for a, b in itertools.combinations(names, 2)]
     fits = [check(rest[0], group[0], 60, 60)]
-    assert _untied(model, [*within, *fits]) == []
-    assert _untied(model, [*within, *fits, check(rest[1], group[1], 50, 0)]) == []
-    assert _untied(model, [*within, *fits, check(rest[1], group[1], 70, 0)]) == group
-    assert _untied(model, within) == group
+    assert _unsupported(model, [*within, *fits]) == []
+    assert _unsupported(model, [*within, *fits, check(rest[1], group[1], 50, 0)]) == []
+    assert _unsupported(model, [*within, *fits, check(rest[1], group[1], 70, 0)]) == group
+    assert _unsupported(model, within) == group
