@@ -1,8 +1,10 @@
 # make setup      .venv with everything (done by the others when needed)
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any, of a made-up courtyard)
-# make test       everything that CI checks
-# make test-slow  the long checks on real photographs
+# make test       everything that CI checks: make test WORKERS=4 for more than two processes
+# make unit       the tests that start no process and read no photograph, in under a minute
+# make test-slow  the long checks, most of them on real photographs
+# make coverage   branch coverage of `make test`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make generate   the synchronous client from the asynchronous one, after a change of clients/python/fvs_client/_async
 # make lint       format and fix what can be fixed, then lint
@@ -15,8 +17,9 @@ INSTALLED := $(VENV)/.installed
 FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
+WORKERS ?= 2
 
-.PHONY: setup demo docs test check generate lint test-slow bench clean
+.PHONY: setup demo docs test unit check kernels generate lint test-slow coverage bench clean
 
 setup: $(INSTALLED)
 
@@ -43,11 +46,26 @@ check: setup
 	$(BIN)/python clients/generate_sync.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client
 
-test: check
-	$(BIN)/python -m pytest -m "not slow"
+# The kernels are compiled beside the checks: each takes one core.
+test: setup
+	$(MAKE) --no-print-directory --jobs=2 check kernels
+	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow"
+
+unit: setup kernels
+	$(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
+
+kernels: setup
+	@$(BIN)/python -c "from fvs_engine.score.spectrum_median import compile_kernels as score; \
+		from fvs_engine.splat.raster import create_rasterizer as rasterizer; score(), rasterizer('cpu')"
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+
+coverage: setup
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest -n $(WORKERS) -m "not slow"
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 generate: setup
 	$(BIN)/python clients/generate_sync.py
@@ -68,4 +86,4 @@ bench: setup
 		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out site
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site

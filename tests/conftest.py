@@ -1,9 +1,18 @@
-"""Fixtures that several packages' tests share."""
+"""How the suite runs, and the photographs that several packages' tests share.
 
+Every test has exactly one of the marks ``unit``, ``process`` and ``real``; they are given here (``_kind``).
+A unit test that starts a process, listens on a port or reads a real photograph fails (``_Watch``).
+"""
+
+import contextlib
+import fcntl
 import math
 import os
 import shutil
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -14,16 +23,181 @@ from PIL import Image
 hypothesis.settings.register_profile("fvs", deadline=None)
 hypothesis.settings.load_profile("fvs")
 
-_REPOSITORY = Path(__file__).resolve().parent.parent
+_TESTS = Path(__file__).resolve().parent
+_DATA = Path(os.environ.get("FVS_DATA", _TESTS.parent.parent / "shared" / "data"))
+
+# Fixtures that start a process or a server, or whose photographs go through structure from motion, which has
+# a process of its own; and the files and folders whose tests do so.
+_STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "service", "serving"}
+_STARTS_PROCESSES |= {"fvs", "fvs_command", "fvs_until", "yard_dir"}
+_PROCESS_FILES = (
+    "clients/test_command_line.py",
+    "docs/test_code_blocks.py",
+    "docs/test_site.py",
+    "faults/",
+    "fvs_engine/compilation/test_ahead.py",
+    "fvs_engine/pipeline/test_workspace.py",
+    "fvs_engine/sfm/batch/",
+    "fvs_engine/sfm/growing/test_reconstruction.py",
+    "fvs_engine/sfm/matching/test_features.py",
+    "fvs_engine/sfm/test_native_process.py",
+    "fvs_engine/splat/test_processes.py",
+    "fvs_service/test_connection.py",
+    "fvs_service/test_serve.py",
+    "fvs_service/worker/test_lease_watch.py",
+    "fvs_service/worker/test_queue.py",
+)
+# Expensive fixtures that live in one worker: all tests that use one run there, one after the other.
+_IN_ONE_WORKER = {"service", "grown"}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """With several workers, give each one thread: the machine has no more cores than workers."""
+    if getattr(config.option, "numprocesses", None):
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """In a worker: have the kernels compiled once, by the first worker that gets here."""
+    if not hasattr(session.config, "workerinput"):
+        return
+    import numba
+
+    from fvs_engine.score.spectrum_median import compile_kernels
+    from fvs_engine.splat.raster import create_rasterizer
+
+    numba.set_num_threads(1)
+    with _one_worker_at_a_time(_shared(session.config._tmp_path_factory) / "kernels"):
+        create_rasterizer("cpu")
+        compile_kernels()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what kind of test each is, and which run in the same worker."""
+    for item in items:
+        fixtures = set(getattr(item, "fixturenames", ()))
+        kind = _kind(item, fixtures)
+        if item.get_closest_marker(kind) is None:
+            item.add_marker(kind)
+        group = _group(item, fixtures)
+        if group is not None and item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(group))
+
+
+def _kind(item: pytest.Item, fixtures: set[str]) -> str:
+    marked = [kind for kind in ("unit", "process", "real") if item.get_closest_marker(kind)]
+    if len(marked) > 1:
+        raise pytest.UsageError(f"{item.nodeid} is marked {' and '.join(marked)}; a test is of one kind.")
+    if marked:
+        return marked[0]
+    if "data_dir" in fixtures:
+        return "real"
+    file = item.path.relative_to(_TESTS).as_posix()
+    return "process" if fixtures & _STARTS_PROCESSES or file.startswith(_PROCESS_FILES) else "unit"
+
+
+def _group(item: pytest.Item, fixtures: set[str]) -> str | None:
+    """What a test shares, or None: the fixtures of its module, or one of ``_IN_ONE_WORKER``."""
+    found = item._fixtureinfo.name2fixturedefs  # type: ignore[attr-defined]
+    if any(definitions[-1].scope == "module" for definitions in found.values()):
+        return item.path.relative_to(_TESTS).as_posix()
+    return next(iter(sorted(fixtures & _IN_ONE_WORKER)), None)
+
+
+class _Watch:
+    """Sees what a unit test may not do, and lets it fail even where the code catches every exception."""
+
+    EVENTS = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "socket.bind")
+
+    def __init__(self) -> None:
+        self.on = False
+        self.seen: list[str] = []
+        self.data = str(_DATA) + os.sep
+
+    def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self.on:
+            return
+        if event == "open":
+            if isinstance(arguments[0], str) and arguments[0].startswith(self.data):
+                self._object(f"reads {arguments[0]}; it is a test of kind `real`: take `data_dir`")
+        elif event in self.EVENTS:
+            # Compiling the kernels is the first test's, whichever that is.
+            if event == "subprocess.Popen" and "fvs_engine.compilation.child" in arguments[1]:
+                return
+            said = f"{event} {arguments!r}"[:300]
+            self._object(
+                f"does {said}; it is a test of kind `process`: mark it, or add it to tests/conftest.py"
+            )
+
+    def _object(self, what: str) -> None:
+        self.seen.append(what)
+        raise RuntimeError(f"This unit test {what}.")
+
+
+_watch = _Watch()
+sys.addaudithook(_watch)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """Watch unit tests from their fixtures on."""
+    _watch.on = item.get_closest_marker("unit") is not None
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown() -> Iterator[None]:
+    """Fail a unit test for what it did, whatever became of the exception."""
+    try:
+        return (yield)
+    finally:
+        _watch.on = False
+        seen, _watch.seen = _watch.seen, []
+        assert not seen, f"This unit test {seen[0]}."
+
+
+def _shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that all workers of this run share."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+@contextlib.contextmanager
+def _one_worker_at_a_time(path: Path) -> Iterator[None]:
+    with path.with_name(f"{path.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """Fill a folder once for all workers: ``made_once(name, make)``; ``make(folder)`` runs in every worker.
+
+    One worker at a time, the first in an empty folder: ``make`` goes on with what it finds.
+    """
+
+    def call(name: str, make: Callable[[Path], Any]) -> Any:
+        folder = _shared(tmp_path_factory) / name
+        with _one_worker_at_a_time(folder):
+            folder.mkdir(exist_ok=True)
+            return make(folder)
+
+    return call
 
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """The folder of real photographs: $FVS_DATA, or ../shared/data beside the repository."""
-    folder = Path(os.environ.get("FVS_DATA", _REPOSITORY.parent / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip(f"the real photographs are not here: {folder} is missing (set FVS_DATA to their folder)")
-    return folder
+    """The folder of real photographs: $FVS_DATA, or ../shared/data beside the repository.
+
+    Where it is missing, tests skip; in CI (CI=true) or with FVS_REQUIRE_DATA=1 they fail.
+    """
+    if not _DATA.is_dir():
+        missing = f"the real photographs are not here: {_DATA} is missing (set FVS_DATA to their folder)"
+        if os.environ.get("CI") == "true" or os.environ.get("FVS_REQUIRE_DATA") == "1":
+            pytest.fail(missing)
+        pytest.skip(missing)
+    return _DATA
 
 
 @pytest.fixture(scope="session")

@@ -203,6 +203,7 @@ def anonymous(answers: list[str], folder: Path) -> list[str]:
 GENERATOR = Path(__file__).resolve().parents[2] / "clients" / "generate_sync.py"
 
 
+@pytest.mark.process
 def test_the_synchronous_client_is_current() -> None:
     checked = subprocess.run(
         [sys.executable, GENERATOR, "--check"], capture_output=True, text=True, check=False

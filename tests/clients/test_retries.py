@@ -171,6 +171,7 @@ def test_the_key_and_the_name_of_the_client_are_sent(script: Any, monkeypatch: p
     assert sent[0]["user-agent"].startswith("fvs-client/")
 
 
+@pytest.mark.process
 def test_nobody_there_is_said_in_words() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -1,6 +1,8 @@
 """One reconstruction of the small photographs, shared by all tests of the engine that only look at it."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,12 +18,12 @@ def kermit_names(kermit_dir: Path) -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def kermit_sfm(
-    kermit_dir: Path, kermit_names: list[str], tmp_path_factory: pytest.TempPathFactory
-) -> SfmResult:
+def kermit_sfm(kermit_dir: Path, kermit_names: list[str], made_once: Callable[..., Any]) -> SfmResult:
     """Read-only: tests that change something copy its folder."""
-    return reconstruct(
-        kermit_dir, kermit_names, tmp_path_factory.mktemp("kermit_sfm"), SfmSettings(), Monitor()
+    # A second reconstruction in the same folder reads the first one's model.
+    return made_once(
+        "kermit_sfm",
+        lambda folder: reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor()),
     )
 
 

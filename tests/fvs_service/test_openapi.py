@@ -72,17 +72,15 @@ def test_examples_work_when_they_are_pasted(gateway: Any, document: dict[str, An
 
 
 def test_every_reference_in_the_document_leads_somewhere(document: dict[str, Any]) -> None:
-    def walk(node: Any) -> None:
-        if isinstance(node, dict):
-            if "$ref" in node:
-                assert node["$ref"].rpartition("/")[2] in document["components"]["schemas"]
-            for child in node.values():
-                walk(child)
-        elif isinstance(node, list):
-            for child in node:
-                walk(child)
+    def references(node: Any) -> set[str]:
+        if not isinstance(node, dict | list):
+            return set()
+        own = {node["$ref"]} if isinstance(node, dict) and "$ref" in node else set()
+        return own.union(*map(references, node.values() if isinstance(node, dict) else node))
 
-    walk(document)
+    found = references(document)
+    assert "#/components/schemas/Problem" in found
+    assert found <= {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
 
 
 _CHECKS = (

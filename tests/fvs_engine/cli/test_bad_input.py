@@ -104,7 +104,8 @@ def test_output_where_a_file_is(fvs: Fvs, kermit_dir: Path, tmp_path: Path, belo
 
 
 @pytest.mark.skipif(
-    not Path("/proc/self").exists(), reason="needs a file system that nobody can write to: /proc"
+    not Path("/proc/self").exists(),
+    reason="needs a file system that nobody can write to: run it on Linux, for /proc",
 )
 def test_output_that_cannot_be_written(fvs: Fvs, kermit_dir: Path) -> None:
     _expect(fvs("reconstruct", kermit_dir, "--out", "/proc/fvs"), "storage", "/proc/fvs")
@@ -215,6 +216,7 @@ def test_wrong_usage(fvs: Fvs, arguments: tuple[str, ...]) -> None:
     assert fvs(*arguments).status == 2
 
 
+@pytest.mark.process
 def test_help_is_quick_because_it_imports_no_engine() -> None:
     code = (
         "import sys; from fvs_engine.cli.app import app\n"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from PIL import Image
 
 from fvs_engine.choices import ProtocolName
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
@@ -44,6 +45,8 @@ def test_the_table_and_its_plots_are_written(clean_run: tuple[Path, Any]) -> Non
     assert "| median-frequency |" in (out / "report.md").read_text()
     for name in ("psnr", "travel", "trajectories", "calibration"):
         assert (out / f"{name}.png").stat().st_size > 10_000
+        with Image.open(out / f"{name}.png") as picture:
+            assert len(picture.convert("RGB").getcolors(1 << 24)) > 50, name
 
 
 def test_people_see_the_last_count_and_nothing_is_run_again(

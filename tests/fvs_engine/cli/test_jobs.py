@@ -96,6 +96,7 @@ def test_a_signal_stops_the_job_at_its_next_safe_point(
     assert signal.getsignal(number) == handler
 
 
+@pytest.mark.process
 def test_a_second_signal_stops_at_once_even_a_job_that_does_not_listen() -> None:
     script = (
         "import os, signal, time\n"

@@ -51,7 +51,8 @@ def test_views_are_chosen_and_everything_is_written(clean_run: tuple[Path, Any])
     assert not set(document["test"]) & set(names_of(document))
     assert json.loads((out / "result.json").read_text()).items() <= document.items()
     with Image.open(out / "trajectory.png") as picture:
-        picture.load()
+        assert min(picture.size) > 600
+        assert len(picture.convert("RGB").getcolors(1 << 24)) > 50
     assert (out / "point_cloud.ply").stat().st_size > 10_000
 
 

@@ -83,8 +83,12 @@ def test_what_has_no_score_or_is_not_finite_is_still_shown(tmp_path):
     broken[3, 4] = np.nan
     contact_sheet(tmp_path / "a.png", [entry(1, broken), blank()])
     contact_sheet(tmp_path / "b.png", [blank()])
-    with Image.open(tmp_path / "a.png") as sheet:
-        sheet.load()
+    with Image.open(tmp_path / "a.png") as both, Image.open(tmp_path / "b.png") as alone:
+        grey = contains(both, (128, 128, 128))
+        black = contains(both, (0, 0, 0))
+        assert len(grey) > 10_000
+        assert len(black[black[:, 1] > grey[:, 1].max()]) > 10_000
+        assert len(contains(alone, (0, 0, 0))) > 10_000
 
 
 def test_long_names_stay_in_their_cell(tmp_path):

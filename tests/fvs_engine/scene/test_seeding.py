@@ -47,7 +47,9 @@ def test_the_loneliest_points_win_when_room_is_short() -> None:
 def test_points_that_are_not_finite_are_no_places() -> None:
     points = grid(3)
     points[5, 1] = np.nan
-    assert len(seeds_on_free_points(cloud(points), NOWHERE, 1000)) == 26
+    seeds = seeds_on_free_points(cloud(points), NOWHERE, 1000)
+    assert np.array_equal(np.unique(seeds.points.xyz, axis=0), np.unique(np.delete(points, 5, 0), axis=0))
+    assert len(seeds) == 26
 
 
 def view(name: str, eye: list[float], color: int) -> TrainingView:

@@ -17,7 +17,7 @@ from fvs_engine.views import PinholeView
 )
 def rasterizer(request):
     if request.param == "cuda" and not torch.cuda.is_available():
-        pytest.skip("no CUDA device")
+        pytest.skip("needs a CUDA device: run it on a machine that has one, with gsplat")
     return create_rasterizer(request.param)
 
 

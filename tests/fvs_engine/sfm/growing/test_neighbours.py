@@ -41,7 +41,10 @@ def test_their_number_does_not_grow_with_the_scene(tmp_path: Path):
     limit = 2 * SETTINGS.neighbours_in_order + SETTINGS.neighbours_recent + SETTINGS.neighbours_by_similarity
     for count in (5, 50, 500):
         found = first_neighbours("003.jpg", names(count), known, SETTINGS)
-        assert len(found) <= min(limit, count - 1)
+        assert 4 <= len(found) <= min(limit, count - 1)
+        assert len(set(found)) == len(found)
+        assert set(found) <= set(names(count)) - {"003.jpg"}
+        assert {"002.jpg", "004.jpg"} <= set(found)
 
 
 def test_the_vocabulary_is_computed_once(tmp_path: Path):
