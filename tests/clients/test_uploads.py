@@ -1,4 +1,5 @@
 import hashlib
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -63,16 +64,22 @@ def test_the_async_client_sends_several_at_a_time(
     for number in range(9):
         (photographs / f"{number}.jpg").write_bytes(photograph(100 + number))
     seen: list[UploadProgress] = []
+    threads: set[int] = set()
+
+    def on_progress(progress: UploadProgress) -> None:
+        seen.append(progress)
+        threads.add(threading.get_ident())
 
     async def main() -> tuple[UploadReport, UploadReport]:
         async with AsyncClient(url) as client:
             scene = await client.scenes.create("quarry")
-            first = await scene.images.upload(photographs, parallel=4, on_progress=seen.append)
+            first = await scene.images.upload(photographs, parallel=4, on_progress=on_progress)
             return first, await scene.images.upload(photographs)
 
     first, again = anyio.run(main)
     assert (len(first.sent), first.ok, len(again.already_there), again.bytes_sent) == (12, True, 12, 0)
     assert (seen[-1].files_done, seen[-1].bytes_done) == (12, first.bytes_sent)
+    assert threads == {threading.get_ident()}
     assert [file.image for file in again.files] == [file.image for file in first.files]
 
 
