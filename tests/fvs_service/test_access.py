@@ -61,7 +61,7 @@ def owned(locked: Any, photograph: Any) -> dict[str, str]:
         "name": "cameras.json",
         "ranking_id": ranking["id"],
         "candidate_id": ranking["candidates"][0]["id"],
-        "picture": "render",
+        "image": "render",
     }
 
 

@@ -89,7 +89,7 @@ def test_a_quiet_stream_says_that_it_lives(server: Any) -> None:
     with server.client.stream("GET", f"/v1/scenes/{scene}/events") as stream:
         messages = _messages(stream.iter_lines())
         next(messages)
-        assert next(messages) == {"comment": "nothing new"}
+        assert next(messages) == {"comment": "heartbeat"}
 
 
 def test_streams_are_limited_and_places_come_back(serve: Any) -> None:

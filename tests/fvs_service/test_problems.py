@@ -65,7 +65,7 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
 @pytest.mark.parametrize(
     ("path", "body", "field", "detail"),
     [
-        ("/v1/scenes", {"name": "a", "nmae": "b"}, "nmae", "nmae: there is no such field here."),
+        ("/v1/scenes", {"name": "a", "nmae": "b"}, "nmae", "nmae: there is no such field."),
         ("/v1/scenes", {}, "name", "name: it is missing."),
         (
             "/v1/scenes",
