@@ -5,7 +5,6 @@ a folder on one machine, or one of the object stores that obstore supports (S3 a
 """
 
 import errno
-import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from uuid import uuid4
 import obstore
 from obstore.store import LocalStore, from_url
 
+from fvs_engine.files.atomic import flush_to_disk
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 
 _CHUNK_BYTES = 1 << 20
@@ -51,9 +51,9 @@ class Blobs:
                 file.unlink()
                 file = copied
             _make_folder(target.parent)
-            _flush(file)
+            flush_to_disk(file)
             file.replace(target)
-            _flush(target.parent)
+            flush_to_disk(target.parent)
 
     def put(self, content: bytes, key: str) -> None:
         """Store ``content`` under ``key``."""
@@ -152,12 +152,4 @@ def _make_folder(folder: Path) -> None:
         return
     _make_folder(folder.parent)
     folder.mkdir(exist_ok=True)
-    _flush(folder.parent)
-
-
-def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    flush_to_disk(folder.parent)
