@@ -77,7 +77,7 @@ def processor_s() -> float:
 
 
 def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
-    """Visit the next view and rank what is near; None when nothing is left."""
+    """Visit the next view and rank those near it; None when none is left."""
     worked = processor_s()
     record = loop.step(Monitor())
     if not isinstance(record, StepRecord):
@@ -102,7 +102,7 @@ def rank_nearest(scene: GrowingScene, loop: SelectionLoop, count: int) -> None:
 
 
 def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again:
-    """The state after a step, made from nothing, and as many candidates ranked."""
+    """The state after a step, made from scratch, and as many candidates ranked."""
     names = loop.visited[: step.views]
     settings = loop.settings.scene
     iterations = settings.initial_iterations + settings.iterations_per_view * (len(names) - INITIAL)
@@ -151,7 +151,7 @@ def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int)
     totals = [step.seconds for step in around]
     worked = median(step.processor_s for step in around)
     again = everything_again(loop, steps[middle].record, candidates)
-    print(f"{views + 1} views from nothing: {again}", flush=True)
+    print(f"{views + 1} views from scratch: {again}", flush=True)
     return {
         "views": views,
         "a step": Timing(min(totals), median(totals), max(totals), len(totals)),
@@ -161,7 +161,7 @@ def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int)
         "again, s": again.total,
         "SfM": again.sfm,
         "all training": again.train,
-        "stand": f"{steps[middle].registered} / {again.registered}",
+        "registered": f"{steps[middle].registered} / {again.registered}",
         "× faster": again.total / median(totals),
         "processor, s": worked,
         "again, processor": again.processor_s,

@@ -14,13 +14,11 @@ from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.photographs import Photographs
-from fvs_engine.scene.pose_source import PoseSource
+from fvs_engine.scene.pose_source import PoseSource, open_pose_source
 from fvs_engine.scene.scene_files import SceneFiles, SceneState
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.sfm.verification.positions import Positions
@@ -131,7 +129,8 @@ class GrowingScene:
         """
         files = SceneFiles(folder)
         files.claim(dataset, settings)
-        scene = cls(files, dataset, settings, rasterizer, _pose_source(files, dataset, settings, monitor))
+        source = open_pose_source(files.sfm, dataset, settings, monitor)
+        scene = cls(files, dataset, settings, rasterizer, source)
         if files.checkpoint.exists():
             scene._resume(monitor)
         return scene
@@ -390,11 +389,3 @@ def _usual_cameras(views: Iterable[AnyView]) -> dict[tuple[int, int], Camera]:
     for view in views:
         by_size.setdefault((view.camera.width, view.camera.height), Counter())[view.camera] += 1
     return {size: cameras.most_common(1)[0][0] for size, cameras in by_size.items()}
-
-
-def _pose_source(
-    files: SceneFiles, dataset: Dataset, settings: SceneSettings, monitor: Monitor
-) -> PoseSource:
-    if settings.poses == "known":
-        return KnownPoses(files.sfm, dataset, settings.sfm)
-    return SfmPoses(files.sfm, dataset, settings.sfm, monitor)

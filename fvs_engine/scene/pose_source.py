@@ -5,6 +5,10 @@ from pathlib import Path
 from typing import Protocol
 
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.known_poses import KnownPoses
+from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView
@@ -36,3 +40,10 @@ class PoseSource(Protocol):
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """Estimate the poses of images that are not added; those without a pose are left out."""
         ...
+
+
+def open_pose_source(folder: Path, dataset: Dataset, settings: SceneSettings, monitor: Monitor) -> PoseSource:
+    """The source that ``settings.poses`` names, with its files in ``folder``."""
+    if settings.poses == "known":
+        return KnownPoses(folder, dataset, settings.sfm)
+    return SfmPoses(folder, dataset, settings.sfm, monitor)

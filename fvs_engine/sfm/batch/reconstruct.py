@@ -119,6 +119,7 @@ def _certain(scene: MappedScene, count: int, settings: SfmSettings) -> bool:
 def _conclude(
     stages: Stages, names: Sequence[str], scenes: Sequence[MappedScene], decision: Decision
 ) -> SfmResult:
+    """Write the chosen model and the report; raise when every model was rejected."""
     folder = stages.folder
     candidates = tuple(
         CandidateReport(
@@ -139,38 +140,48 @@ def _conclude(
 
     chosen = scenes[decision.chosen]
     reconstruction = from_pycolmap(chosen.model)
-    registered = {view.name for view in reconstruction.views}
-    unregistered = tuple(name for name in names if name not in registered)
+    report = _report(stages, names, chosen, candidates[decision.chosen], candidates, decision)
+    stages.write_model(chosen.model)
+    write_text_atomically(folder.report, report.model_dump_json(indent=2))
+    return SfmResult(reconstruction, report, folder.sparse)
+
+
+def _report(
+    stages: Stages,
+    names: Sequence[str],
+    chosen: MappedScene,
+    kept: CandidateReport,
+    candidates: tuple[CandidateReport, ...],
+    decision: Decision,
+) -> SfmReport:
+    unregistered = tuple(name for name in names if name not in chosen.candidate.centres)
     components = tuple(
-        ComponentReport(mapper=chosen.candidate.mapper, images=images) for images in chosen.other_components
+        ComponentReport(mapper=kept.mapper, images=images) for images in chosen.other_components
     )
     warnings = [*stages.warnings, *decision.warnings]
     if unregistered:
         warnings.append(
             f"{len(unregistered)} of {len(names)} images are unregistered: {_listed(unregistered)}."
         )
-    evidence = candidates[decision.chosen].evidence
+    evidence = kept.evidence
     if evidence is not None and evidence.unsupported_images:
         warnings.append(f"The poses of {_listed(evidence.unsupported_images)} are weakly supported.")
-    report = SfmReport(
-        mapper=chosen.candidate.mapper,
-        verdict=decision.judgements[decision.chosen].verdict,
+    return SfmReport(
+        mapper=kept.mapper,
+        verdict=kept.verdict,
         images=len(names),
-        registered=len(registered),
+        registered=kept.registered,
         unregistered=unregistered,
-        points=len(reconstruction.points),
-        mean_reprojection_error_px=candidates[decision.chosen].mean_reprojection_error_px,
+        points=kept.points,
+        mean_reprojection_error_px=kept.mean_reprojection_error_px,
         pairs_matched=stages.pairs_matched,
-        pairs_verified=verified_pair_count(folder.database, MIN_PAIR_MATCHES),
+        pairs_verified=verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES),
         candidates=candidates,
         agreements=decision.agreements,
         other_components=components,
         warnings=tuple(warnings),
         seconds=stages.seconds,
     )
-    stages.write_model(chosen.model)
-    write_text_atomically(folder.report, report.model_dump_json(indent=2))
-    return SfmResult(reconstruction, report, folder.sparse)
 
 
 def _failure(

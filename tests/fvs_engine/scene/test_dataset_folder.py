@@ -20,7 +20,7 @@ def photographs(room_dir: Path, tmp_path: Path) -> Path:
 
 
 def write_transforms(path: Path, names: list[str], at: float) -> None:
-    """Cameras that all stand at x = ``at``."""
+    """Cameras with all centres at x = ``at``."""
     matrix = np.eye(4)
     matrix[0, 3] = at
     frames = [{"file_path": f"images/{name}", "transform_matrix": matrix.tolist()} for name in names]

@@ -211,7 +211,7 @@ def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, Mo
     assert scene.iteration == scene.target_iteration == 40
 
 
-def test_a_scene_that_began_anew_resumes_with_its_views_in_order(
+def test_a_retrained_scene_resumes_with_its_views_in_order(
     moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
 ) -> None:
     scene, source = moving
@@ -317,7 +317,7 @@ def test_a_model_is_retrained_from_scratch_whenever_its_points_have_doubled(
     spread = np.concatenate([points, points + np.array([5.0, 0.0, 0.0])])
     source.points = spread[:MIN_POINTS]
     assert scene.add(FIRST, Monitor()).warnings == ()
-    for name, (growth, anew) in sizes.items():
+    for name, (growth, restart) in sizes.items():
         scene.train(Monitor())
         scene.save()
         before = scene.iteration
@@ -326,9 +326,9 @@ def test_a_model_is_retrained_from_scratch_whenever_its_points_have_doubled(
         resumed._resume(Monitor())
         for grown in (scene, resumed):
             update = grown.add([name], Monitor())
-            assert any("retrained from scratch" in warning for warning in update.warnings) == anew, name
+            assert any("retrained from scratch" in warning for warning in update.warnings) == restart, name
             assert update.registered == (name,)
-            assert grown.iteration == (0 if anew else before)
+            assert grown.iteration == (0 if restart else before)
             assert grown.target_iteration == before + 10
         assert_same(scene, resumed)
     source.points = spread[:150]  # structure from motion lost some: what is there goes on

@@ -52,7 +52,7 @@ def test_a_finished_folder_is_not_computed_again(
     assert again.report == kermit_sfm.report
 
 
-def test_a_damaged_report_is_written_anew(
+def test_a_damaged_report_is_written_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
@@ -62,7 +62,7 @@ def test_a_damaged_report_is_written_anew(
     assert SfmReport.model_validate_json((tmp_path / "sfm" / "report.json").read_text()) == again.report
 
 
-def test_another_gate_judges_the_same_models_anew(
+def test_another_gate_judges_the_same_models_again(
     kermit_sfm: SfmResult,
     kermit_dir: Path,
     kermit_names: list[str],

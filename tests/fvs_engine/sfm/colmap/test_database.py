@@ -9,7 +9,7 @@ from fvs_engine.sfm.colmap.database import image_cameras, require_sound_database
 
 
 @pytest.mark.parametrize("tables", [(), ("cameras",), ("cameras", "images")])
-def test_a_database_whose_creation_was_interrupted_is_made_anew(
+def test_a_database_whose_creation_was_interrupted_is_created_again(
     tables: tuple[str, ...], tmp_path: Path
 ) -> None:
     path = tmp_path / "database.db"

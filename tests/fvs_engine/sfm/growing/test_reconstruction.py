@@ -1,4 +1,4 @@
-"""Photographs are added to a standing model; the places where they were taken are known exactly."""
+"""Images are added to a model; their true positions are known exactly."""
 
 import contextlib
 import hashlib

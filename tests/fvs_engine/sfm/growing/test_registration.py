@@ -108,7 +108,7 @@ def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_s
 
 
 def test_a_pose_far_from_its_position_prior_is_contradicted(kermit_sfm: SfmResult, kermit_names: list[str]):
-    """Matches alone see nothing wrong: a repeated pattern looks like that."""
+    """Matches alone do not contradict it, as with a repeated pattern."""
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     database = str(kermit_sfm.model_dir.parent / "database.db")
     places = {name: MODEL_FROM_COLMAP.apply(centre) for name, centre in centres_of(model).items()}

@@ -69,7 +69,7 @@ def test_cycles_close_or_do_not():
 def test_a_group_that_most_matches_contradict_is_not_tied_by_the_one_pair_that_fits(
     kermit_sfm: SfmResult, kermit_names: list[str]
 ):
-    """Three images among themselves fit well, as they do when they stand in the wrong place together."""
+    """Three images among themselves fit well, as they do when all are displaced together."""
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     ids = {image.name: image_id for image_id, image in model.images.items()}
     group, rest = kermit_names[8:], kermit_names[:8]

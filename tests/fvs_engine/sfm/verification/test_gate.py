@@ -118,7 +118,7 @@ def test_two_accepted_images_are_no_match_for_a_doubtful_whole():
     assert decision.warnings
 
 
-def test_two_mappers_misled_to_the_same_place_are_refused_all_the_same():
+def test_two_mappers_misled_to_the_same_place_are_rejected_all_the_same():
     decision = decide(
         [candidate("incremental", match_support=0.7), candidate("global", match_support=0.7)], SETTINGS
     )
@@ -146,7 +146,7 @@ def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reas
     assert any(reason in sentence for sentence in decision.judgements[0].reasons)
 
 
-def test_a_model_that_no_pair_speaks_for_is_refused():
+def test_a_model_without_verified_pairs_is_rejected():
     assert decide([Candidate("global", centres(), None)], SETTINGS).chosen is None
 
 
@@ -216,7 +216,7 @@ def torn(model: pycolmap.Reconstruction) -> None:
 
 
 @pytest.mark.parametrize("spoil", [folded, shuffled, torn])
-def test_a_model_with_spoilt_poses_is_refused_although_all_images_are_registered(
+def test_a_model_with_spoilt_poses_is_rejected_although_all_images_are_registered(
     spoil: object, kermit_sfm: SfmResult
 ):
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
