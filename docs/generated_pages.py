@@ -35,6 +35,15 @@ shapes, units and errors are in the docstrings. Here are the modules at its top;
 """
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put every decision into the navigation."""
+    records = [f"adr/{path.name}" for path in sorted(Path(config.docs_dir).glob("adr/*.md"))]
+    for section in config.nav or ():
+        if "Decisions" in section:
+            section["Decisions"] = ["adr/index.md", *records]
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     from fvs_client.cli.app import app as fvs_client
@@ -45,11 +54,27 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/rest.md": rest(_openapi()),
         "reference/fvs.md": commands("fvs", fvs),
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
+        "adr/index.md": decisions(Path(config.docs_dir) / "adr"),
         **engine(Path(config.config_file_path).parent / "fvs_engine"),
     }
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files
+
+
+def decisions(folder: Path) -> str:
+    """The list of decisions, by their titles."""
+    lines = [
+        "# Decisions",
+        "",
+        "Short records: the context, what was decided, what was measured for it, and what follows from it.",
+        "",
+    ]
+    for path in sorted(folder.glob("*.md")):
+        title = path.read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ")
+        number = int(path.name[:4])
+        lines.append(f"- [{number}. {title.removeprefix(f'{number}. ')}]({path.name})")
+    return "\n".join([*lines, ""])
 
 
 def commands(name: str, app: typer.Typer) -> str:
