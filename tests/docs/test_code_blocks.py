@@ -1,8 +1,9 @@
 """Every code block of the documentation runs as it is written.
 
-A page is one test. Its blocks run in order, in one folder and one shell, against a real ``fvs serve`` that
-all pages share: their scenes have different names. ``_SMALLER`` makes what the pages ask for small enough for
-a test. A block that cannot run says why in a comment above it: ``<!-- not run: the reason -->``.
+A page is one test. Its blocks run in order, in one folder and one shell. The tutorials run against a real
+``fvs serve``, other pages against a gateway whose updates succeed at once. ``_SMALLER`` makes what the pages
+ask for small enough for a test. A block that cannot run says why in a comment above it:
+``<!-- not run: the reason -->``.
 """
 
 import os
@@ -10,12 +11,12 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
-from fvs_service.serving.running import running_service
+from PIL import Image
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PAGES = [
@@ -40,16 +41,12 @@ _SMALLER = {
     "--budget 20": "--budget 6 --initial 4 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
     "--poses known --initial 8": "--poses known",
     "--seeds 0,1,2": "--seeds 0 --views 4,5 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
-    "--out out/kermit": "--out out/kermit --iterations 20 --long-side 96",
+    "median-frequency,farthest,random": "median-frequency,farthest",
+    "--generator orbit --top 5 --renders views": "--generator orbit --count 5 --renders views",
+    '"orbit"}, "top_k": 5': '"orbit", "count": 5}',
+    "Orbit(count=24), top_k=5": "Orbit(count=5)",
 }
 """Every entry is found in some page."""
-_SMALL_SERVICE = {
-    "FVS_WORKER__LONG_SIDE_PX": "96",
-    "FVS_WORKER__INITIAL_ITERATIONS": "30",
-    "FVS_WORKER__ITERATIONS_PER_IMAGE": "2",
-    "FVS_WORKER__IDLE_S": "30",
-    "FVS_WORKER__QUEUE_POLL_S": "0.5",
-}
 
 
 @dataclass(frozen=True)
@@ -60,14 +57,6 @@ class Block:
     language: str
     code: str
     reason: str | None
-
-
-@dataclass(frozen=True)
-class Service:
-    """A running service and the folder that it keeps everything in."""
-
-    url: str
-    root: Path
 
 
 def _blocks(page: Path) -> list[Block]:
@@ -87,21 +76,13 @@ def _id(page: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """A service that trains quickly and badly."""
-    folder = tmp_path_factory.mktemp("documentation")
-    with running_service(folder / "service", folder / "service.log", _SMALL_SERVICE) as running:
-        yield Service(running.url, folder / "service")
-
-
-@pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with six photographs."""
-    folder = tmp_path_factory.mktemp("photographs") / "yard"
-    program = str(Path(sys.executable).with_name("fvs"))
-    size = ["--images", "6", "--size", "240x180", "--turns", "0.25"]
-    subprocess.run([program, "simulate", str(folder), *size], check=True, capture_output=True)
-    return folder / "images"
+    """A folder with three photographs: noise, as nothing is made of them."""
+    folder = tmp_path_factory.mktemp("photographs")
+    draw = np.random.default_rng(0)
+    for number in range(3):
+        Image.fromarray(draw.integers(0, 256, (60, 80, 3), np.uint8)).save(folder / f"{number:04d}.jpg")
+    return folder
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_id)
@@ -117,14 +98,19 @@ def test_what_is_made_smaller_is_there() -> None:
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
-def test_the_blocks_run(page: Path, service: Service, photographs: Path, tmp_path: Path) -> None:
+def test_the_blocks_run(
+    page: Path, photographs: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    url: str = request.getfixturevalue(
+        "real_service" if page.parent.name == "tutorials" else "played_service"
+    )
     shutil.copytree(photographs, tmp_path / "photographs")
     script = ["set -euo pipefail"]
     for block in _runs(page):
         code = block.code
         for phrase, smaller in _SMALLER.items():
             code = code.replace(phrase, smaller)
-        code = code.replace("http://127.0.0.1:8000", service.url)
+        code = code.replace("http://127.0.0.1:8000", url)
         script.append(f'echo "[line {block.line}]"')
         if block.language == "python":
             (tmp_path / f"line-{block.line}.py").write_text(code, encoding="utf-8")
@@ -133,8 +119,8 @@ def test_the_blocks_run(page: Path, service: Service, photographs: Path, tmp_pat
     environment = {
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "FVS_URL": service.url,
-        "FVS_ROOT": str(service.root),
+        "FVS_URL": url,
+        "FVS_ROOT": str(tmp_path / "service"),
     }
     ran = subprocess.run(
         ["bash", "-c", "\n".join(script)],

@@ -1,0 +1,61 @@
+"""The services that the pages of the documentation run against."""
+
+import importlib.util
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fvs_service.serving.running import running_service
+
+_CLIENT_TESTS = Path(__file__).resolve().parent.parent / "clients" / "conftest.py"
+_SMALL_SERVICE = {
+    "FVS_WORKER__LONG_SIDE_PX": "96",
+    "FVS_WORKER__INITIAL_ITERATIONS": "30",
+    "FVS_WORKER__ITERATIONS_PER_IMAGE": "2",
+    "FVS_WORKER__QUEUE_POLL_S": "0.5",
+}
+
+
+def _load_client_fixtures() -> Any:
+    spec = importlib.util.spec_from_file_location("fixtures_of_the_clients", _CLIENT_TESTS)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+_clients = _load_client_fixtures()
+gateway = _clients.gateway
+_plain_logs = _clients._plain_logs
+
+
+@pytest.fixture(scope="session")
+def real_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The URL of an ``fvs serve`` that trains quickly and badly."""
+    folder = tmp_path_factory.mktemp("service")
+    with running_service(folder / "root", folder / "service.log", _SMALL_SERVICE) as running:
+        yield running.url
+
+
+@pytest.fixture
+def played_service(gateway: Any) -> Iterator[str]:
+    """The URL of a gateway whose updates succeed at once, with a made-up model."""
+    ended, played = threading.Event(), set(gateway.engine.submitted)
+
+    def work() -> None:
+        while not ended.wait(0.05):
+            for key, ticket in tuple(gateway.engine.submitted.items()):
+                if key not in played:
+                    played.add(key)
+                    gateway.model(ticket.scene_id)
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    yield str(gateway.client.base_url).rstrip("/")
+    ended.set()
+    worker.join()
