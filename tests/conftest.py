@@ -29,7 +29,7 @@ _DATA = Path(os.environ.get("FVS_DATA", _TESTS.parent.parent / "shared" / "data"
 # Fixtures that start a process or a server, or whose photographs go through structure from motion, which has
 # a process of its own; and the files and folders whose tests do so.
 _STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "service", "serving"}
-_STARTS_PROCESSES |= {"fvs", "fvs_command", "fvs_until", "yard_dir"}
+_STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "fvs_until", "yard_dir"}
 _PROCESS_FILES = (
     "clients/test_command_line.py",
     "docs/test_code_blocks.py",
@@ -48,7 +48,7 @@ _PROCESS_FILES = (
     "fvs_service/worker/test_queue.py",
 )
 # Expensive fixtures that live in one worker: all tests that use one run there, one after the other.
-_IN_ONE_WORKER = {"service", "grown"}
+_IN_ONE_WORKER = {"service", "real_service", "grown"}
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -71,6 +71,10 @@ def _runs(page: Path) -> list[Block]:
     return [block for block in _blocks(page) if block.language in _COMMANDS and block.reason is None]
 
 
+def _is_tutorial(page: Path) -> bool:
+    return page.parent.name == "tutorials"
+
+
 def _id(page: Path) -> str:
     return str(page.relative_to(REPOSITORY))
 
@@ -97,15 +101,23 @@ def test_what_is_made_smaller_is_there() -> None:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
-def test_the_blocks_run(
-    page: Path, photographs: Path, tmp_path: Path, request: pytest.FixtureRequest
+@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page) and _is_tutorial(page)], ids=_id)
+def test_the_blocks_of_tutorials_run(
+    page: Path, real_service: str, photographs: Path, tmp_path: Path
 ) -> None:
+    _run(page, real_service, photographs, tmp_path)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page) and not _is_tutorial(page)], ids=_id)
+def test_the_blocks_of_other_pages_run(
+    page: Path, played_service: str, photographs: Path, tmp_path: Path
+) -> None:
+    _run(page, played_service, photographs, tmp_path)
+
+
+def _run(page: Path, url: str, photographs: Path, tmp_path: Path) -> None:
     if os.environ.get("CI") != "true" and not (shutil.which("curl") and shutil.which("jq")):
         pytest.skip("the pages use curl and jq")
-    url: str = request.getfixturevalue(
-        "real_service" if page.parent.name == "tutorials" else "played_service"
-    )
     shutil.copytree(photographs, tmp_path / "photographs")
     script = ["set -euo pipefail"]
     for block in _runs(page):
