@@ -74,7 +74,7 @@ def test_known_views_by_either_name(tmp_path: Path, views: tuple[PinholeView, ..
         ("{}", "neither a list of candidates nor"),
         ('"x"', "neither a list of candidates nor"),
         ("[]", "holds no candidate"),
-        ([1], "candidate 0: "),
+        ([1], "candidate 0, the entry: "),
         ([POSE, {}], "candidate 1, name: Field required"),
         ([{**POSE, "yaw_deg": 3}], "candidate 0, yaw_deg: Extra inputs"),
         ([{**POSE, "position": [1, 2]}], "candidate 0, position"),
