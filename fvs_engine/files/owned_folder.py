@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic
 
-from fvs_engine.errors import OutputExistsError
+from fvs_engine.errors import EngineError, OutputExistsError
 from fvs_engine.files.record import RecordT, read_record, write_record
 from fvs_engine.files.storage import storage_errors
 
@@ -52,10 +52,10 @@ class OwnedFolder(Generic[RecordT]):
                     hint="Choose another output folder; nothing was changed.",
                 )
 
-    def require_same(self, differences: list[str]) -> None:
-        """Raise ``OutputExistsError`` that names the differences to what the folder holds, if any."""
+    def require_same(self, differences: list[str], error: type[EngineError] = OutputExistsError) -> None:
+        """Raise an ``error`` that names the differences to what the folder holds, if there are any."""
         if differences:
-            raise OutputExistsError(
+            raise error(
                 f"{self.root} holds another {self.content}: {'; '.join(differences)}.",
                 hint="Give another output folder, or the settings of the one that is there.",
             )

@@ -6,7 +6,6 @@ sfm/                     features, matches, and the growing reconstruction
 """
 
 import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,19 @@ import numpy as np
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError, StorageError
-from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.files.owned_folder import OwnedFolder, differences
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.views import AnyView
+
+
+class SceneIdentity(Record):
+    """``scene.json``: the dataset, by a digest of its views, and the settings."""
+
+    dataset: str
+    settings: dict[str, Any]
 
 
 class SceneState(Record):
@@ -60,25 +67,21 @@ class SceneFiles:
         The number of threads of structure from motion may change. Raises ``InvalidInputError`` when the
         folder was made for others, ``StorageError`` when it cannot be used.
         """
-        identity = {
-            "dataset": _fingerprint(dataset),
-            "settings": settings.model_dump(mode="json", exclude={"sfm": {"threads"}}),
-        }
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-            before = json.loads(self.identity.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            write_text_atomically(self.identity, json.dumps(identity, indent=1) + "\n")
+        given = SceneIdentity(
+            dataset=_fingerprint(dataset),
+            settings=settings.model_dump(mode="json", exclude={"sfm": {"threads"}}),
+        )
+        owned = OwnedFolder(self.root, self.identity.name, SceneIdentity, "scene")
+        earlier = owned.read()
+        if earlier is None:
+            with storage_errors(self.root):
+                self.root.mkdir(parents=True, exist_ok=True)
+            owned.write(given)
             return
-        except (OSError, ValueError) as error:
-            raise StorageError(
-                f"{self.identity} cannot be read: {error}", hint="Choose another folder, or delete this one."
-            ) from error
-        if before != identity:
-            raise InvalidInputError(
-                f"{self.root} holds a scene of {_difference(before, identity)}.",
-                hint="Give what it was created with, or choose another folder.",
-            )
+        found = differences(earlier.settings, given.settings)
+        if earlier.dataset != given.dataset:
+            found.insert(0, "it is of another dataset")
+        owned.require_same(found, InvalidInputError)
 
     def state(self, document: Any) -> SceneState:
         """The scene's part of a checkpoint's state; raises ``StorageError`` when there is none."""
@@ -98,11 +101,3 @@ def _fingerprint(dataset: Dataset) -> str:
         digest.update(f"{view.name}\0{view.camera}\0".encode())
         digest.update(np.ascontiguousarray(view.camera_from_model.matrix).tobytes())
     return digest.hexdigest()
-
-
-def _difference(before: Any, now: dict[str, Any]) -> str:
-    if not isinstance(before, dict) or before.get("dataset") != now["dataset"]:
-        return "another dataset"
-    old, new = before.get("settings") or {}, now["settings"]
-    changed = sorted(key for key in {*old, *new} if old.get(key) != new.get(key))
-    return f"other settings ({', '.join(changed)})"

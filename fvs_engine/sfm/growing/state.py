@@ -13,10 +13,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from fvs_engine.errors import InvalidInputError, StorageError
-from fvs_engine.files.atomic import replace_folder, write_text_atomically
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.atomic import replace_folder
+from fvs_engine.files.record import read_record, write_record
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder
@@ -117,14 +118,9 @@ class GrowthFolder:
         self.root.mkdir(parents=True, exist_ok=True)
         file = self.root / "growth.json"
         digest = settings_digest(settings)
-        if not file.is_file():
+        state = read_record(file, GrowthState, "Delete its folder and start again.")
+        if state is None:
             return GrowthState(settings=digest)
-        try:
-            state = GrowthState.model_validate_json(file.read_bytes())
-        except ValidationError as error:
-            raise StorageError(
-                f"{file} is damaged or of another version.", hint="Delete its folder and start again."
-            ) from error
         if state.settings != digest:
             raise InvalidInputError(
                 f"{self.root} holds a reconstruction with other settings.",
@@ -135,7 +131,7 @@ class GrowthFolder:
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        write_text_atomically(self.root / "growth.json", state.model_dump_json(indent=1))
+        write_record(self.root / "growth.json", state)
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""

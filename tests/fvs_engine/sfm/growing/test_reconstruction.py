@@ -368,5 +368,5 @@ def test_a_damaged_state_is_named(grown: Grown, images: Path, tmp_path: Path):
     folder = copy_of(grown.bootstrapped, tmp_path)
     state = json.loads((folder / "growth.json").read_text())
     (folder / "growth.json").write_text(json.dumps(state)[:-20])
-    with pytest.raises(StorageError, match=r"growth\.json is damaged"):
+    with pytest.raises(StorageError, match=r"growth\.json cannot be used: .* It is damaged"):
         GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
