@@ -45,6 +45,7 @@ _PROCESS_FILES = (
     "fvs_service/test_connection.py",
     "fvs_service/test_serve.py",
     "fvs_service/worker/test_lease_watch.py",
+    "fvs_service/worker/test_protocol.py",
     "fvs_service/worker/test_queue.py",
 )
 # Expensive fixtures that live in one worker: all tests that use one run there, one after the other.
