@@ -61,7 +61,9 @@ kernels: setup
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
 
-coverage: setup
+# Child processes write their data beside the first one's, wherever they run.
+coverage: export COVERAGE_FILE := $(CURDIR)/.coverage
+coverage: setup kernels
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest -n $(WORKERS) -m "not slow"
 	$(BIN)/python -m coverage combine --quiet
