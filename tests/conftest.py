@@ -6,6 +6,7 @@ A unit test that starts a process, listens on a port or reads a real photograph 
 
 import contextlib
 import fcntl
+import functools
 import math
 import os
 import shutil
@@ -18,6 +19,7 @@ import hypothesis
 import numpy as np
 import pytest
 from PIL import Image
+from xdist.scheduler import LoadScopeScheduling
 
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("fvs", deadline=None)
@@ -48,8 +50,12 @@ _PROCESS_FILES = (
     "fvs_service/worker/test_protocol.py",
     "fvs_service/worker/test_queue.py",
 )
-# Expensive fixtures that live in one worker: all tests that use one run there, one after the other.
-_IN_ONE_WORKER = {"service", "real_service", "grown"}
+# What lies here shares a session's expensive fixtures, and runs in one worker.
+_IN_ONE_WORKER = (
+    "docs/test_code_blocks.py",
+    "fvs_service/worker/",
+    "fvs_engine/sfm/growing/test_reconstruction.py",
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -75,15 +81,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what kind of test each is, and which run in the same worker."""
+    """Mark what kind of test each is."""
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
         kind = _kind(item, fixtures)
         if item.get_closest_marker(kind) is None:
             item.add_marker(kind)
-        group = _group(item, fixtures)
-        if group is not None and item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(group))
 
 
 def _kind(item: pytest.Item, fixtures: set[str]) -> str:
@@ -98,12 +101,27 @@ def _kind(item: pytest.Item, fixtures: set[str]) -> str:
     return "process" if fixtures & _STARTS_PROCESSES or file.startswith(_PROCESS_FILES) else "unit"
 
 
-def _group(item: pytest.Item, fixtures: set[str]) -> str | None:
-    """What a test shares, or None: the fixtures of its module, or one of ``_IN_ONE_WORKER``."""
-    found = item._fixtureinfo.name2fixturedefs  # type: ignore[attr-defined]
-    if any(definitions[-1].scope == "module" for definitions in found.values()):
-        return item.path.relative_to(_TESTS).as_posix()
-    return next(iter(sorted(fixtures & _IN_ONE_WORKER)), None)
+class _Scheduling(LoadScopeScheduling):
+    """Gives a worker one test at a time, or all tests that share an expensive fixture.
+
+    These are the tests of a file with fixtures of its module, and those of a folder in ``_IN_ONE_WORKER``.
+    (The mark ``xdist_group`` has no effect with pytest 9.2: xdist 3.8 sets an attribute that is gone.)
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        return _group(file.removeprefix("tests/")) or nodeid
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> _Scheduling:
+    """Share the tests out by ``_Scheduling``, whatever ``--dist`` says."""
+    return _Scheduling(config, log)
+
+
+@functools.cache
+def _group(file: str) -> str | None:
+    folder = next((folder for folder in _IN_ONE_WORKER if file.startswith(folder)), None)
+    return folder or (file if 'scope="module"' in (_TESTS / file).read_text(encoding="utf-8") else None)
 
 
 class _Watch:
