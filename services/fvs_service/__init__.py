@@ -1,1 +1,1 @@
-"""The product around the engine."""
+"""The fvs service: a gateway, workers and runners around ``fvs_engine``."""

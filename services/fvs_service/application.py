@@ -25,7 +25,7 @@ from fvs_service.storage.database import Database
 
 @dataclass(frozen=True)
 class Storage:
-    """What every process of the service opens."""
+    """The database, the blobs and the services on them that gateways and workers share."""
 
     settings: Settings
     database: Database

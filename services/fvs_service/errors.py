@@ -1,4 +1,4 @@
-"""Every failure that a caller can cause or meet, with its HTTP status.
+"""The errors of the service, each with its code and HTTP status.
 
 Services raise these errors; the transport turns them into problem documents (RFC 9457) without naming any of
 them.

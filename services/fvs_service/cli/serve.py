@@ -68,7 +68,7 @@ def create_key(
     ] = None,
     scene: Annotated[str | None, typer.Option(help="Restrict the key to this scene: a device's key.")] = None,
     days: Annotated[
-        int | None, typer.Option(min=1, help="Valid for so many days.", show_default="ever")
+        int | None, typer.Option(min=1, help="Days until the key expires.", show_default="never")
     ] = None,
     root: _Root = None,
 ) -> None:

@@ -22,8 +22,8 @@ SHARP = 0.25
 after a Gaussian blur of 2 px (of 1024)."""
 _SHARPNESS_SIDE_PX = 1024
 _REDUCING_GAP = 1.5
-"""Larger images are first reduced by a whole factor to at least so many times that size: that takes half the
-time, and changes the sharpness by some per cent."""
+"""Larger images are first reduced by an integer factor to at least this multiple of that size: this halves
+the time, and changes the sharpness by a few per cent."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ takes a third of an inspection."""
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
 """Parameters of ``mallopt`` (glibc)."""
 _STUCK_AFTER = 10
-"""A child that takes so many times its processor time, waiting for whatever it may be, is killed too."""
+"""A child is also killed when an inspection takes this multiple of its processor time by the clock."""
 
 _KILLED = Inspection(
     Verdict.UNREADABLE,

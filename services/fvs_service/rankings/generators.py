@@ -75,7 +75,7 @@ def _between(scene: SceneGeometry) -> Candidates:
             pairs.add((min(index, other), max(index, other)))
     first, second = np.array(sorted(pairs)).T
     quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in scene.cameras]))
-    # The rotation half-way along the shorter arc is the sum of the unit quaternions with equal signs.
+    # The rotation halfway along the shorter arc is the sum of the unit quaternions with equal signs.
     nearer = np.where(np.sum(quaternions[first] * quaternions[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
     rotations = matrix_from_quaternion(quaternions[first] + nearer * quaternions[second])
     names = [f"between-{one:04d}-{other:04d}" for one, other in zip(first, second, strict=True)]

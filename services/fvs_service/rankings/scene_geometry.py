@@ -1,4 +1,4 @@
-"""What rankings need to know of a scene: its registered cameras and the extent of its model."""
+"""The geometry of a scene for rankings: its registered cameras and the extent of its model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""A scene: one capture of one place, its world frame, and who works on it."""
+"""Scenes: captures, each with a world frame and the lease of the worker that processes it."""

@@ -85,16 +85,6 @@ class Leases:
             )
             return None if row is None else Lease(row.scene_id, row.worker_id, row.token, row.endpoint)
 
-    def held_by(self, worker_id: str) -> tuple[Lease, ...]:
-        """The leases in force of one worker."""
-        with self._database.reading() as session:
-            rows = session.scalars(
-                select(SceneLeaseRow).where(
-                    SceneLeaseRow.worker_id == worker_id, SceneLeaseRow.expires_at_ms > now_ms()
-                )
-            )
-            return tuple(Lease(row.scene_id, row.worker_id, row.token, row.endpoint) for row in rows)
-
     def _update(self, lease: Lease, **values: object) -> None:
         with self._database.writing() as session:
             done = session.execute(

@@ -17,7 +17,7 @@ Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPar
 
 
 class AltitudeDatum(StrEnum):
-    """The zero of altitudes."""
+    """The surface or point from which altitudes are measured."""
 
     ELLIPSOID = "ellipsoid"
     """WGS 84, as GNSS receivers compute it."""
@@ -81,7 +81,7 @@ class Policy(Model):
     k: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 10
     """The number of new images that start an update, with `every-k-images`."""
     first: Annotated[WholeNumber, Field(ge=2, le=10_000)] = 8
-    """The number of images that the first update waits for; fewer seldom make a model."""
+    """The number of images before the first update; fewer are seldom enough for a model."""
 
 
 class SceneRequest(Model):

@@ -47,7 +47,7 @@ def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
 
 
 def scene_head_of(session: Session, principal: Principal, scene_id: str) -> SceneHead:
-    """The same with a single query; raises ``NotFoundError``."""
+    """The head of a scene of the principal's tenant, in a single query; raises ``NotFoundError``."""
     return _head(_row_of(session, principal, scene_id))
 
 
@@ -57,7 +57,7 @@ def find_scene(session: Session, scene_id: str) -> Scene:
 
 
 def find_scene_head(session: Session, scene_id: str) -> SceneHead:
-    """The same with a single query; raises ``NotFoundError``."""
+    """The head of a scene of any tenant, in a single query; raises ``NotFoundError``."""
     return _head(_row(session, scene_id))
 
 

@@ -136,7 +136,7 @@ class Supervisor:
 
 @contextlib.contextmanager
 def _only_service_in(root: Path) -> Iterator[None]:
-    """Keep a second service out of ``root``: its workers would have the same ids, and share leases."""
+    """Lock ``root`` against a second service, whose workers would have the same ids and share leases."""
     with storage_errors(root):
         root.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as held:

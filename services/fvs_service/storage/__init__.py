@@ -1,1 +1,1 @@
-"""Where everything is kept: rows in a database, bytes in a blob store."""
+"""Storage: rows in a database, bytes in a blob store."""

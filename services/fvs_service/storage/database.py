@@ -1,8 +1,8 @@
 """The database: SQLite in WAL mode on one machine, or another one that SQLAlchemy supports.
 
 ``with database.reading() as session`` is a consistent read; ``with database.writing() as session`` commits at
-the end and takes SQLite's write lock at its start: of two transactions that first read and then write one
-would fail instead of waiting.
+the end and takes SQLite's write lock at its start. Otherwise, of two transactions that first read and then
+write, one would fail instead of waiting.
 """
 
 import sqlite3

@@ -10,7 +10,7 @@ from fvs_service.errors import KeyReusedError
 from fvs_service.model import Model, now
 from fvs_service.storage.tables import IdempotencyRow
 
-KEPT_FOR = timedelta(days=2)
+_KEPT_FOR = timedelta(days=2)
 
 
 class IdempotencyKey:
@@ -36,7 +36,7 @@ class IdempotencyKey:
         """Record the resource, in the transaction that creates it."""
         if self._key is None:
             return
-        session.execute(delete(IdempotencyRow).where(IdempotencyRow.created_at < now() - KEPT_FOR))
+        session.execute(delete(IdempotencyRow).where(IdempotencyRow.created_at < now() - _KEPT_FOR))
         session.add(
             IdempotencyRow(
                 tenant_id=self._tenant_id,

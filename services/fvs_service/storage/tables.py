@@ -1,4 +1,4 @@
-"""All tables. Rows are used by repositories only, which return domain models."""
+"""The tables of the database. Only repositories use rows; they return domain models."""
 
 from datetime import UTC, datetime
 from typing import Any

@@ -1,4 +1,4 @@
-"""Attempts at jobs: try again whatever dies, give up on what never makes progress."""
+"""Attempts at jobs: a new try after a process died, a failure after too many tries without progress."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ from fvs_service.worker.scene_slots import SceneSlots
 from fvs_service.worker.tries import Tries
 
 MAX_TRIES = 6
-"""An attempt fails after so many tries without progress."""
+"""An attempt fails after this many tries without progress."""
 _PAUSE_S = 0.5
 
 _log = structlog.get_logger()
@@ -132,8 +132,8 @@ class Attempts:
                 return
             error = JobError(
                 code="runner-died",
-                message=f"The job broke off {MAX_TRIES} times at the same point: {reason}",
-                hint="Often memory ran out: use fewer or smaller images, or a machine that has more.",
+                message=f"The job stopped {MAX_TRIES} times without progress: {reason}",
+                hint="Often memory ran out: use fewer or smaller images, or a machine with more memory.",
                 retryable=True,
                 stage=job.stage,
             )

@@ -25,11 +25,11 @@ _log = structlog.get_logger()
 
 
 class _ReplacedError(Exception):
-    """Another worker took this one for dead and runs its jobs."""
+    """Another worker has declared this one dead and requeued its jobs."""
 
 
 class DbosEngine:
-    """See ``JobEngine``."""
+    """The ``JobEngine`` on DBOS."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage

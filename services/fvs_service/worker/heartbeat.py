@@ -1,6 +1,6 @@
 """Heartbeats of workers: they show which workers live, so that another takes over the jobs of a dead one.
 
-A worker that was only frozen learns from its next heartbeat that it was taken for dead.
+A worker that was only frozen finds at its next heartbeat that it was declared dead.
 """
 
 from sqlalchemy import delete, select, update
@@ -9,8 +9,8 @@ from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.tables import WorkerRow
 
 _MISSED = 3
-"""A worker without a heartbeat for so many leases is dead for good: its supervisor would have restarted it
-long before."""
+"""A worker is dead after this many lease durations without a heartbeat: its supervisor would have restarted
+it long before."""
 
 
 class Heartbeats:
@@ -21,7 +21,7 @@ class Heartbeats:
         self._duration_ms = round(_MISSED * lease_s * 1000)
 
     def beat(self, worker_id: str) -> bool:
-        """Record that this worker lives; False when it was not known, or was taken for dead."""
+        """Record that this worker lives; False when it was unknown, or was declared dead."""
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(

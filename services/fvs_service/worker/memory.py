@@ -11,8 +11,8 @@ from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 
 PROGRAM_BYTES = 700_000_000
-"""A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a made-up scene
-of 11 images at 160 px: peaks of 570 MB and 110 MB."""
+"""A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a
+simulated scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
 _IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
@@ -38,7 +38,7 @@ def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: Wor
 
 
 def idle_need_bytes(gaussians: int) -> int:
-    """The memory of a runner that only ranks with a model of so many Gaussians."""
+    """The memory of a runner that only ranks, with a model of ``gaussians`` Gaussians."""
     return PROGRAM_BYTES + gaussians * _IDLE_GAUSSIAN_BYTES
 
 

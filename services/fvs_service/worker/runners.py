@@ -5,8 +5,9 @@ import math
 import threading
 import time
 from collections import defaultdict
-from typing import Any
+from typing import Any, get_args
 
+from fvs_engine.choices import Method
 from fvs_engine.records import Record
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError
@@ -21,11 +22,8 @@ from fvs_service.worker.protocol.connection import (
 from fvs_service.worker.protocol.messages import error_of
 from fvs_service.worker.queue import Queue
 
-METHODS = (
-    *("median-frequency", "spectral-median", "fisher", "d-optimal", "coverage"),
-    *("farthest", "nearest", "uniform", "random"),
-)
-"""The engine's selectors by name; written out because importing them imports torch, which a gateway lacks."""
+METHODS: tuple[str, ...] = get_args(Method)
+"""The names of the engine's selectors; importing the selectors themselves would import torch."""
 
 _CONNECT_S = 2.0
 _RESPONSE_S = 120.0
@@ -37,7 +35,7 @@ _KEPT_CONNECTIONS = 8
 
 
 class LeasedRunners:
-    """See ``SceneRunners``."""
+    """The ``SceneRunners`` of a gateway, found by the leases of their scenes."""
 
     methods = METHODS
 

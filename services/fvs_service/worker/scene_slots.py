@@ -1,7 +1,7 @@
 """One job at a time per scene, and updates before fine models.
 
-Somebody in the field waits for an update, and it takes seconds or minutes; a fine model takes hours and loses
-nothing when it pauses.
+An operator in the field needs the result of an update, which takes seconds or minutes; a fine model takes
+hours and loses nothing when it pauses.
 """
 
 import threading

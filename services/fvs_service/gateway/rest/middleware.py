@@ -66,7 +66,7 @@ class RequestContext:
 
 
 class BodyGuard:
-    """Fails requests whose body is larger than the route's limit, or stops arriving."""
+    """Rejects requests whose body is larger than the route's limit, or stops arriving."""
 
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app = app
@@ -97,7 +97,7 @@ class BodyGuard:
                 async with asyncio.timeout(self._idle_s):
                     message = await receive()
             except TimeoutError as error:
-                raise SlowRequestError(f"No byte of the body came for {self._idle_s:g} s.") from error
+                raise SlowRequestError(f"No byte of the body arrived for {self._idle_s:g} s.") from error
             received += len(message.get("body", b""))
             self._metrics.received_bytes.inc(len(message.get("body", b"")))
             more = message["type"] == "http.request" and message.get("more_body", False)

@@ -29,7 +29,7 @@ def create_ranking(
     response: Response,
     key: IdempotencyKey = None,
 ) -> Ranking:
-    """Rank candidates: which pose should be photographed next? Also while a job runs."""
+    """Rank candidates for the next image; possible while a job runs."""
     ranking = app.rankings.create(caller, scene_id, request, key)
     set_location(response, f"/v1/rankings/{ranking.id}")
     return ranking

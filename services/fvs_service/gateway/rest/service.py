@@ -35,7 +35,7 @@ class Capabilities(Model):
 
 
 class Health(Model):
-    """The service is up."""
+    """The service is healthy."""
 
     status: str = "ok"
 

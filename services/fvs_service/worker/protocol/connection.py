@@ -45,7 +45,7 @@ class Connection:
         self._send(record.model_dump_json().encode())
 
     def receive_line(self) -> bytes:
-        """The next document as JSON; raises ``RunnerGoneError`` when there is none any more."""
+        """The next document as JSON; raises ``RunnerGoneError`` when the connection has ended."""
         try:
             line = self._file.readline(_MAX_LINE_BYTES)
         except OSError as error:
@@ -55,7 +55,7 @@ class Connection:
         return line
 
     def receive(self) -> Any:
-        """The next document; raises ``RunnerGoneError`` when there is none any more."""
+        """The next document; raises ``RunnerGoneError`` when the connection has ended."""
         return json.loads(self.receive_line())
 
     def set_timeout(self, seconds: float | None) -> None:

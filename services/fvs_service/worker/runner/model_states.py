@@ -74,7 +74,7 @@ class ModelStates:
             return state
 
     def publish(self, snapshot_id: str, gaussians: Gaussians, sh_degree: int, iterations: int) -> None:
-        """Let rankings use a copy of ``gaussians``, which training goes on to change."""
+        """Publish a copy of ``gaussians`` for rankings; training may then change the original."""
         copy = Gaussians(**{name: tensor.detach().clone() for name, tensor in gaussians.tensors().items()})
         cameras = self.of_snapshot(snapshot_id).cameras
         self._live = ModelState(snapshot_id, copy, sh_degree, cameras, iterations)

@@ -20,7 +20,7 @@ from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.worker.protocol.messages import RunnerOrder
 
-EXIT_YIELDED = 0
+_EXIT_YIELDED = 0
 _EXIT_LOCKED = 4
 _LOCK_PATIENCE_S = 10.0
 _WATCH_S = 0.5
@@ -54,7 +54,7 @@ def main() -> None:
         endpoint.write(json.dumps({"endpoint": f"{host}:{port}/{secret}"}) + "\n")
         endpoint.flush()
         server.serve()
-    os._exit(EXIT_YIELDED)  # without waiting for threads that still send responses
+    os._exit(_EXIT_YIELDED)  # without waiting for threads that still send responses
 
 
 class LeaseWatch:

@@ -1,4 +1,4 @@
-"""How well a model renders images that it was not trained on."""
+"""The quality of a model at images that it was not trained on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

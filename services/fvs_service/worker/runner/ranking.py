@@ -24,7 +24,7 @@ def rank_views(request: RankViews, state: ModelState, rasterizer: Rasterizer) ->
         sh_degree=state.sh_degree,
         visited=state.visited,
         candidates=request.views,
-        order={name: place for place, name in enumerate(names)},
+        order={name: number for number, name in enumerate(names)},
         budget=len(state.visited) + request.budget,
         seed=request.seed,
         step=0,

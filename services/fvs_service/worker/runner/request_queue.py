@@ -1,4 +1,4 @@
-"""Rankings and renderings go one by one, and training waits for them."""
+"""The queue of rankings and renderings: one at a time, before training."""
 
 import threading
 import time
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _LONGEST_PAUSE_S = 2.0
-"""However many requests come, training makes a step at least this often."""
+"""Training makes a step at least this often, however many requests arrive."""
 
 
 class RequestQueue:
@@ -35,7 +35,7 @@ class RequestQueue:
                 self._changed.notify_all()
 
     def wait_until_empty(self) -> None:
-        """Wait until no request is left, but not for long."""
+        """Wait until no request is left, but for 2 s at most."""
         if self._done == self._arrived:
             return
         with self._changed:

@@ -89,9 +89,9 @@ class SceneJobs:
             self._states.forget_live()
 
     def publish_state(self, request: RunJob, iteration: int) -> None:
-        """Let rankings use the model that an update trains, at iterations at which it renders well.
+        """Publish the model that an update trains for rankings, at iterations at which it renders well.
 
-        A model renders worse shortly after densification, which the schedule puts half-way between these
+        A model renders worse shortly after densification, which the schedule puts halfway between these
         iterations. A model that is retrained from scratch is published once it has as many iterations as its
         predecessor.
         """
@@ -131,7 +131,7 @@ class SceneJobs:
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
     ) -> Quality | None:
-        """How well the latest snapshot renders the new images, before the model is trained on them."""
+        """The quality of the latest snapshot at the new images, before the model is trained on them."""
         if request.snapshot_id is None:
             return None
         before = self._states.of_snapshot(request.snapshot_id)
@@ -162,7 +162,7 @@ class SceneJobs:
         return self._scene
 
     def _choose(self, request: JobRequest, warn: Warn) -> SceneChoice:
-        """The settings of the first update; warns of a later request for others."""
+        """The settings of the first update; warns when a later request has others."""
         try:
             kept = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
         except FileNotFoundError:
