@@ -191,14 +191,14 @@ class JobCanceledError(JobError):
 
 
 class WaitTimeoutError(JobError):
-    """The job has not ended in time; it goes on."""
+    """The job has not ended in time; it continues."""
 
     def __init__(self, job: JobData, timeout_s: float) -> None:
         super().__init__(
             f"The {job.kind.value} job {job.id} has not ended within {timeout_s:g} s; "
             f"it is {job.state.value}, at {job.progress:.0%}.",
             job,
-            hint="It goes on; wait again, or cancel it.",
+            hint="It continues; wait again, or cancel it.",
             retryable=True,
         )
 

@@ -17,7 +17,7 @@ from fvs_client.models.scenes import SceneRequest
 REQUEST_ID = "X-Request-Id"
 
 _RANKING_TIMEOUT_S = 180.0
-"""A cold scene is warmed first, and 2,000 views take long on a CPU."""
+"""Long enough to load the model of a cold scene and to score 2,000 views on a CPU."""
 _EVENTS_TIMEOUT_S = 40.0
 """The service sends a heartbeat every 15 s."""
 
@@ -35,7 +35,7 @@ class FileBody:
     sent_bytes: int = 0
 
     def restart(self) -> None:
-        """Begin to send the file from its first byte."""
+        """Restart from the first byte of the file."""
         if self.sent_bytes:
             self.on_bytes(-self.sent_bytes)
             self.sent_bytes = 0

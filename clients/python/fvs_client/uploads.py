@@ -16,7 +16,7 @@ _READ_BYTES = 1 << 20
 
 
 class Outcome(Word):
-    """What became of a file."""
+    """The outcome of the upload of one file."""
 
     SENT = "sent"
     ALREADY_THERE = "already-there"
@@ -156,7 +156,7 @@ def hash_file(file: ImageFile) -> HashedFile | OSError:
 
 
 def total_size(files: Iterable[ImageFile]) -> int:
-    """Sum of the sizes in bytes."""
+    """The sum of the sizes of ``files``, in bytes."""
     return sum(size_of(file.path) for file in files)
 
 

@@ -1,4 +1,4 @@
-"""The client."""
+"""The client of a service, with its resources."""
 
 import ssl
 from types import TracebackType

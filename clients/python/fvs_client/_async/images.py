@@ -1,4 +1,4 @@
-"""The images of a scene."""
+"""The images of a scene: upload, check, get and list them."""
 
 import hashlib
 from collections.abc import AsyncIterator, Callable, Iterable

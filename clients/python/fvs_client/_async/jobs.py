@@ -1,4 +1,4 @@
-"""Jobs."""
+"""Jobs: create, get, list, wait for, cancel and retry them."""
 
 from collections.abc import AsyncIterator, Callable
 from typing import Self
@@ -22,7 +22,7 @@ class AsyncJob(AsyncResource, JobData):
     ) -> Self:
         """Return the job once it has succeeded; ``on_progress`` gets the job at every change.
 
-        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
+        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job continues.
         """
         return await waiting.wait(self._session, self, timeout_s, on_progress)
 

@@ -1,4 +1,4 @@
-"""Rankings."""
+"""Rankings: get them, and the renders of their candidates."""
 
 from fvs_client import requests
 from fvs_client._async.session import AsyncResource, AsyncSession
@@ -9,11 +9,11 @@ class AsyncRanking(AsyncResource, RankingData):
     """An immutable ranking; ``candidates`` are in order, the next view first."""
 
     async def render(self, candidate: RankedCandidate | str) -> bytes:
-        """The ranking's snapshot as seen from a candidate, as PNG."""
+        """Get the render of the ranking's snapshot at a candidate, as PNG."""
         return await self._image(candidate, "render")
 
     async def spectrum(self, candidate: RankedCandidate | str) -> bytes:
-        """The spectrum of a candidate's render, as PNG."""
+        """Get the spectrum of a candidate's render, as PNG."""
         return await self._image(candidate, "spectrum")
 
     async def _image(self, candidate: RankedCandidate | str, kind: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Scenes."""
+"""Scenes: create, get and list them; update and rank one."""
 
 from collections.abc import AsyncIterator, Iterable, Mapping
 from typing import Self

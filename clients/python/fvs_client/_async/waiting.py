@@ -20,7 +20,7 @@ _FIRST_POLL_S, _LONGEST_POLL_S = 0.25, 5.0
 _LAST_POLL_S = 1.0
 """Longest pause between polls when the deadline is near."""
 _SILENCE_S = 30.0
-"""A stream without even a heartbeat for so long is given up. Nearer to the deadline than this: poll."""
+"""A stream without a heartbeat for this time is abandoned; this close to the deadline, the job is polled."""
 
 
 async def wait(
@@ -43,9 +43,8 @@ async def wait(
                 if isinstance(error, ApiError) and error.status in (401, 403, 404):
                     raise
                 ended = await watch.poll()
-            if (
-                time.monotonic() - began > _LONGEST_POLL_S
-            ):  # else streams break at once: poll ever more rarely
+            # Where streams break at once, the pause grows.
+            if time.monotonic() - began > _LONGEST_POLL_S:
                 pause = _FIRST_POLL_S
         else:
             ended = await watch.poll()
@@ -105,7 +104,7 @@ class _Watch(Generic[J]):
         return False
 
     async def _until_deadline(self, response: httpx2.Response) -> AsyncIterator[bytes]:
-        """The content of a stream of events; heartbeats, which are no events, end it in time."""
+        """The content of a stream of events; heartbeats wake it, so that it ends in time."""
         async for chunk in response.aiter_raw():
             yield chunk
             if self.left_s <= _SILENCE_S:

@@ -1,5 +1,5 @@
 # Generated from _async/client.py by `make generate`. Do not edit.
-"""The client."""
+"""The client of a service, with its resources."""
 
 import ssl
 from types import TracebackType

@@ -1,5 +1,5 @@
 # Generated from _async/images.py by `make generate`. Do not edit.
-"""The images of a scene."""
+"""The images of a scene: upload, check, get and list them."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator

@@ -1,5 +1,5 @@
 # Generated from _async/jobs.py by `make generate`. Do not edit.
-"""Jobs."""
+"""Jobs: create, get, list, wait for, cancel and retry them."""
 
 from collections.abc import Callable, Iterator
 from typing import Self
@@ -23,7 +23,7 @@ class Job(Resource, JobData):
     ) -> Self:
         """Return the job once it has succeeded; ``on_progress`` gets the job at every change.
 
-        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job goes on.
+        Raises ``JobFailedError``, ``JobCanceledError``, or ``WaitTimeoutError`` while the job continues.
         """
         return waiting.wait(self._session, self, timeout_s, on_progress)
 

@@ -1,5 +1,5 @@
 # Generated from _async/rankings.py by `make generate`. Do not edit.
-"""Rankings."""
+"""Rankings: get them, and the renders of their candidates."""
 
 from fvs_client import requests
 from fvs_client._sync.session import Resource, Session
@@ -10,11 +10,11 @@ class Ranking(Resource, RankingData):
     """An immutable ranking; ``candidates`` are in order, the next view first."""
 
     def render(self, candidate: RankedCandidate | str) -> bytes:
-        """The ranking's snapshot as seen from a candidate, as PNG."""
+        """Get the render of the ranking's snapshot at a candidate, as PNG."""
         return self._image(candidate, "render")
 
     def spectrum(self, candidate: RankedCandidate | str) -> bytes:
-        """The spectrum of a candidate's render, as PNG."""
+        """Get the spectrum of a candidate's render, as PNG."""
         return self._image(candidate, "spectrum")
 
     def _image(self, candidate: RankedCandidate | str, kind: str) -> bytes:

@@ -1,5 +1,5 @@
 # Generated from _async/scenes.py by `make generate`. Do not edit.
-"""Scenes."""
+"""Scenes: create, get and list them; update and rank one."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Self

@@ -21,7 +21,7 @@ _FIRST_POLL_S, _LONGEST_POLL_S = 0.25, 5.0
 _LAST_POLL_S = 1.0
 """Longest pause between polls when the deadline is near."""
 _SILENCE_S = 30.0
-"""A stream without even a heartbeat for so long is given up. Nearer to the deadline than this: poll."""
+"""A stream without a heartbeat for this time is abandoned; this close to the deadline, the job is polled."""
 
 
 def wait(session: Session, job: J, timeout_s: float | None, on_progress: Callable[[J], object] | None) -> J:
@@ -42,9 +42,8 @@ def wait(session: Session, job: J, timeout_s: float | None, on_progress: Callabl
                 if isinstance(error, ApiError) and error.status in (401, 403, 404):
                     raise
                 ended = watch.poll()
-            if (
-                time.monotonic() - began > _LONGEST_POLL_S
-            ):  # else streams break at once: poll ever more rarely
+            # Where streams break at once, the pause grows.
+            if time.monotonic() - began > _LONGEST_POLL_S:
                 pause = _FIRST_POLL_S
         else:
             ended = watch.poll()
@@ -104,7 +103,7 @@ class _Watch(Generic[J]):
         return False
 
     def _until_deadline(self, response: httpx2.Response) -> Iterator[bytes]:
-        """The content of a stream of events; heartbeats, which are no events, end it in time."""
+        """The content of a stream of events; heartbeats wake it, so that it ends in time."""
         for chunk in response.iter_raw():
             yield chunk
             if self.left_s <= _SILENCE_S:

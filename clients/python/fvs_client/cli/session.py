@@ -44,7 +44,7 @@ def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> 
             typer.echo(f"Error: {error}", err=True)
             raise typer.Exit(USAGE) from error
         except KeyboardInterrupt as error:
-            typer.echo("Interrupted. Jobs in the service go on.", err=True)
+            typer.echo("Interrupted. Jobs in the service continue.", err=True)
             raise typer.Exit(INTERRUPTED) from error
 
 

@@ -69,7 +69,7 @@ class Policy(Input):
     k: int = 10
     """Number of new images that start an update, with `every-k-images`."""
     first: int = 8
-    """Number of images that the first update waits for."""
+    """Number of images before the first update."""
 
 
 class SceneRequest(Input):

@@ -18,9 +18,9 @@ class SnapshotMetrics(Answer):
     """Size and quality of the model."""
 
     registered: int
-    """Images that have their place."""
+    """Images with a pose in the model."""
     unregistered: int
-    """Accepted images that overlap with nothing yet."""
+    """Accepted images that the update processed and that have no pose in the model."""
     points: int
     iterations: int
     gaussians: int
@@ -29,7 +29,7 @@ class SnapshotMetrics(Answer):
     """Over the held-out views of a fine model (``test_every``)."""
     ssim: float | None
     new_images_psnr_db: float | None = None
-    """What the snapshot before made of the images that are new in this one, which it had not seen."""
+    """How well the previous snapshot renders the images that are new in this one, before training on them."""
 
 
 class SnapshotData(Answer):
@@ -68,8 +68,8 @@ class SnapshotView(Answer):
 class SnapshotCameras(Answer):
     """The content of `cameras.json`: cameras of the registered images, in the model's frame.
 
-    ``centre`` is the centre of what the images show, ``up`` its upward direction, ``lower`` and ``upper``
-    bound its points.
+    ``camera`` is the camera of most images. ``centre`` is the median of the model's points, ``up`` the upward
+    direction, ``lower`` and ``upper`` are the corners of a box around the points.
     """
 
     camera: PinholeIntrinsics
