@@ -77,9 +77,9 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
             "/v1/scenes/scn_none/rankings",
             {"candidates": [{"id": "a", "pose": {"frame": "world", **_POSE}}]},
             "candidates.0.pose.orientation_wxyz",
-            None,
+            "candidates.0.pose.orientation_wxyz: "
+            "a unit quaternion, w first; the length of this one is 1.414.",
         ),
-        ("/v1/scenes/scn_none/rankings", {"candidates": [{"id": "a", "pose": 3}]}, "candidates.0.pose", None),
         ("/v1/scenes/scn_none/rankings", {"candidates": _TWINS}, "", "Two candidates have the id a."),
         (
             "/v1/scenes/scn_none/rankings",
@@ -90,12 +90,21 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
     ],
 )
 def test_what_is_wrong_is_named_by_its_place_in_the_request(
-    gateway: Any, path: str, body: dict[str, Any], field: str, detail: str | None
+    gateway: Any, path: str, body: dict[str, Any], field: str, detail: str
 ) -> None:
     problem = gateway.client.post(path, json=body).json()
     assert problem["code"] == "invalid-request"
     assert problem["errors"][0]["field"] == field
-    assert detail is None or problem["detail"] == detail
+    assert problem["detail"] == detail
+    assert "openapi.json" in problem["hint"]
+
+
+def test_a_pose_that_is_no_object_is_named(gateway: Any) -> None:
+    body = {"candidates": [{"id": "a", "pose": 3}]}
+    problem = gateway.client.post("/v1/scenes/scn_none/rankings", json=body).json()
+    assert problem["code"] == "invalid-request"
+    assert problem["errors"][0]["field"] == "candidates.0.pose"
+    assert problem["detail"].startswith("candidates.0.pose: Input should be a valid dictionary")
     assert "openapi.json" in problem["hint"]
 
 

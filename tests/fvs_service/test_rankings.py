@@ -100,11 +100,16 @@ def test_generators_make_candidates(gateway: Any, scene: str, generator: dict[st
     for place in ranking["candidates"]:
         assert math.isclose(np.linalg.norm(place["pose"]["orientation_wxyz"]), 1.0, abs_tol=1e-6)
         assert place["distance_m"] <= request["radius_m"] + 1e-9
-    if generator["kind"] == "orbit":
-        for place in ranking["candidates"]:
-            x, y, z = place["pose"]["position"]
-            assert (math.hypot(x, y), z) == (pytest.approx(3.0), pytest.approx(1.0))
     assert _rank(gateway, scene, **request, top_k=2).json()["candidates"] == ranking["candidates"][:2]
+
+
+def test_an_orbit_has_the_requested_radius_and_height(gateway: Any, scene: str) -> None:
+    generator = {"kind": "orbit", "count": 5, "radius_m": 3.0, "height_m": 1.0}
+    ranking = _rank(gateway, scene, generator=generator, current_pose=LOOK, radius_m=100.0).json()
+    assert len(ranking["candidates"]) == 5
+    for candidate in ranking["candidates"]:
+        x, y, z = candidate["pose"]["position"]
+        assert (math.hypot(x, y), z) == (pytest.approx(3.0), pytest.approx(1.0))
 
 
 def test_the_world_is_where_the_alignment_says(gateway: Any) -> None:
