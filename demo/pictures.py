@@ -1,4 +1,4 @@
-"""The two pictures of the demonstration: what the first candidates see, and where everything is."""
+"""The figures of the demonstration: renders of the first candidates, and a map of all poses."""
 
 import io
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ _SH_DC = 0.28209479177387814
 
 
 def draw_contact_sheet(path: Path, ranking: Ranking) -> None:
-    """What the first ranked candidates see of the model, each above its spectrum."""
+    """Draw the renders of the first ranked candidates, each above its spectrum."""
     entries = []
     for item in [item for item in ranking.candidates if item.rank is not None][:_SHEET_ENTRIES]:
         pixels = (
             np.asarray(Image.open(io.BytesIO(ranking.render(item))).convert("RGB"), dtype=np.float64) / 255
         )
-        place = RankedCandidate(
+        candidate = RankedCandidate(
             name=item.id,
             rank=item.rank,
             score=item.score,
@@ -41,12 +41,12 @@ def draw_contact_sheet(path: Path, ranking: Ranking) -> None:
             coverage=item.coverage,
             distance=item.distance_m,
         )
-        entries.append(SheetEntry(place, pixels))
+        entries.append(SheetEntry(candidate, pixels))
     contact_sheet(path, entries, title="Next views, the least well known first")
 
 
 def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, model: Path) -> None:
-    """The way of the camera and the candidates, coloured by rank, over the model seen from above."""
+    """Draw the camera's path and the candidates, coloured by rank, over the model seen from above."""
     across = _level(np.array(cameras.up))
     way = np.array([view.position for view in cameras.views]) @ across
     figure = Figure(figsize=(8.0, 7.2), layout="constrained")

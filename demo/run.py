@@ -1,7 +1,7 @@
-"""The whole way, as a client goes it: ``make demo``.
+"""The demonstration, ``make demo``: from photographs to ranked next views, as a client of the service.
 
-Starts the service, sends photographs (of a made-up courtyard, if none are given), watches the model grow,
-and asks which pose should be photographed next. Everything that is worth a look is left in one folder.
+Starts the service, uploads photographs (of a simulated courtyard if none are given), updates the model, ranks
+candidates, and writes the results into one folder.
 """
 
 import argparse
@@ -28,15 +28,15 @@ GENERATORS: dict[str, Orbit | Dataset] = {"orbit": Orbit(), "dataset": Dataset()
 
 
 def main() -> None:
-    """Read the arguments and go."""
+    """Run the demonstration with the arguments of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "photographs", nargs="?", type=Path, help="a folder; without it, photographs are made"
+        "photographs", nargs="?", type=Path, help="a folder; without it, photographs are simulated"
     )
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="where the results go")
     parser.add_argument("--iterations", type=int, default=1500, help="of training")
     parser.add_argument("--long-side", type=int, default=640, help="of the images in training, in px")
-    parser.add_argument("--generator", choices=GENERATORS, help="who makes the candidates")
+    parser.add_argument("--generator", choices=GENERATORS, help="generator of the candidates")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the service is stopped then, too
     options.out.mkdir(parents=True, exist_ok=True)
@@ -66,26 +66,24 @@ def main() -> None:
 
 
 def _make_photographs(folder: Path) -> Path:
-    """Photographs of three fifths of the way around a courtyard; the rest is for the ranking to ask for."""
-    console.print("No photographs were given: taking some of a made-up courtyard")
+    """Simulate photographs along 0.6 of a turn around a courtyard; the ranking should prefer the rest."""
+    console.print("No photographs were given: simulating some of a courtyard")
     command = [str(FVS), "simulate", str(folder / "courtyard"), "--images", "24", "--turns", "0.6"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return folder / "courtyard" / "images"
 
 
 def _send(scene: Scene, photographs: Path) -> None:
-    with display("Sending photographs", as_json=False, in_bytes=True) as shown:
+    with display("Uploading photographs", as_json=False, in_bytes=True) as shown:
         report = scene.images.upload(photographs, on_progress=partial(upload_progress, shown))
     for file in (*report.failed, *report.rejected):
         console.print(f"  {file.path.name}: {file.image.reason if file.image else file.error}")
     again = scene.images.upload(photographs)
-    console.print(
-        f"Sent {report.bytes_sent / 1e6:.1f} MB; sending all of it again moved {again.bytes_sent} bytes"
-    )
+    console.print(f"Sent {report.bytes_sent / 1e6:.1f} MB; a second upload sent {again.bytes_sent} bytes")
 
 
 def _update(scene: Scene, iterations: int, long_side_px: int) -> Job:
-    with display("Making the model", as_json=False) as shown:
+    with display("Updating the model", as_json=False) as shown:
         queued = scene.update(iterations=iterations, long_side_px=long_side_px)
         job = queued.wait(on_progress=partial(job_progress, shown))
     snapshot = job.snapshot()
