@@ -2,7 +2,7 @@
 
     python docs/images/contact_sheet.py
 
-The room is made up, so that the picture shows nobody's photographs.
+The room is simulated, so that the picture contains no photographs.
 """
 
 from pathlib import Path
