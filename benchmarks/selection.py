@@ -3,7 +3,7 @@
    python benchmarks/selection.py [--counts 10 50 250] [--visited 20] [--backend cpu] [--processor-time]
                                   [--selectors fisher coverage] [--json selection.json]
 
-The made-up room, at the size of a thumbnail. For every selector and count: the time of a whole selection
+The simulated room, at the size of a thumbnail. For every selector and count: the time of a whole selection
 beside that of a render of all candidates in the same run, their ratio, and candidates/s (the same for all
 counts where visited views cost nothing; fisher, d-optimal and coverage look at every one of them).
 """

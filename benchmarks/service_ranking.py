@@ -1,15 +1,15 @@
-"""What the service adds to a ranking, while the same runner trains a model.
+"""Measure what the service adds to the time of a ranking, while the same runner trains a model.
 
     python benchmarks/service_ranking.py [PHOTOGRAPHS] [--clients 1 8 32] [--rankings 100] [--candidates 24]
                                          [--long-side 800] [--method median-frequency] [--json ranking.json]
 
-`fvs serve` with its defaults; the photographs (of a made-up courtyard, if none are given) become a scene. One
-client ranks while nothing else happens; then a fine model of the scene is trained, and so many clients at a
-time, each with a connection of its own, rank without a pause. Of every request:
+`fvs serve` with its defaults; the photographs (of a simulated courtyard, if none are given) become a scene.
+One client ranks while nothing else runs; then a fine model of the scene is trained, and several clients at a
+time, each with its own connection, rank without a pause. For every request:
 
-* scoring: what the engine's own call took, as the runner measured it;
-* in line: how long the question waited for those of others, because a runner answers one after the other;
-* overhead: all the rest, from the call of the client to its return (goal: p95 ≤ 30 ms with one client).
+* scoring: the time of the engine's call, measured by the runner;
+* queued: the time in the runner's queue behind other requests, which are answered one at a time;
+* overhead: the rest, from the call of the client to its return (goal: p95 ≤ 30 ms with one client).
 """
 
 import argparse
@@ -37,11 +37,11 @@ class Asked:
 
     request: float
     scoring: float
-    in_line: float
+    queued: float
 
     @property
     def overhead(self) -> float:
-        return self.request - self.scoring - self.in_line
+        return self.request - self.scoring - self.queued
 
 
 def ask(scene: Scene, candidates: int, method: str) -> Asked:
@@ -83,7 +83,7 @@ def row(
         f"{name}, ms p50 / p95": " / ".join(
             f"{value:.1f}" for value in np.percentile([getattr(one, name) for one in asked], [50, 95])
         )
-        for name in ("request", "scoring", "in_line", "overhead")
+        for name in ("request", "scoring", "queued", "overhead")
     }
     return {
         "clients": clients,
