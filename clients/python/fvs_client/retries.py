@@ -29,9 +29,8 @@ class Retries:
         if attempt >= self.attempts or not _is_transient(error):
             return None
         pause = self.draw() * min(self.longest_s, self.first_s * 2.0 ** (attempt - 1))
-        asked = error.retry_after_s if isinstance(error, ApiError) else None
-        if asked is not None:
-            pause += asked
+        if isinstance(error, ApiError) and error.retry_after_s is not None:
+            pause += error.retry_after_s
         return pause if elapsed_s + pause <= self.within_s else None
 
 
