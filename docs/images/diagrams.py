@@ -174,7 +174,7 @@ def life_of_a_scene() -> str:
 
     d.box(410, 30, 570, 135, fill="#ffffff", dashed=True)
     d.text(426, 52, "update", anchor="start", weight="600", size=15)
-    d.text(496, 52, "a job: goes on from the last snapshot", anchor="start", size=13, color=GREY)
+    d.text(496, 52, "a job: continues from the last snapshot", anchor="start", size=13, color=GREY)
     d.arrow((365, 97), (428, 97))
     stages = ("features", "matching", "mapping", "alignment", "training")
     for number, stage in enumerate(stages):
@@ -203,7 +203,7 @@ def life_of_a_scene() -> str:
     )
     d.arrow((905, 165), (905, 235))
     d.arrow((820, 235), (820, 165), dashed=True)
-    d.text(812, 205, "the next update", "goes on from here", size=12, anchor="end", color=GREY)
+    d.text(812, 205, "the next update", "continues from here", size=12, anchor="end", color=GREY)
 
     d.box(
         440, 235, 220, 100, "ranking", "scores candidates at any time,", "also while a job trains", fill=AMBER
