@@ -55,7 +55,7 @@ def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, mode
     flat = points @ across
     axes.scatter(flat[:, 0], flat[:, 1], c=colors, s=1.5, linewidths=0, rasterized=True)
     axes.plot(way[:, 0], way[:, 1], color="0.25", linewidth=1, zorder=2)
-    axes.scatter(way[:, 0], way[:, 1], color="0.1", s=16, label="photographs, as they came", zorder=3)
+    axes.scatter(way[:, 0], way[:, 1], color="0.1", s=16, label="photographs, in order of arrival", zorder=3)
     ranked = [item for item in ranking.candidates if item.rank is not None]
     alignment = ranking.alignment  # candidates are in the world, all else is in the model's frame
     world_from_model = SimilarityTransform(

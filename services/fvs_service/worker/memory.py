@@ -53,7 +53,7 @@ class MemoryBudget:
         self._reserved: dict[str, int] = {}
 
     def reserve(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> bool:
-        """Wait until the scene has ``need_bytes``, or what it had if that is more.
+        """Wait until the scene has reserved ``need_bytes``, or its present reservation if that is larger.
 
         Returns False when ``give_up`` returned True first.
         """
@@ -72,14 +72,14 @@ class MemoryBudget:
                 self._changed.wait(_POLL_S)
 
     def shrink(self, scene_id: str, need_bytes: int) -> None:
-        """Reduce what the scene has reserved."""
+        """Reduce the scene's reservation to ``need_bytes``."""
         with self._changed:
             if scene_id in self._reserved:
                 self._reserved[scene_id] = min(need_bytes, self._reserved[scene_id])
                 self._changed.notify_all()
 
     def release(self, scene_id: str) -> None:
-        """Free what the scene has reserved."""
+        """Free the scene's reservation."""
         with self._changed:
             self._reserved.pop(scene_id, None)
             self._changed.notify_all()
