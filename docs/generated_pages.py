@@ -31,7 +31,7 @@ _ENGINE = """# Engine
 
 `fvs_engine` is a plain library: no web, no database, no queue. The commands of `fvs` are thin: each calls one
 function of `fvs_engine.pipeline` or `fvs_engine.simulate`. Frames are those of [frames](../../how/frames.md);
-shapes, units and errors are in the docstrings. Here are the modules at its top; every package has a page.
+shapes, units and errors are in the docstrings. This page has the top-level modules; every package has a page.
 """
 
 
