@@ -1,4 +1,5 @@
-"""The science of next-view selection: photographs in, splats and ranked next views out.
+"""The engine of next-view selection: structure from motion, Gaussian splats, rankings, the selection loop.
 
-A plain library: no web, no database, no queue. See ``docs/conventions.md`` for frames, units and names.
+A library: no web server, no service database, no queue. See ``docs/conventions.md`` for frames, units and
+names.
 """

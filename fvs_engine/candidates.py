@@ -1,7 +1,4 @@
-"""Ranked candidates: the one type for them in the engine, apart from the scorers that make them.
-
-The service's gateway passes rankings on and needs no torch.
-"""
+"""Ranked candidates of a ranking; importable without torch, which the service's gateway does not load."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -25,8 +22,8 @@ class CandidateStatus(StrEnum):
 class RankedCandidate:
     """One candidate of a ranking.
 
-    ``rank`` counts from 1; None for candidates that cannot be compared (see ``status``). ``score``: the
-    lower, the sooner; None when it was not scored. ``coverage`` in [0, 1]: None when it was not rendered.
+    ``rank`` counts from 1; None for candidates that cannot be compared (see ``status``). ``score``: lower
+    ranks first; None when it was not scored. ``coverage`` in [0, 1]: None when it was not rendered.
     ``distance``: how far the camera travels, in the caller's unit; None when it is not known.
     """
 

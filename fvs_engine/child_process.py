@@ -1,8 +1,8 @@
 """Child processes that end with their parent.
 
 A child is spawned, never forked: a fork of a process with threads inherits their locks. It gets a session of
-its own, because Ctrl-C in a terminal goes to the whole process group and the parent alone decides when its
-children end. Its first line of standard input is its order, a JSON document; the pipe stays open.
+its own, because Ctrl-C in a terminal goes to the whole process group, and only the parent may end its
+children. The first line on its standard input is its order, a JSON document; the pipe stays open.
 """
 
 import contextlib
@@ -55,7 +55,7 @@ def spawn(
 
 
 def write(child: "subprocess.Popen[str]", text: str) -> None:
-    """Write to the child's standard input; a child that has died is seen elsewhere, so nothing is raised."""
+    """Write to the child's standard input; raises nothing when the child has died: callers poll for that."""
     assert child.stdin is not None
     with contextlib.suppress(OSError, ValueError):
         child.stdin.write(text)
@@ -104,13 +104,13 @@ def end_with_parent(parent: int, *, kernel: bool = True) -> None:
     """In a child: end when ``parent``, the process that made this one, has ended.
 
     The kernel kills the child at once where it can (Linux). It does so when the *thread* that made the child
-    ends: with ``kernel=False``, for children of threads that come and go, only the watch is left, which looks
-    twice a second who the parent is.
+    ends, so children of short-lived threads take ``kernel=False``: only the polling of the parent's id, twice
+    a second, is left.
     """
     if kernel:
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before the kernel was asked
+    if os.getppid() != parent:  # it ended before prctl took effect
         os._exit(EXIT_ORPHANED)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
 

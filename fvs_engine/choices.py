@@ -1,4 +1,4 @@
-"""The names that users choose between, for settings, tables and the command line. Imports nothing heavy."""
+"""Names of the alternatives in settings and on the command line. Imports nothing heavy."""
 
 from typing import Literal
 

@@ -1,7 +1,7 @@
-"""Errors a user can act on.
+"""Expected failures of the engine, with hints for the user.
 
 Every expected failure of the engine is an ``EngineError``: its message names what is
-wrong and where, and its ``hint`` says what to do about it. The command line and the service map
+wrong and where, and its ``hint`` the remedy. The command line and the service map
 ``code`` to an exit code or a problem document; they never parse messages.
 """
 
@@ -20,7 +20,7 @@ class EngineError(Exception):
         return f"{self.message} {self.hint}".strip()
 
 
-class Cancelled(EngineError):  # noqa: N818 - an answer to a request, not a fault
+class Cancelled(EngineError):  # noqa: N818 - requested, not a fault
     """The work was stopped on request; what was finished is on disk."""
 
     code = "cancelled"

@@ -1,4 +1,4 @@
-"""The base of records that become JSON, and the sentence for one that cannot be read."""
+"""Base class of records that become JSON, and the message for one that is not valid."""
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -10,7 +10,7 @@ class Record(BaseModel):
 
 
 def first_error(error: ValidationError, whole: str = "the file") -> str:
-    """The first thing wrong with a record, as ``where: what``; ``whole`` names the record itself."""
+    """The first validation error of a record, as ``where: what``; ``whole`` names the record itself."""
     first = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in first["loc"]) or whole
     return f"{where}: {first['msg'].removeprefix('Value error, ')}"

@@ -237,7 +237,7 @@ def kermit_copy(kermit_dir: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def room_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A made-up dataset, read-only: photographs of a tiled room, and a COLMAP model that is exactly right.
+    """A synthetic dataset, read-only: photographs of a tiled room, and a COLMAP model that is exactly right.
 
     Twenty-four views of 96 × 72 px, two rounds about the middle, 0.8 units from each to the next; ``images/``
     and ``sparse/0``. The room is convex: whoever faces a point sees it.

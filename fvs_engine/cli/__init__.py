@@ -1,4 +1,4 @@
-"""The command line. Every command imports the engine when it runs, so that ``fvs --help`` is quick."""
+"""The command line. Commands import the engine when they run, so that ``fvs --help`` is quick."""
 
 import sys
 

@@ -1,7 +1,7 @@
 """The commands of ``fvs``: each reads its arguments, runs one job of the engine and prints the result.
 
-The engine is imported inside the commands: torch, Numba and pycolmap take seconds to load, for which
-``--help`` and mistakes in the arguments need not wait.
+The engine is imported inside the commands: torch, Numba and pycolmap take seconds to load, and ``--help`` and
+invalid arguments must be answered at once.
 """
 
 import importlib.metadata
@@ -93,8 +93,8 @@ def reconstruct(
         typer.Option(
             case_sensitive=False,
             metavar="MODEL",
-            help="The lens to estimate: SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV. Only OPENCV lets "
-            "pixels not be square.",
+            help="Camera model to estimate: SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV. Only OPENCV "
+            "allows for pixels that are not square.",
             show_default="SIMPLE_RADIAL",
         ),
     ] = None,
@@ -109,7 +109,7 @@ def reconstruct(
     ] = False,
     run: RunOptions,
 ) -> None:
-    """Photographs in; cameras and a trained splat out. After a stop, the same command goes on."""
+    """Reconstruct photographs: cameras and a trained splat. After a stop, the same command resumes."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
@@ -177,7 +177,7 @@ def render(
     *,
     folder: _Folder,
     views: Annotated[
-        ViewGroup, typer.Option(help="Which views; path: a smooth flight through them.")
+        ViewGroup, typer.Option(help="Which views; path: a smooth path through the training views.")
     ] = "held-out",
     candidates: _Candidates = None,
     frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames of a path.")] = 120,

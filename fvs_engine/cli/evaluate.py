@@ -40,18 +40,18 @@ def evaluate(
         ProtocolName,
         typer.Option(
             help="paper: the first 10 images, a radius, 100 views, estimated poses; fisherrf: 4 far from one "
-            "another, all may be next, 20 views; nearest5: 4 in a row, the 5 nearest, 20 views."
+            "another, all in reach, 20 views; nearest5: 4 consecutive, the 5 nearest in reach, 20 views."
         ),
     ] = "fisherrf",
     methods: Annotated[str, typer.Option(metavar="A,B,…", help="The selectors to compare, or all.")] = "all",
     seeds: Annotated[
-        str, typer.Option(metavar="N,…", help="One run each: other initial views, other training.")
+        str, typer.Option(metavar="N,…", help="One run each: initial views and training differ.")
     ] = "0,1,2",
     views: Annotated[
         str | None,
         typer.Option(
             metavar="N,…",
-            help="Measure at so many views; the last is the budget.",
+            help="Numbers of views at which to measure; the last is the budget.",
             show_default="the preset's",
         ),
     ] = None,
@@ -65,9 +65,9 @@ def evaluate(
     loop: LoopOptions,
     run: RunOptions,
 ) -> None:
-    """Compare ways to choose views: a table of selectors × seeds, with means, intervals and plots.
+    """Compare selectors: a table of selectors × seeds, with means, confidence intervals and plots.
 
-    After a stop, the same command goes on. Further methods and seeds join those that are in DIR.
+    After a stop, the same command resumes. Further methods and seeds are added to those in DIR.
     """
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job

@@ -1,4 +1,4 @@
-"""Running one job of the engine under a terminal: progress, Ctrl-C, errors, exit status."""
+"""Run one job of the engine from the command line: progress, Ctrl-C, errors, exit status."""
 
 import contextlib
 import json
@@ -65,7 +65,7 @@ def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Resul
 def fail(error: EngineError, *, machine: bool) -> NoReturn:
     """Print the error and end the program with its exit status.
 
-    With ``machine`` it is JSON, on stderr as a message like all others there, and on stdout.
+    With ``machine`` it is JSON, both on stderr, as all messages are, and on stdout.
     """
     if machine:
         document = {"code": error.code, "message": error.message, "hint": error.hint}
@@ -112,7 +112,7 @@ def _stop_on_signals(monitor: Monitor) -> Iterator[Callable[[Display], None]]:
         monitor.cancel()
 
     def watch(display: Display) -> None:
-        for number in _SIGNALS:  # importing pycolmap replaces them by glog's
+        for number in _SIGNALS:  # importing pycolmap replaces the handlers by glog's
             signal.signal(number, on_signal)
         if requested.is_set() and not announced.is_set():
             announced.set()

@@ -8,10 +8,10 @@ from typing import Any, get_type_hints
 
 
 def with_option_groups(**defaults_shown: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Let a command take dataclasses: their fields become its options (for Typer, which knows none).
+    """Expand a command's dataclass parameters into Typer options, one per field.
 
-    A field is annotated as a parameter of a Typer command. ``defaults_shown`` are what the help shows as
-    default values of fields whose default depends on the command.
+    Fields are annotated like parameters of a Typer command. ``defaults_shown``: field name → the default
+    value that the help shows, for fields whose default depends on the command.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

@@ -17,7 +17,7 @@ JsonOption = Annotated[
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Backend, threads and form of the output of a computation."""
+    """Backend, threads and output format of a command."""
 
     backend: Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")] = (
         "auto"
@@ -28,7 +28,7 @@ class RunOptions:
     as_json: JsonOption = False
 
     def limit_threads(self) -> None:
-        """Set the size of the process's thread pools; call it before the libraries that own them load."""
+        """Set the size of the process's thread pools; call it before those libraries are imported."""
         if self.threads is not None:
             for pool in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
                 os.environ[pool] = str(self.threads)
@@ -36,7 +36,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """A dataset and where its poses are."""
+    """A dataset and the source of its poses."""
 
     dataset: Annotated[
         Path, typer.Argument(metavar="DATASET", help="A folder of photographs (or of images/) with poses.")
@@ -51,13 +51,13 @@ class DatasetOptions:
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """The loop that chooses views; None leaves a value to the command or its preset."""
+    """Settings of the selection loop; None takes the default of the command or its preset."""
 
     poses: Annotated[
         Poses | None,
         typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
     ] = None
-    initial: Annotated[int | None, typer.Option(min=2, metavar="M", help="Views to begin with.")] = None
+    initial: Annotated[int | None, typer.Option(min=2, metavar="M", help="Number of initial views.")] = None
     radius: Annotated[
         float | None,
         typer.Option(metavar="R", help="How far the camera flies in one step, in the dataset's unit."),
@@ -85,7 +85,7 @@ class LoopOptions:
     ] = None
     time_limit_s: Annotated[
         float | None,
-        typer.Option("--time-limit", metavar="S", help="Begin no step that would end later than S seconds."),
+        typer.Option("--time-limit", metavar="S", help="Start no step that would end after S seconds."),
     ] = None
 
     def given(self) -> dict[str, Any]:

@@ -38,7 +38,7 @@ _LABELS = {
     "pairs": "Choosing pairs",
     "matching": "Matching pairs",
     "calibration": "Calibrating",
-    "evidence": "Weighing the evidence",
+    "evidence": "Checking the evidence",
     "undistort": "Undistorting",
     "load": "Loading views",
     "photographs": "Taking photographs",
@@ -47,7 +47,7 @@ _LABELS = {
     "evaluate": "Rendering held-out views",
     "select": "Selecting views",
     "score": "Scoring candidates",
-    "contact-sheet": "Drawing the contact sheet",
+    "contact-sheet": "Writing the contact sheet",
     "render": "Rendering",
 }
 
@@ -80,7 +80,7 @@ def create_display(*, machine: bool) -> Display:
 
 
 def label_of(stage: str) -> str:
-    """The name of a stage for people."""
+    """The displayed name of a stage."""
     return _LABELS.get(stage) or stage.replace("-", " ").replace("_", " ").capitalize()
 
 
@@ -88,7 +88,7 @@ def _details(progress: Progress) -> str:
     parts = []
     for name, value in progress.detail.items():
         if name.endswith("_per_s"):
-            continue  # the rate is shown in a place of its own
+            continue  # the bar shows the rate in its own column
         shown = (
             f"{value:.4g}" if isinstance(value, float) else f"{value:,}" if isinstance(value, int) else value
         )
@@ -144,7 +144,7 @@ class BarDisplay:
             if task is None:
                 for earlier in self._tasks.values():
                     self._end(earlier)
-                # A resumed stage begins at ``done``; its rate must not count what was there before.
+                # A resumed stage begins at ``done``; its rate must not count earlier work.
                 task = self._bars.add_task(
                     label_of(progress.stage),
                     total=progress.total,
@@ -235,7 +235,7 @@ class JsonDisplay(_StreamDisplay):
     """One JSON object per line: ``{"stage", "done", "total", …}`` or ``{"message"}``."""
 
     def update(self, progress: Progress) -> None:
-        """Write the report unless the last one was written a moment ago."""
+        """Write the report unless the last one was written within ``_JSON_EVERY_S``."""
         with self._lock:
             now = time.monotonic()
             ends = progress.done == progress.total

@@ -39,7 +39,7 @@ def _console(stdout: TextIO) -> Console:
 
 
 def show_folder(folder: Path, *, machine: bool) -> None:
-    """Describe an output folder; raises ``EngineError`` when it is none."""
+    """Describe an output folder; raises ``EngineError`` when it is not one."""
     from fvs_engine.pipeline.info import folder_info
 
     info = folder_info(folder)
@@ -64,13 +64,13 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
     table = Table("rank", "id", "score", "coverage", "status", box=None, header_style="bold")
     for column in (0, 2, 3):
         table.columns[column].justify = "right"
-    for place in shown:
+    for candidate in shown:
         table.add_row(
-            "" if place.rank is None else str(place.rank),
-            Text(place.name),
-            "" if place.score is None else f"{place.score:.3f}",
-            "" if place.coverage is None else f"{place.coverage:.0%}",
-            place.status.value,
+            "" if candidate.rank is None else str(candidate.rank),
+            Text(candidate.name),
+            "" if candidate.score is None else f"{candidate.score:.3f}",
+            "" if candidate.coverage is None else f"{candidate.coverage:.0%}",
+            candidate.status.value,
         )
     with _stdout() as stdout:
         _console(stdout).print(table)

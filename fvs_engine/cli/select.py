@@ -35,14 +35,14 @@ def select(
     initial_choice: Annotated[
         InitialChoice,
         typer.Option(
-            help="The first of the capture, as many in a row from a seeded view, or the most spread."
+            help="The first of the capture, consecutive ones from a seeded view, or the farthest apart."
         ),
     ] = "first",
     test_every: Annotated[
         int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
     ] = 8,
     quality: Annotated[
-        Quality, typer.Option(help="What is trained: coarse has SH degree 0, fine 3.")
+        Quality, typer.Option(help="Training preset: coarse has SH degree 0, fine 3.")
     ] = "coarse",
     seed: Annotated[
         int, typer.Option(min=0, help="The same dataset and seed give the same views on the CPU.")
@@ -50,11 +50,11 @@ def select(
     loop: LoopOptions,
     run: RunOptions,
 ) -> None:
-    """Choose which photographs to take: train a little, choose the next view, fly there, repeat.
+    """Select views of a dataset: train, choose the next view, visit it, repeat.
 
-    Poses are found in DATASET (transforms.json, a COLMAP model in reference or sparse/0) or named.
+    Poses come from DATASET (transforms.json, a COLMAP model in reference or sparse/0) or from an option.
 
-    After a stop, the same command goes on. With --poses sfm and --threads above 1 runs may differ.
+    After a stop, the same command resumes. With --poses sfm and --threads above 1 runs may differ.
     """
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job

@@ -23,17 +23,17 @@ def simulate(
     noise: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Sensor noise; 1 is a small drone's.")
     ] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed makes another place.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed makes another scene.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Photograph a made-up courtyard from an orbit: DIR/images, and the true poses in DIR/transforms.json."""
+    """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
     shape = re.fullmatch(r"([1-9]\d{1,3})x([1-9]\d{1,3})", size)
     if shape is None:
         raise typer.BadParameter(
-            f"{size!r} is no size in px, of two to four digits each; write for example 640x480.",
+            f"{size!r} is not a size in px; write for example 640x480, with two to four digits each.",
             param_hint="--size",
         )
 

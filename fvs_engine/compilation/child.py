@@ -1,7 +1,7 @@
 """The child process of ``compilation.ahead``: runs one warm-up, one such process at a time.
 
 Its order on standard input names the warm-up's module and its stamp. It prints "done total" after each step.
-Killed half-way it leaves what it has compiled; when its parent dies it finishes its work.
+When it is killed, what it has compiled stays; when its parent dies, it finishes its work.
 """
 
 import fcntl

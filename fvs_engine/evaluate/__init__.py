@@ -1,1 +1,1 @@
-"""Image metrics and data sets with known cameras."""
+"""Evaluation of selectors: image metrics, experiments and their reports."""

@@ -1,4 +1,4 @@
-"""A table of selectors × seeds under one protocol; every run is independent, and none is done twice."""
+"""Experiments: selectors × seeds under one protocol. Runs are independent; finished ones are not repeated."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class ExperimentFolder:
             earlier.protocol.model_dump(exclude=changeable), protocol.model_dump(exclude=changeable)
         )
         if earlier.fingerprint != given.fingerprint:
-            found.append("the dataset's photographs or poses are others")
+            found.append("the dataset's photographs or poses differ")
         owned.require_same(found)
 
 
@@ -98,9 +98,9 @@ def run_experiment(
 ) -> Summary:
     """Run every method with every seed and write the report; finished runs are only read.
 
-    The report is written after every run, so that a stop leaves one. A run that fails
-    is named in it, and tried again the next time; the others go on. ``calibrated``: along the way of one
-    method (``farthest`` when it is among them, else the first), the scores of all of them are recorded.
+    The report is written after every run, so that a stop leaves one. A run that fails is named in it and
+    tried again by the next call; the others go on. ``calibrated``: in the runs of one method (``farthest``
+    when it is among them, else the first), the scores of all methods are recorded.
 
     Stage ``experiment``, in views added over all runs. Raises ``InvalidInputError`` for unknown methods, a
     dataset that is too small, and no methods or seeds; ``OutputExistsError`` when ``folder`` holds something
@@ -180,13 +180,13 @@ def _write(paths: ExperimentFolder, summary: Summary) -> None:
 
 
 def _draw(paths: ExperimentFolder, summary: Summary, dataset: Dataset) -> None:
-    styled = styles(tuple(SELECTORS))  # of all: a method keeps its colour, whichever others there are
+    styled = styles(tuple(SELECTORS))  # of all, so that a method has the same colour in every report
     plot_quality(paths.root / "psnr.png", summary, styled)
     plot_travel(paths.root / "travel.png", summary, styled)
     if summary.correlations:
         plot_calibration(paths.root / "calibration.png", summary, styled)
     first = [run for run in summary.runs if run.seed == summary.runs[0].seed]
-    title = f"{summary.dataset}, {summary.protocol.name}, seed {summary.runs[0].seed}: the ways flown"
+    title = f"{summary.dataset}, {summary.protocol.name}, seed {summary.runs[0].seed}: camera paths"
     plot_trajectories(paths.root / "trajectories.png", title, first, dataset.centres(), styled)
 
 
@@ -211,7 +211,7 @@ class _Quiet(Monitor):
 
 
 class _Progress:
-    """Counts the views that all runs have added, of all that they will add."""
+    """Reports the views added over all runs."""
 
     def __init__(self, monitor: Monitor, protocol: Protocol, plans: Sequence[RunPlan]) -> None:
         self.quiet = _Quiet(monitor)
@@ -233,6 +233,6 @@ class _Progress:
         return on_step
 
     def ended(self, plan: RunPlan) -> None:
-        """The run added all that it will: those that ended early and those that were read count as whole."""
+        """Count a run as complete, also one that ended early or was read from disk."""
         self._before += self._per_run
         self._monitor.report(STAGE, self._before, self._total, run=f"{plan.method} {plan.seed}")

@@ -1,9 +1,9 @@
-"""LPIPS, where it can be computed: its weights belong to others, so nothing here ever downloads them.
+"""LPIPS, where its packages and weights are installed; nothing is downloaded.
 
-Two packages bring the metric, ``lpips`` and ``torchmetrics``. Both ship the few weights that were trained for
-it and expect the network below them, VGG-16 as torchvision publishes it, in torch's folder of checkpoints;
-left to themselves they would fetch it. Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features
-as a Perceptual Metric", 2018; papers on Gaussian splatting report the VGG variant.
+Two packages provide the metric, ``lpips`` and ``torchmetrics``. Both ship the linear weights of LPIPS and
+load its backbone, VGG-16 as torchvision publishes it, from torch's checkpoint folder; without the file they
+would download it. Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual
+Metric", 2018; papers on Gaussian splatting report the VGG variant.
 """
 
 import importlib
@@ -49,7 +49,7 @@ def find_lpips() -> LpipsStatus:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # both call torchvision in ways that it has deprecated
             metric = _from_lpips() if package == "lpips" else _from_torchmetrics()
-    except (ImportError, RuntimeError, OSError) as error:  # as a torchvision made for another torch raises
+    except (ImportError, RuntimeError, OSError) as error:  # such as a torchvision built for another torch
         return LpipsStatus(None, f"{package} does not work here ({type(error).__name__}: {error})")
 
     def compute(a: ArrayLike, b: ArrayLike) -> float:

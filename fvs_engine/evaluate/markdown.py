@@ -1,4 +1,4 @@
-"""The table of an experiment as Markdown, for people."""
+"""The report of an experiment as Markdown."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -20,7 +20,7 @@ def _lines(summary: Summary) -> Iterator[str]:
     yield ""
     yield from _protocol(summary.protocol, summary.seeds)
     counts = list(dict.fromkeys(row.visited for row in summary.rows))
-    for visited in reversed(counts):  # the last count is the result, the others show how it was reached
+    for visited in reversed(counts):  # the last count is the result, so it comes first
         yield ""
         yield f"## {visited} views"
         yield ""
@@ -38,8 +38,8 @@ def _lines(summary: Summary) -> Iterator[str]:
 def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
     initial = {
         "first": f"the first {protocol.initial} of the capture",
-        "consecutive": f"{protocol.initial} consecutive ones from a place that the seed picks",
-        "farthest": f"{protocol.initial} far from one another, the first picked by the seed",
+        "consecutive": f"{protocol.initial} consecutive ones from an index that the seed draws",
+        "farthest": f"{protocol.initial} far from one another, the first drawn by the seed",
     }[protocol.initial_choice]
     radius = "a radius derived from the dataset" if protocol.radius is None else f"{protocol.radius:g} units"
     reach = {
@@ -47,7 +47,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         "radius": f"those within {radius} of the current camera",
         "nearest": f"the {protocol.nearest} nearest to the current camera",
     }[protocol.reach]
-    poses = {"known": "those of the dataset", "sfm": "found from the visited photographs"}[protocol.poses]
+    poses = {"known": "those of the dataset", "sfm": "estimated from the visited photographs"}[protocol.poses]
     differs = "training and random choices differ"
     if protocol.initial_choice != "first":
         differs = f"initial views, {differs}"
@@ -82,7 +82,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
 
 def _table(rows: Sequence[Row]) -> Iterator[str]:
     columns = [column for column in _COLUMNS if any(column[1](row) is not None for row in rows)]
-    # A selector of which only the lucky seeds are finished is not the best.
+    # Only rows with all seeds compete: the finished ones may be the easy ones.
     complete = [row for row in rows if row.psnr_db.count == max(r.psnr_db.count for r in rows)]
     best = {
         title: pick(means)

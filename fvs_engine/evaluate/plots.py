@@ -1,4 +1,4 @@
-"""The curves of an experiment: quality and travel against views, and what the scores are worth.
+"""The curves of an experiment: quality and travel against views, and rank correlations of the scores.
 
 Every selector has one colour (Okabe and Ito's, distinguishable with any colour vision) and one mark,
 and its name beside its curve instead of a legend.
@@ -37,7 +37,7 @@ Style = tuple[str, str]
 
 
 def styles(methods: Sequence[str]) -> dict[str, Style]:
-    """Colour and mark of each method, by its place in the list."""
+    """Colour and mark of each method, by its index in the list."""
     return {method: (_COLORS[i % len(_COLORS)], _MARKS[i % len(_MARKS)]) for i, method in enumerate(methods)}
 
 
@@ -56,7 +56,7 @@ def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> N
 
 
 def plot_travel(path: Path, summary: Summary, styled: Mapping[str, Style]) -> None:
-    """The way flown against views, and PSNR against the way flown; a PNG."""
+    """Travel against views, and PSNR against travel; a PNG."""
     figure = Figure(figsize=(11.5, 5.2))
     travel, worth = figure.subplots(1, 2)
     figure.subplots_adjust(left=0.06, right=0.87, bottom=0.1, top=0.9, wspace=0.5)
@@ -65,7 +65,7 @@ def plot_travel(path: Path, summary: Summary, styled: Mapping[str, Style]) -> No
     _draw_curves(worth, summary.rows, styled, lambda row: row.psnr_db, lambda row: row.travel.mean)
     worth.set_xlabel("travel / units of the dataset")
     worth.set_ylabel("PSNR of the test views / dB")
-    _save(figure, path, f"{_title(summary)}: the way flown, and what it brought")
+    _save(figure, path, f"{_title(summary)}: travel, and quality over travel")
 
 
 def plot_calibration(path: Path, summary: Summary, styled: Mapping[str, Style]) -> None:
@@ -101,7 +101,7 @@ def _draw_curves(
     rows: Sequence[Row],
     styled: Mapping[str, Style],
     value: Callable[[Row], Estimate],
-    place: Callable[[Row], float] = lambda row: row.visited,
+    abscissa: Callable[[Row], float] = lambda row: row.visited,
 ) -> None:
     """One curve of means per method, labelled where it ends."""
     ends: dict[str, tuple[float, float]] = {}
@@ -109,12 +109,12 @@ def _draw_curves(
         mine = sorted((row for row in rows if row.method == method), key=lambda row: row.visited)
         if not mine:
             continue
-        xs, ys = [place(row) for row in mine], [value(row).mean for row in mine]
+        xs, ys = [abscissa(row) for row in mine], [value(row).mean for row in mine]
         axes.plot(xs, ys, color=color, marker=mark, markersize=5, linewidth=1.6, label=method)
         ends[method] = (xs[-1], ys[-1])
     axes.set_xlabel("visited views")
     counts = sorted({row.visited for row in rows})
-    if counts and all(place(row) == row.visited for row in rows):
+    if counts and all(abscissa(row) == row.visited for row in rows):
         axes.set_xticks(counts)
     _tidy(axes)
     axes.grid(axis="y", color="#E4E4E4", linewidth=0.8)
@@ -143,11 +143,11 @@ def _label_ends(axes: Axes, ends: Mapping[str, tuple[float, float]], styled: Map
 
 
 def spread_out(wanted: Sequence[float], gap: float) -> list[float]:
-    """Places as near as possible to the ``wanted`` ones (ascending) that are at least ``gap`` apart.
+    """Positions nearest to the ``wanted`` ones (ascending) in least squares that are at least ``gap`` apart.
 
-    Least squares: neighbours that collide form a block that is centred on what its members want.
+    Neighbours that collide form a block, centred on the mean of its members' offsets.
     """
-    blocks: list[tuple[float, int]] = []  # the wanted place of a block's first label, and its length
+    blocks: list[tuple[float, int]] = []  # the wanted position of a block's first label, and its length
     for place in wanted:
         blocks.append((place, 1))
         while len(blocks) > 1 and blocks[-2][0] + gap * blocks[-2][1] > blocks[-1][0]:

@@ -1,4 +1,4 @@
-"""Protocols of a comparison: everything that a number in the table depends on."""
+"""Protocols of a comparison: the settings that all its runs share."""
 
 from typing import Literal, Self
 
@@ -10,18 +10,18 @@ from fvs_engine.records import Record, first_error
 
 
 class Protocol(Record):
-    """The rules of a comparison; frozen, and stored beside its results.
+    """The settings of a comparison; frozen, and stored beside its results.
 
-    ``initial`` views are given: the ``first`` of the capture, ``consecutive`` ones from a place that the
-    seed picks, or the ``farthest`` from one another, beginning with one that the seed picks. Then views are
-    chosen one by one among the unvisited ones in ``reach`` of the current camera until ``budget`` are
-    visited: ``all``; those within a ``radius`` of its centre, in the dataset's unit (None: as the loop
-    derives it from the dataset); or the ``nearest`` so many. Quality is measured when the numbers in
-    ``view_counts`` are reached, on every ``test_every``-th photograph by name: no selector ever sees these.
+    ``initial`` views are given: the ``first`` of the capture, ``consecutive`` ones from an index that the
+    seed draws, or the ``farthest`` from one another, beginning with one that it draws. Then views are chosen
+    one by one among the unvisited ones in ``reach`` of the current camera until ``budget`` are visited:
+    ``all``; those within a ``radius`` of its centre, in the dataset's unit (None: as the loop derives it from
+    the dataset); or the ``nearest`` ones, so many. Quality is measured when the numbers in ``view_counts``
+    are reached, on every ``test_every``-th photograph by name, which no selector has access to.
 
-    ``poses``: ``known``, those of the dataset; ``sfm``, found from the visited photographs alone. Training
-    takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s`` ends a
-    run early, which the report mentions.
+    ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited photographs alone.
+    Training takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s``
+    ends a run early, which the report mentions.
 
     What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
     random, and the order of views and the splits of Gaussians in training. Nothing else, so that runs of

@@ -1,4 +1,4 @@
-"""From runs to a table: per selector and number of views, mean and confidence interval over the seeds."""
+"""Summary of runs: per selector and number of views, mean and confidence interval over the seeds."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -8,15 +8,15 @@ from fvs_engine.evaluate.statistics import Estimate, estimate, paired_difference
 from fvs_engine.records import Record
 
 BASELINES = ("farthest", "random")
-"""The selectors that others have to beat: simple coverage, and no thought at all."""
+"""The selectors that others are compared with: farthest-point sampling and random choice."""
 
 
 class Row(Record):
     """One selector after ``visited`` views, over the seeds whose runs got that far.
 
     ``gains``: its PSNR less a baseline's, seed by seed. ``selection_s``: per choice, up to here; None when
-    nothing was chosen yet. ``aligned_only``: how many test views had to be taken where the alignment puts
-    them, and ``worst_rms``: of the alignment in the whole run; None for known poses.
+    nothing was chosen yet. ``aligned_only``: number of test views whose pose is only that of the
+    alignment, and ``worst_rms``: of the alignment in the whole run; None for known poses.
     """
 
     method: str

@@ -82,7 +82,7 @@ class Run(Record):
     time_limit_s: float | None = None
 
     def may_go_on(self, time_limit_s: float | None) -> bool:
-        """Whether it only ended because it had less time than ``time_limit_s`` (None: than any) allows."""
+        """Whether the run ended because of a time limit shorter than ``time_limit_s`` (None: no limit)."""
         return self.time_limit_s is not None and (time_limit_s is None or time_limit_s > self.time_limit_s)
 
     def at(self, visited: int) -> Evaluation | None:

@@ -1,4 +1,4 @@
-"""One selector with one seed under one protocol: resumable, evaluated on its way."""
+"""A run of one selector with one seed under one protocol: resumable, evaluated at given view counts."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -75,7 +75,7 @@ class Setup:
             initial_iterations=protocol.initial_iterations,
             iterations_per_view=protocol.iterations_per_view,
             training=GROWING_TRAINING.model_copy(update={"max_gaussians": protocol.max_gaussians}),
-            sfm=SfmSettings(seed=seed, threads=self.threads or 1),  # by one thread, or no run can be repeated
+            sfm=SfmSettings(seed=seed, threads=self.threads or 1),  # one thread: reproducible
             seed=seed,
         )
         return LoopSettings(
@@ -105,7 +105,7 @@ def make_start(setup: Setup, folder: Path, method: str, seed: int, monitor: Moni
     if not finished.exists():
         selection = folder / "selection"
         earlier = LoopFolder(selection).manifest()
-        if earlier is not None:  # when it began, the experiment's first method may have been another
+        if earlier is not None:  # it may have been created for another method
             method = earlier.settings.method
         setup.open(selection, method, seed, monitor).begin(monitor)
         finished.touch()
@@ -119,9 +119,9 @@ def execute(
     monitor: Monitor,
     on_step: Callable[[int, Evaluation | None], None],
 ) -> Run:
-    """Do what is left of a run. ``on_step(visited views, the last evaluation)`` is called after every step.
+    """Do the rest of a run. ``on_step(visited views, the last evaluation)`` is called after every step.
 
-    A run that lacks a calibration of the plan begins again: the models of its earlier views are gone.
+    A run that lacks a calibration of the plan starts again: its earlier models are not kept.
     Raises ``Cancelled`` with everything on disk, and what the loop raises.
     """
     if not plan.is_complete():
@@ -148,7 +148,7 @@ def execute(
 
 
 def _evaluate(setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
-    """Evaluate and calibrate at the present views, unless that was done before."""
+    """Evaluate and calibrate the current model, unless that was done before."""
     visited = len(loop.visited)
     path = plan.folder / f"evaluation-{visited:04d}.json"
     evaluation = read_result(path, Evaluation)

@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 class Estimate(Record):
     """The mean of ``count`` independent values; it lies within ``half_width`` of the true one.
 
-    ``half_width`` is that of the two-sided 95 % interval of Student's t, which is honest for few values;
+    ``half_width`` is that of the two-sided 95 % interval of Student's t, which is valid for few values;
     None for a single value, whose spread is unknown.
     """
 
@@ -53,8 +53,8 @@ def estimate(values: Sequence[float]) -> Estimate:
 def paired_difference(values: Mapping[int, float], baseline: Mapping[int, float]) -> Estimate | None:
     """The mean difference ``values`` − ``baseline``, both by seed; None when they share no seed.
 
-    Two selectors that start from the same views share the luck of that start. It cancels in the differences
-    seed by seed, so their interval is narrower than the two means let one think.
+    Two selectors that start from the same views share the effect of that start. It cancels in the
+    differences seed by seed, so their interval is narrower than those of the two means suggest.
     """
     shared = sorted(values.keys() & baseline.keys())
     return estimate([values[seed] - baseline[seed] for seed in shared]) if shared else None

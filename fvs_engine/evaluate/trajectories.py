@@ -1,4 +1,4 @@
-"""The ways that selectors flew, drawn as in the paper: above the way of the whole capture."""
+"""Plot of the selectors' camera paths above the path of the whole capture, as in the paper."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -20,7 +20,7 @@ _KEY = "grey: the whole capture; in colour, above it: the views as visited\nholl
 _LIFT = 0.5
 """How far the selected views are lifted, in shares of the capture's width."""
 _ELEVATION_DEG, _AZIMUTH_DEG = 28.0, 25.0
-"""From where the drawing is seen."""
+"""Direction of the orthographic projection."""
 _PANEL_WIDTH, _HEADER = 4.0, 0.45
 """In inches."""
 
@@ -28,10 +28,10 @@ _PANEL_WIDTH, _HEADER = 4.0, 0.45
 def plot_trajectories(
     path: Path, title: str, runs: Sequence[Run], centres: Mapping[str, Array], styled: Mapping[str, Style]
 ) -> None:
-    """One panel per run: the capture's way in grey, the run's above it, dotted lines down; a PNG.
+    """Write a PNG with one panel per run: the capture's path in grey, the run's above it, dotted lines down.
 
     ``centres``: name → camera centre [3] of every view of the dataset, in order of capture. Initial views are
-    hollow, the last one is a star. The plane of the floor is the one that the cameras spread in.
+    hollow, the last one is a star. The floor is the main plane of the centres.
     """
     capture = on_floor(np.stack(list(centres.values())))
     lift = np.array([0.0, 0.0, _LIFT * float(np.ptp(capture[:, :2], axis=0).max())])
@@ -60,7 +60,7 @@ def plot_trajectories(
 
 
 def _draw_run(axes: Axes, run: Run, capture: Array, below: Array, above: Array, color: str) -> None:
-    """All as seen, [N, 2]."""
+    """Draw one run; all points are projected, [N, 2]."""
     axes.plot(*capture.T, color=_CAPTURE, linewidth=0.8, marker=".", markersize=2.5, label="capture")
     for low, high in zip(below, above, strict=True):
         axes.plot(*np.stack([low, high]).T, color=color, linewidth=0.5, linestyle=":", alpha=0.7)
@@ -72,7 +72,7 @@ def _draw_run(axes: Axes, run: Run, capture: Array, below: Array, above: Array, 
 
 
 def as_seen(points: Array) -> Array:
-    """``points`` [N, 3] as they appear from far away, above the floor and aside: [N, 2], right and up."""
+    """Orthographic projection of ``points`` [N, 3], seen obliquely from above: [N, 2], right and up."""
     azimuth, elevation = np.radians(_AZIMUTH_DEG), np.radians(_ELEVATION_DEG)
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     away = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -83,7 +83,7 @@ def as_seen(points: Array) -> Array:
 def on_floor(centres: Array) -> Array:
     """``centres`` [N, 3] turned so that they spread most along x and y, and least along z.
 
-    z points away from where COLMAP's and OpenCV's y points, which is down in most datasets, so that up is up.
+    z points away from where COLMAP's and OpenCV's y points, which is down in most datasets.
     """
     middle = centres.mean(axis=0)
     _, _, directions = np.linalg.svd(centres - middle, full_matrices=True)

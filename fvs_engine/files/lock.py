@@ -1,4 +1,4 @@
-"""The lock that keeps two processes from writing to one folder."""
+"""Exclusive lock of a folder, so that only one process writes to it."""
 
 import contextlib
 import fcntl
@@ -18,8 +18,8 @@ def locked_folder(root: Path, patience_s: float = 0.0) -> Iterator[None]:
     """Keep other writers out of the folder ``root``, which must exist; wait for them up to ``patience_s``.
 
     The lock ends with the process that holds it, however that ends. Raises ``OutputExistsError`` when another
-    process still holds it, ``StorageError`` when the folder cannot be written to or its file system knows no
-    locks.
+    process still holds it, ``StorageError`` when the folder cannot be written to or its file system
+    cannot lock files.
     """
     with storage_errors(root):
         lock = (root / LOCK_NAME).open("w")

@@ -1,4 +1,4 @@
-"""A folder that belongs to one piece of work: a record in it says which, and nothing else may use it."""
+"""A folder that belongs to one piece of work, identified by a record in it."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from fvs_engine.files.storage import storage_errors
 class OwnedFolder(Generic[RecordT]):
     """The folder ``root`` and its identity, a record of type ``kind`` in ``record_name``.
 
-    ``content`` says in messages what such a folder holds ("reconstruction"). ``remedy`` is the hint for a
+    ``content`` is what such a folder holds, for messages ("reconstruction"). ``remedy`` is the hint for a
     damaged record.
     """
 
@@ -40,8 +40,8 @@ class OwnedFolder(Generic[RecordT]):
     def create(self, may_precede: Callable[[str], bool] = lambda name: name.startswith(".")) -> None:
         """Create the folder; one without an identity must be empty.
 
-        Entries whose names satisfy ``may_precede`` count as nothing: what a process that was killed before it
-        wrote the identity may have left. Raises ``OutputExistsError``, ``StorageError``.
+        Entries whose names satisfy ``may_precede`` are ignored: a process that was killed before it wrote the
+        identity may have left them. Raises ``OutputExistsError``, ``StorageError``.
         """
         with storage_errors(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ class OwnedFolder(Generic[RecordT]):
                 )
 
     def require_same(self, differences: list[str], error: type[EngineError] = OutputExistsError) -> None:
-        """Raise an ``error`` that names the differences to what the folder holds, if there are any."""
+        """Raise ``error``, naming the ``differences`` from what the folder holds, if there are any."""
         if differences:
             raise error(
                 f"{self.root} holds another {self.content}: {'; '.join(differences)}.",

@@ -1,4 +1,4 @@
-"""Errors of writing files, with the file and the remedy named."""
+"""Conversion of failed writes to ``StorageError``, and checks of free disk space."""
 
 import contextlib
 import errno
@@ -44,7 +44,7 @@ def storage_errors(path: Path) -> Iterator[None]:
 
 
 def _is_full(error: OSError) -> bool:
-    """Whether an error means that there is no room; safetensors puts the number into its sentence."""
+    """Whether an error means that there is no room; safetensors gives the number only in the message."""
     named = re.search(r"os error (\d+)", str(error))
     return error.errno in _FULL or (named is not None and int(named[1]) in _FULL)
 
@@ -63,7 +63,7 @@ def require_free_bytes(folder: Path, needed_bytes: int) -> None:
 
 @contextlib.contextmanager
 def blame_full_disk(folder: Path) -> Iterator[None]:
-    """Around native code that hides the cause of a failed write: check the disk when it fails."""
+    """Raise ``DiskFullError`` when native code, which hides why a write failed, fails on a full disk."""
     try:
         yield
     except (StorageError, MemoryError):

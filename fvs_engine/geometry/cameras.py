@@ -136,7 +136,7 @@ class DistortedCamera:
     def project(self, points: ArrayLike) -> Array:
         """Pixels [..., 2] of ``points`` [..., 3] in camera coordinates.
 
-        NaN where z ≤ 0 and where the lens model folds back (so nothing outside the view enters the image).
+        NaN where z ≤ 0 and beyond the fold of the distortion (see ``distortion``).
         """
         return _to_pixels(self, self.distortion.distort(_to_image_plane(points)))
 

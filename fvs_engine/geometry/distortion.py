@@ -4,8 +4,8 @@ Two families cover COLMAP's common models. The *rational* one (Brown–Conrady o
 has eight coefficients k1 k2 p1 p2 k3 k4 k5 k6; simpler models leave some at zero. The *fisheye* one
 (Kannala–Brandt) has k1 … k4 on the angle to the axis.
 
-Far enough off the axis a polynomial folds back and would put what lies outside the view into the image;
-both families stop at that fold. What lies beyond it, or has no preimage, becomes NaN.
+Far enough off the axis a polynomial folds back, and would project points outside the view into the image.
+Both families stop at that fold: points beyond it, or without a preimage, become NaN.
 """
 
 from typing import Any, Protocol
@@ -28,7 +28,7 @@ class Distortion(Protocol):
         ...
 
     def undistort(self, points: Array) -> Array:
-        """The ideal points that the lens puts at ``points``; NaN where there is none."""
+        """The ideal points whose distorted ones are ``points``; NaN where there is none."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Cameras by what they look at, and the camera axes of other programs."""
+"""Look-at poses, and the camera axes of OpenGL."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ def look_at(centre: ArrayLike, target: ArrayLike, up: ArrayLike) -> RigidTransfo
     """The model_from_camera of a level camera at ``centre`` [3] that looks at ``target`` [3].
 
     ``up`` [3] points up in the image. Looking straight along it, the axis of the model that is most nearly
-    upright in the image takes its place. Raises ``InvalidInputError`` when ``target`` is the centre, ``up``
+    upright in the image replaces it. Raises ``InvalidInputError`` when ``target`` is the centre, ``up``
     is zero or a number is not finite.
     """
     origin = finite_array("centre", centre, (3,))

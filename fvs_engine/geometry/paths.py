@@ -31,7 +31,7 @@ def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tup
     travelled (distance as a share of the path's extent, plus turns as a share of π). The first and the last
     camera are met exactly. Raises ``InvalidInputError`` without cameras or for ``count`` < 1.
     """
-    from scipy.interpolate import CubicSpline  # half of what importing this package would take
+    from scipy.interpolate import CubicSpline  # slow to import
 
     if not model_from_cameras or count < 1:
         raise InvalidInputError("A path needs at least one camera to pass through and one to return.")

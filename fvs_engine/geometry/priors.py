@@ -1,7 +1,7 @@
 """Pose priors in an image's metadata: EXIF GPS and XMP gimbal angles.
 
-Nothing here raises: metadata is often damaged, and the photograph is still good. What is there but cannot be
-true is left out and reported as ``doubtful``: fixes at (0, 0), which receivers write before they have one;
+Nothing here raises: metadata is often damaged, and the photograph is still good. Implausible positions are
+left out and reported as ``doubtful``: fixes at (0, 0), which receivers write before they have one;
 coordinates without their hemisphere; numbers that are not on earth.
 """
 
@@ -25,7 +25,7 @@ _XMP_BEGIN, _XMP_END = b"<x:xmpmeta", b"</x:xmpmeta>"
 _OFFSET = re.compile(r"^([+-])(\d\d):(\d\d)$")
 _NO_FIX_DEG = 1e-6
 
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged files are expected, and not news
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged files are expected
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class PhotographPriors:
     """The pose priors of one photograph; every part may be missing.
 
     ``altitude_m`` is above sea level, as EXIF has it. Angles are those of the camera (the gimbal): yaw
-    clockwise from north, pitch up, roll with the right side down. ``captured_at`` always has a time zone; a
-    camera that names none is taken to have meant UTC. ``doubtful``: a position was there and was
-    not believed.
+    clockwise from north, pitch up, roll with the right side down. ``captured_at`` always has a time zone;
+    without one in the metadata UTC is assumed. ``doubtful``: the metadata has a position, but an implausible
+    one.
     """
 
     latitude_deg: float | None = None
@@ -79,7 +79,7 @@ def read_priors(content: bytes) -> PhotographPriors:
 def _exif(content: bytes) -> Mapping[str, Any]:
     try:
         return dict(exifread.process_file(io.BytesIO(content), details=False, extract_thumbnail=False))
-    except Exception:  # a parser fed with damaged bytes fails in any way it likes
+    except Exception:  # damaged bytes can make the parser raise anything
         return {}
 
 
@@ -103,7 +103,7 @@ def _xmp(content: bytes) -> Mapping[str, str]:
 
 
 def _degrees(exif: Mapping[str, Any], tag: str, hemispheres: str) -> float | None:
-    """Signed degrees; NaN for a coordinate that is there and cannot be used, None for none."""
+    """Signed degrees; NaN for a coordinate that cannot be used, None for a missing one."""
     if tag not in exif:
         return None
     reference = str(exif.get(f"{tag}Ref", "")).strip().upper()[:1]
@@ -121,7 +121,7 @@ def _degrees(exif: Mapping[str, Any], tag: str, hemispheres: str) -> float | Non
 
 
 def _position(latitude: float | None, longitude: float | None) -> tuple[tuple[float, float] | None, bool]:
-    """The fix, and whether one was there that cannot be believed."""
+    """The fix, and whether there was an implausible one."""
     if latitude is None and longitude is None:
         return None, False
     if latitude is None or longitude is None or math.isnan(latitude) or math.isnan(longitude):

@@ -1,4 +1,4 @@
-"""The checks that every constructor of this package makes, so that bad numbers stop at the door."""
+"""Validation of arrays and rotations, for the constructors of this package."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArra
 def rotation_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """``values`` as a proper rotation [3, 3]; ``InvalidInputError`` if it is a mirror, sheared or scaled."""
     matrix = finite_array(name, values, (3, 3))
-    # In plain numbers: on nine of them numpy takes ten times as long, and rankings make hundreds of these.
+    # In plain numbers: numpy takes ten times as long for nine of them, and a ranking checks hundreds.
     x, y, z = matrix.tolist()
     products = (_dot(x, x) - 1, _dot(y, y) - 1, _dot(z, z) - 1, _dot(x, y), _dot(x, z), _dot(y, z))
     if max(map(abs, products)) > ORTHONORMAL_TOLERANCE:

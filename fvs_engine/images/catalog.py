@@ -1,4 +1,4 @@
-"""The photographs in a folder, and the files that are rejected, with reasons."""
+"""Catalogue of the photographs in a folder, and of rejected files with the reasons."""
 
 import hashlib
 import os
@@ -31,7 +31,7 @@ UNREADABLE_SUFFIXES = frozenset(
     }
     | {".rw2", ".raf", ".pef", ".srw"}
 )
-"""Photographs in formats that are not decoded: reported, not ignored."""
+"""Suffixes of photographs in formats that are not supported: reported, not ignored."""
 
 MIN_SIDE_PX = 32
 
@@ -40,9 +40,9 @@ MIN_SIDE_PX = 32
 class Photograph:
     """A photograph that decodes to its last pixel.
 
-    ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is
-    EXIF's focal length in px, None without one; ``plain``: any reader sees the right
-    pixels in the file as it is (8 bits, upright, JPEG or PNG); ``format`` is what the content is.
+    ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is EXIF's
+    focal length in px, None without one; ``plain``: the file needs no conversion (8 bits, upright, JPEG or
+    PNG); ``format`` is that of the content, whatever the suffix.
     """
 
     path: Path
@@ -84,7 +84,7 @@ def catalog_images(
     monitor: Monitor | None = None,
     threads: int | None = None,
 ) -> ImageCatalog:
-    """Decode every image below ``folder`` and sort the usable from the rest.
+    """Decode every image below ``folder`` and separate the usable ones from the rest.
 
     Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. Of files with
     the same content the first by name is kept. Progress is reported as stage ``images``. Raises
@@ -120,7 +120,7 @@ def catalog_images(
 
 
 def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | None = None) -> None:
-    """Decode the images ``names`` of ``folder``, for work in which none of them can be left out later.
+    """Check that all images ``names`` of ``folder`` can be decoded.
 
     Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
     """

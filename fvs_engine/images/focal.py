@@ -16,7 +16,7 @@ _PIXEL_DIMENSIONS = (0xA002, 0xA003)
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _PLAUSIBLE_SHARE = (0.1, 20.0)
-"""Focal lengths outside this range, in long sides of the image, are a camera's nonsense."""
+"""Focal lengths outside this range, in long sides of the image, are implausible EXIF values."""
 
 
 def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | None:
@@ -24,7 +24,7 @@ def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | 
 
     From the 35 mm equivalent, which CIPA DC-008 defines by the image's diagonal; else from the focal
     length and the sensor's resolution. That resolution is the camera's, so it is scaled when the image
-    has been resized since (``PixelXDimension`` and ``PixelYDimension`` remember its first size).
+    has been resized since (``PixelXDimension`` and ``PixelYDimension`` are its original size).
     """
     try:
         tags: Mapping[int, Any] = exif.get_ifd(_EXIF_IFD)

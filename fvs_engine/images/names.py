@@ -1,4 +1,4 @@
-"""Which image file a name from elsewhere means: one in a COLMAP model, a ``transforms.json``, a request."""
+"""Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -33,9 +33,9 @@ class NameMatches:
 
 
 def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
-    """Find the images that ``names`` mean.
+    """Match ``names`` to images.
 
-    ``images`` maps every name that an image is known by to the one it is found by. A name means the image of
+    ``images``: every name of an image → the name that the result uses. A name means the image of
     the same path; else the only one with the same last part, if no other name has that part, too:
     ``images/0001.jpg`` may be ``0001.jpg``, but neither of ``left/0001.jpg`` and ``right/0001.jpg``.
     """
@@ -62,7 +62,7 @@ def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
 
 
 def match_files(names: Iterable[str], folder: Path) -> NameMatches:
-    """Find the files below ``folder`` that ``names`` mean; files are found by their posix paths in it.
+    """Match ``names`` to files below ``folder``; the result has the files' posix paths in it.
 
     Raises ``InvalidInputError`` when a name is ambiguous.
     """

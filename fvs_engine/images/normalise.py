@@ -1,4 +1,4 @@
-"""Normalised photographs, which every reader decodes alike: upright, 8-bit, JPEG or PNG."""
+"""Normalisation of photographs: upright, 8-bit, JPEG or PNG."""
 
 import contextlib
 import os
@@ -47,8 +47,8 @@ def normalise_images(
 
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
     survive. Another one is decoded and encoded again with its EXIF, without the orientation: JPEG (quality
-    98, full chroma) if it was lossy already, else PNG. Files that are there already are kept, so that an
-    interrupted call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
+    98, full chroma) if it was lossy already, else PNG. Existing files are kept, so that an interrupted
+    call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
     the folder cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
@@ -99,9 +99,9 @@ def _encode_again(photograph: Photograph, target: Path, suffix: str) -> None:
 
 
 def _upright_exif(exif: Image.Exif) -> bytes:
-    """EXIF without the orientation, which the pixels have by now; empty if it is damaged."""
+    """EXIF without the orientation, since the pixels are upright; empty if it is damaged."""
     try:
         exif.pop(_ORIENTATION_TAG, None)
         return exif.tobytes()
-    except Exception:  # what a camera wrote wrongly cannot always be written again
+    except Exception:  # damaged EXIF cannot always be encoded again
         return b""

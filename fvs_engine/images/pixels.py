@@ -1,12 +1,10 @@
-"""From any photograph on disk to upright 8-bit RGB pixels.
+"""Decoding of photographs to upright 8-bit RGB pixels, for the whole engine.
 
-What is decided here, once, for the whole engine:
-
-* The formats are an explicit list, and Pillow never guesses beyond it.
+* Formats: an explicit list; Pillow tries no other.
 * Orientation: from EXIF; pixels are turned upright and the tag is dropped.
 * 16-bit greyscale is scaled by 255/65535 and rounded, the same for every image, so that exposures stay
   comparable. (16-bit colour is reduced to 8 bits by the decoder.) 32-bit and float images have no
-  white level that all images share: they are refused.
+  white level that all images share: they are rejected.
 * Transparency is composited on black, because the rasterisers render on black.
 * CMYK, palette, greyscale and bilevel images become RGB.
 """
@@ -25,7 +23,7 @@ from fvs_engine.errors import InvalidInputError
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 """MPO, which phones and 3D cameras write, opens as JPEG; its first image is the photograph."""
 MAX_PIXELS = 256_000_000
-"""Larger images are refused before they are decoded: a small file can claim to hold terabytes."""
+"""Larger images are rejected before they are decoded: the header of a small file can claim terabytes."""
 
 _ORIENTATION_TAG = 0x0112
 _TRANSPOSITIONS = {
@@ -38,8 +36,7 @@ _TRANSPOSITIONS = {
     8: Image.Transpose.ROTATE_90,
 }
 
-# Pillow's own limit warns at this size and raises at twice it; ours refuses at once, so the warning
-# would only be noise on a user's terminal.
+# Pillow warns at this size and raises at twice it. Ours raises at once, so the warning is redundant.
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
 
@@ -52,7 +49,7 @@ class UnusableImageError(InvalidInputError):
 class DecodedImage:
     """A photograph, fully decoded, upright, 8-bit RGB.
 
-    ``plain``: any reader sees these very pixels in the original file; there was nothing to convert.
+    ``plain``: the original file has these very pixels; nothing was converted.
     """
 
     rgb: Image.Image
@@ -84,7 +81,7 @@ def decode(content: bytes) -> DecodedImage:
         ) from error
     except UnusableImageError:
         raise
-    except Exception as error:  # a decoder fed with damaged bytes fails in any way it likes
+    except Exception as error:  # damaged bytes can make the decoder raise anything
         detail = str(error).rstrip(".") or type(error).__name__
         raise UnusableImageError(
             f"it is damaged or cut off ({detail}).", hint="Copy it from the camera again, or delete it."

@@ -1,1 +1,1 @@
-"""The main jobs, from folders on disk to folders on disk."""
+"""The jobs of the command line: from folders on disk to folders on disk."""

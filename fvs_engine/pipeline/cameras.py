@@ -1,4 +1,4 @@
-"""The cameras of a reconstruction: by structure from motion, or imported; pinhole in the end."""
+"""Cameras of a reconstruction: estimated by structure from motion or imported, then undistorted."""
 
 import time
 from collections.abc import Callable
@@ -31,9 +31,9 @@ def find_cameras(
     warn: Callable[[str], None],
     threads: int | None = None,
 ) -> Manifest:
-    """Place the normalised photographs, write the undistorted model, and remember both.
+    """Estimate or import the photographs' cameras, undistort them, and record both in the manifest.
 
-    Structure from motion goes on from what it finished in an earlier call. Its warnings go to
+    Structure from motion resumes an earlier call. Its warnings go to
     ``warn``. Raises ``ReconstructionError`` when the photographs support no model, ``InvalidInputError`` when
     imported cameras do not belong to them, ``StorageError`` when the folder cannot be written, ``Cancelled``.
     """
@@ -67,7 +67,7 @@ def _find(
     source: CameraSource
     if manifest.settings.colmap is not None:
         source, file = "colmap", Path(manifest.settings.colmap)
-        # Only under the photographs' own names are they found, and their sizes known.
+        # Images are found, and their sizes known, only by the photographs' own names.
         cameras = fit_cameras(_of_photographs(import_colmap(file), file, manifest), workspace.images)
         if len(cameras.points) > 0:
             model_dir = workspace.sfm / "sparse"
@@ -92,7 +92,7 @@ def _sfm_settings(settings: ReconstructionSettings, threads: int | None) -> SfmS
 
 
 def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:
-    """The views whose photographs are here, under the names that these have in ``images/``."""
+    """The views with a photograph in the folder, by the photographs' names in ``images/``."""
     photographs = manifest.images.photographs
     known = {record.normalised_name: record.normalised_name for record in photographs}
     known |= {record.name: record.normalised_name for record in photographs}

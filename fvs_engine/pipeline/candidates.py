@@ -1,4 +1,4 @@
-"""Candidates of a ranking: from a candidates file, a transforms.json, or between the views."""
+"""Candidates of a ranking: from a candidates file or a transforms.json, or halfway between views."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ from fvs_engine.views import PinholeView
 _UNIT_TOLERANCE = 1e-3
 _MIN_SHARED_VIEWS = 3
 _MAX_MISFIT = 0.25
-"""RMS distance of shared views after alignment, in shares of their spread: what a bare GPS track may have."""
+"""RMS distance of shared views after alignment, in shares of their spread; plain GPS is below."""
 _MAX_ATTITUDE_DEG = 20.0
-"""Median angle between the attitudes of shared views: less than any wrong axis turns them."""
+"""Median angle between the attitudes of shared views: below that of any wrong axis."""
 
 
 class CameraInput(Record):
@@ -46,7 +46,7 @@ class CameraInput(Record):
 class PoseInput(Record):
     """A candidate by its pose: model_from_camera of an OpenCV camera, in the model frame.
 
-    Without ``camera`` it sees with the camera that most photographs have.
+    ``camera`` defaults to the one that most photographs have.
     """
 
     name: str = Field(min_length=1)
@@ -56,7 +56,7 @@ class PoseInput(Record):
 
 
 class ViewInput(Record):
-    """A candidate where a photograph of the model was taken, seen with the camera that most have."""
+    """A candidate at the pose of a photograph of the model, with the camera that most have."""
 
     name: str = Field(min_length=1)
     view: str
@@ -123,9 +123,9 @@ def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
 
 
 def candidates_at(views: Sequence[PinholeView], camera: PinholeCamera) -> tuple[PinholeView, ...]:
-    """One candidate where each of ``views`` was taken, named after it.
+    """One candidate at the pose of each of ``views``, named after it.
 
-    All see with ``camera``, whatever took the photograph: only scores of one image size can be compared.
+    All have the same ``camera``: only scores of one image size can be compared.
     """
     return tuple(PinholeView(view.name, camera, view.camera_from_model) for view in views)
 
@@ -178,7 +178,7 @@ def _from_transforms(
     shared = match_names(frames, known).found
     if len(shared) < _MIN_SHARED_VIEWS:
         raise InvalidInputError(
-            f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to place it.",
+            f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to align it.",
             hint="Give a transforms.json that lists the photographs of the model too.",
         )
     source = np.stack([frames[name].translation for name in shared])
@@ -186,9 +186,9 @@ def _from_transforms(
     alignment = robust_umeyama(source, target)
     misfit = alignment.rms > _MAX_MISFIT * centre_spread(target)
     if misfit or alignment.ill_conditioned:
-        reason = "are elsewhere in it" if misfit else "lie on a line, which leaves a rotation open"
+        reason = "have other positions in it" if misfit else "lie on a line, which leaves a rotation open"
         raise InvalidInputError(
-            f"{path} cannot be placed in the model: the {len(shared)} views that both have {reason}.",
+            f"{path} cannot be aligned with the model: the {len(shared)} views that both have {reason}.",
             hint="Was it made from these photographs? Candidates can also be poses in the model frame.",
         )
     moved = {name: alignment.transform.move_camera(camera) for name, camera in frames.items()}
@@ -199,7 +199,7 @@ def _from_transforms(
     turn_deg = float(np.degrees(np.median(turns)))
     if turn_deg > _MAX_ATTITUDE_DEG:
         raise InvalidInputError(
-            f"{path} cannot be placed in the model: the {len(shared)} views that both have agree in "
+            f"{path} cannot be aligned with the model: the {len(shared)} views that both have agree in "
             f"position, but their attitudes differ by {turn_deg:.0f}° (median).",
             hint="A transforms.json has OpenGL axes (x right, y up, z backward), camera to world.",
         )

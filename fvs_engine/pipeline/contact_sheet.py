@@ -1,6 +1,6 @@
 """The contact sheet: renders of ranked candidates beside their spectra, best first, in one PNG.
 
-It is there to judge a ranking by eye: a view that ranks first should look blurred, and its spectrum should be
+It serves to judge a ranking by eye: a view that ranks first should look blurred, and its spectrum should be
 dark away from the middle. All spectra share one colour scale, so that they can be compared.
 """
 
@@ -101,7 +101,7 @@ def _layout(count: int, width: int, height: int) -> _Layout:
     tile_height = round(_TILE_AREA_PX / tile_width)
     upright = height > width
     fitting = (_SHEET_WIDTH_PX - 2 * _MARGIN + _GAP) // (tile_width * (2 if upright else 1) + _GAP)
-    # As few rows as fit, then as few columns as these rows need: no widow in the last row.
+    # As few rows as fit, then as few columns as these rows need, so that the last row is full.
     rows = math.ceil(count / max(1, fitting))
     return _Layout(max(math.ceil(count / rows), min(count, 2)), tile_width, tile_height, upright)
 
@@ -184,7 +184,7 @@ def _number(value: float, decimals: int) -> str:
 
 
 def _shortened(draw: ImageDraw.ImageDraw, text: str, room_px: float, font: ImageFont.FreeTypeFont) -> str:
-    """``text`` with its middle left out until it fits: both ends of a file's name tell it apart."""
+    """``text`` without its middle until it fits: file names differ at both ends."""
     kept = len(text)
     shown = text
     while kept > 2 and draw.textlength(shown, font) > room_px:
@@ -194,6 +194,6 @@ def _shortened(draw: ImageDraw.ImageDraw, text: str, room_px: float, font: Image
 
 
 def _font(size_px: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which matplotlib brings along on every system."""
+    """DejaVu Sans, as shipped with matplotlib."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px)

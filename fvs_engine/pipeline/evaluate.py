@@ -1,4 +1,4 @@
-"""Comparing selectors on a dataset, into an output folder; see ``fvs_engine.evaluate.experiment``."""
+"""Comparison of selectors on a dataset, in an output folder; see ``fvs_engine.evaluate.experiment``."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,12 +29,12 @@ def evaluate_selectors(
 ) -> Summary:
     """Run ``methods`` × ``seeds`` on the dataset in ``folder``; results go to the folder ``out``.
 
-    The same call on the same ``out`` does what is left to do; other methods and seeds join those that are
+    The same call on the same ``out`` resumes; other methods and seeds are added to those
     there. Raises what ``open_dataset`` and ``run_experiment`` raise.
     """
     monitor = monitor or Monitor()
     dataset = open_outside(out, folder, colmap, transforms, warn)
-    if not (out / "experiment.json").exists():  # one that is cut off would end its runs half-way
+    if not (out / "experiment.json").exists():  # a truncated image would end runs half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):

@@ -10,7 +10,7 @@ from fvs_engine.records import Record
 
 
 class FolderInfo(Record):
-    """The manifest, the metrics once training is finished, and what lies on disk."""
+    """The manifest, the metrics once training is finished, and the size on disk."""
 
     folder: str
     stage: str
@@ -20,7 +20,7 @@ class FolderInfo(Record):
 
 
 def folder_info(root: Path) -> FolderInfo:
-    """Describe the output folder ``root``; raises ``InvalidInputError`` when it is none."""
+    """Describe the output folder ``root``; raises ``InvalidInputError`` when it is not one."""
     workspace = Workspace.existing(root)
     manifest = workspace.read_manifest()
     if manifest is None:
@@ -44,7 +44,7 @@ def folder_info(root: Path) -> FolderInfo:
 
 
 def _size_bytes(path: Path) -> int:
-    """Bytes of a file; 0 for anything else, also for what a training in progress has just renamed."""
+    """Bytes of a file; 0 for anything else, and for a file that training has just renamed."""
     try:
         status = path.lstat()
     except FileNotFoundError:

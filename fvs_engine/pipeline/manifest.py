@@ -15,7 +15,7 @@ DEFAULT_LONG_SIDE_PX: dict[Quality, int] = {"coarse": 640, "fine": 1600}
 
 
 CameraSource = Literal["photographs", "colmap", "transforms"]
-"""Structure from motion, or cameras made elsewhere."""
+"""Source of the cameras: structure from motion, or an imported model."""
 
 
 class ReconstructionSettings(Record):
@@ -23,8 +23,8 @@ class ReconstructionSettings(Record):
 
     ``iterations`` and ``long_side_px``: None takes the preset's. ``test_every``: of the views sorted by
     name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
-    a folder or file with cameras made elsewhere, instead of structure from motion. For structure from
-    motion: ``camera_model`` is the lens to estimate, None the usual one; ``intrinsics`` are known and kept.
+    a folder or file with cameras to import instead of structure from motion. For structure from motion:
+    ``camera_model`` is the one to estimate, None the default; ``intrinsics`` are known and do not change.
     """
 
     quality: Quality = "coarse"
@@ -69,7 +69,7 @@ class ImagesRecord(Record):
 
 
 class CamerasRecord(Record):
-    """The stage that found (or imported) the cameras and undistorted the images.
+    """The stage that estimated (or imported) the cameras and undistorted the images.
 
     ``report`` is that of structure from motion; None for an imported model.
     """
@@ -116,7 +116,7 @@ class ViewMetrics(Record):
 
 
 class Metrics(Record):
-    """``metrics.json``: how good the model is and what it cost; ``views`` are the held-out ones."""
+    """``metrics.json``: quality and cost of the model; ``views`` are the held-out ones."""
 
     views: tuple[ViewMetrics, ...]
     psnr_db: float | None

@@ -26,7 +26,7 @@ class TrainedModel:
 
     @property
     def aliases(self) -> Mapping[str, str]:
-        """Source name → the model's name of a photograph."""
+        """A photograph's name in the source folder → its name in the model."""
         return {record.name: record.normalised_name for record in self.manifest.images.photographs}
 
     @property
@@ -36,7 +36,7 @@ class TrainedModel:
 
     @property
     def held_out_views(self) -> tuple[PinholeView, ...]:
-        """The views that training never saw."""
+        """The views that were not trained on."""
         return tuple(view for view in self.views if view.name in self.training.test_views)
 
     @property
@@ -48,7 +48,7 @@ class TrainedModel:
 def open_model(root: Path) -> TrainedModel:
     """Read the last good state of an output folder, also while a training goes on in it.
 
-    Raises ``InvalidInputError`` when it is no output folder or nothing has been trained there yet.
+    Raises ``InvalidInputError`` when it is not an output folder or has no trained model yet.
     """
     workspace = Workspace.existing(root)
     manifest = workspace.read_manifest()

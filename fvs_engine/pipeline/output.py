@@ -1,4 +1,4 @@
-"""The dataset a command reads, and the output folder it writes to."""
+"""Opening of a command's dataset, and of the output folder it writes to."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from fvs_engine.scene.dataset_folder import open_dataset
 def open_outside(
     out: Path, folder: Path, colmap: Path | None, transforms: Path | None, warn: Callable[[str], None]
 ) -> Dataset:
-    """The dataset in ``folder``, with its warnings passed on.
+    """Open the dataset in ``folder`` and pass on its warnings.
 
     Raises ``InvalidInputError`` when anything of it lies inside ``out``, and what ``open_dataset`` raises.
     """

@@ -1,4 +1,4 @@
-"""Ranking candidate views of a trained model: which view should be photographed next."""
+"""Ranking of candidate views by a trained model."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -25,7 +25,7 @@ from fvs_engine.views import PinholeView
 SHEET_CANDIDATES = 12
 """Number of candidates on the contact sheet by default."""
 MOST_ON_SHEET = 48
-"""At most: every render of a sheet is in memory at once."""
+"""Maximum number: all renders of a sheet are in memory at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class RankedPose(RankedCandidate):
 
 
 class Ranking(Record):
-    """``ranking.json``: the candidates, the first to be photographed first, and what compared them."""
+    """``ranking.json``: the candidates in order, and how they were compared."""
 
     version: int = 1
     created: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))

@@ -1,4 +1,4 @@
-"""A folder of photographs in, cameras and a trained splat out; every stage can be resumed."""
+"""Reconstruction of a folder of photographs: cameras and a trained splat; every stage can be resumed."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,9 +20,9 @@ from fvs_engine.pipeline.workspace import Workspace
 
 MIN_PHOTOGRAPHS = 2
 _BYTES_PER_PIXEL = 4
-"""Room for a normalised and an undistorted copy of each photograph, at worst about."""
+"""Disk space for a normalised and an undistorted copy of each photograph, at most."""
 _BYTES_PER_PHOTOGRAPH = 4_000_000
-"""Room for its features and matches."""
+"""Disk space for its features and matches."""
 
 _LASTING = (
     *("quality", "training_long_side_px", "test_every", "seed"),
@@ -44,12 +44,12 @@ def reconstruct_folder(
     warn: Warn = lambda _sentence: None,
     threads: int | None = None,
 ) -> Metrics:
-    """Reconstruct ``photographs`` into the folder ``out``, going on from what is finished there.
+    """Reconstruct ``photographs`` into the folder ``out``; resumes what is there.
 
-    The same call on the same folder resumes it; with more ``iterations`` it trains on. What else may differ
-    is the backend and the number of threads; for anything else ``OutputExistsError`` names what differs. As
-    long as no cameras were found, all settings may differ and photographs may be added. ``overwrite`` deletes
-    an earlier result first. Files that cannot be used are left out with a warning.
+    The same call on the same folder resumes it; with more ``iterations`` it trains on. The backend and the
+    number of threads may differ, too; for anything else ``OutputExistsError`` names what differs. Until the
+    cameras are estimated, all settings may differ and photographs may be added. ``overwrite`` deletes an
+    earlier result first. Files that cannot be used are left out with a warning.
 
     Raises ``NoImagesError`` for fewer than two photographs, ``ReconstructionError`` when they support no
     model, ``TrainingError``, ``StorageError`` (``DiskFullError``, ``OutputExistsError``), ``Cancelled``;
@@ -57,7 +57,7 @@ def reconstruct_folder(
     """
     monitor = monitor or Monitor()
     if settings.colmap and settings.transforms:
-        raise InvalidInputError("Cameras come from one place.", hint="Give either --colmap or --transforms.")
+        raise InvalidInputError("Cameras have one source.", hint="Give either --colmap or --transforms.")
     if settings.intrinsics and settings.camera_model:
         raise InvalidInputError(
             f"The intrinsics are those of a {settings.intrinsics.model} camera already.",
@@ -65,7 +65,7 @@ def reconstruct_folder(
         )
     if (settings.colmap or settings.transforms) and (settings.intrinsics or settings.camera_model):
         raise InvalidInputError(
-            "Cameras that were made elsewhere have their intrinsics already.",
+            "Imported cameras have their intrinsics already.",
             hint="Leave out --intrinsics and --camera-model, or --colmap and --transforms.",
         )
     if settings.test_every == 1:
@@ -104,7 +104,7 @@ def _compute(
     warn: Warn,
     threads: int | None,
 ) -> Metrics:
-    """The stages that take long. So does importing them, which bad input need not wait for."""
+    """The long stages; imported here, so that invalid input is reported before their slow import."""
     from fvs_engine.compilation.kernels import set_thread_budget
     from fvs_engine.pipeline.cameras import find_cameras
     from fvs_engine.pipeline.train import disk_need_bytes, train
@@ -154,7 +154,7 @@ def _images_record(catalog: ImageCatalog) -> ImagesRecord:
 
 
 def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, images: ImagesRecord) -> Manifest:
-    """Take up what the folder remembers, or begin; refuse to mix two reconstructions."""
+    """Read the folder's manifest or create it; raise when it is that of another reconstruction."""
     earlier = workspace.read_manifest()
     if earlier is None:
         manifest = Manifest(settings=settings, images=images)
@@ -169,7 +169,7 @@ def _require_compatible(
     workspace: Workspace, earlier: Manifest, settings: ReconstructionSettings, images: ImagesRecord
 ) -> None:
     # Until there are cameras, other settings and more photographs are the remedy for a rejected model;
-    # structure from motion itself deletes what no longer fits.
+    # structure from motion deletes outdated files itself.
     settled = earlier.cameras is not None
     differences = [
         f"{name} was {_shown(old)} and is {_shown(new)}"

@@ -1,4 +1,4 @@
-"""Rendering a trained model to PNG files: known views, candidates, or a path through the views."""
+"""Rendering of a trained model to PNG files: its views, candidates, or a path through the views."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ def render_views(
 ) -> tuple[Path, ...]:
     """Render views of the model in ``root`` and return the PNG files, in order.
 
-    A candidates file takes the place of ``group``; ``frames`` is the length of a path. The files go to
+    A candidates file replaces ``group``; ``frames`` is the length of a path. The files go to
     ``out``, or to ``renders/<group>`` in ``root``. Raises ``InvalidInputError`` when there is nothing to
     render or the folder holds no model, ``StorageError`` when ``out`` cannot be written.
     """
@@ -88,7 +88,7 @@ def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[Pin
 
 
 def _file_name(name: str) -> str:
-    """A candidate's name as a file name that stays in its folder; different names give different files."""
+    """A candidate's name as a safe file name; different names give different files."""
     return "".join(
         letter if letter.isalnum() or letter in "._-– " else f"%{ord(letter):02X}" for letter in name
     )

@@ -1,4 +1,4 @@
-"""Choosing views of a dataset into an output folder; resumable.
+"""Selection of views of a dataset, in an output folder; resumable.
 
 selection.json    settings, the initial views, why it stopped
 steps/            one file per step: the ranking, the choice, the trained model's numbers
@@ -77,13 +77,13 @@ def select_views(
 ) -> SelectionResult:
     """Choose views of the dataset in ``folder`` until the selection ends; results go to the folder ``out``.
 
-    The same call on the same ``out`` goes on where an earlier one stopped. Raises what ``open_dataset``,
+    The same call on the same ``out`` resumes. Raises what ``open_dataset``,
     ``SelectionLoop`` and the parts below them raise; ``out`` then holds the last good state.
     """
     monitor = monitor or Monitor()
     dataset = open_outside(out, folder, colmap, transforms, warn)
     settings = request.loop_settings(dataset)
-    if not (out / "selection.json").exists():  # one that is cut off would end the selection half-way
+    if not (out / "selection.json").exists():  # a truncated image would end it half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):

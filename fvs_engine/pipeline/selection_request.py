@@ -1,4 +1,4 @@
-"""The settings of a selection as the user gives them, and the loop's settings for a dataset."""
+"""Settings of a selection as requested, and the loop settings that follow for a dataset."""
 
 from pydantic import ValidationError
 
@@ -20,9 +20,8 @@ class SelectionRequest(Record):
     """Settings of a selection; those of the loop are explained in ``LoopSettings``.
 
     None takes a default: for ``budget`` the paper's, or all views where there are fewer; for
-    ``long_side_px`` and ``max_gaussians`` those of the ``quality``. Structure from motion works in one thread
-    unless ``threads`` says otherwise: only then are the poses, and with them all choices, the same in every
-    run.
+    ``long_side_px`` and ``max_gaussians`` those of the ``quality``. Structure from motion uses one thread by
+    default: only then are the poses, and with them all choices, the same in every run.
     """
 
     method: Method = "median-frequency"

@@ -1,4 +1,4 @@
-"""Training on the undistorted views of an output folder: resumable, checkpointed, evaluated at the end."""
+"""Training on the undistorted views of an output folder: resumable, evaluated at the end."""
 
 import os
 import resource
@@ -49,7 +49,7 @@ def training_settings(settings: ReconstructionSettings) -> TrainingSettings:
 
 
 def disk_need_bytes(settings: ReconstructionSettings) -> int:
-    """Upper bound, about, of the size of the checkpoint and the point cloud."""
+    """Approximate upper bound of the size of the checkpoint and the point cloud."""
     return training_settings(settings).max_gaussians * _BYTES_PER_GAUSSIAN
 
 
@@ -58,7 +58,7 @@ def train(
 ) -> Metrics:
     """Train up to the iterations of ``manifest.settings``, evaluate, and write the results.
 
-    Goes on from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
+    Resumes from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
     minute, at the end and on cancellation, which raises ``Cancelled``.
     """
     settings = training_settings(manifest.settings)
@@ -164,7 +164,7 @@ def _evaluate(
     training_seconds: float,
     monitor: Monitor,
 ) -> Metrics:
-    """Render the held-out views, compare, and keep each beside its photograph. Stage ``evaluate``."""
+    """Render and measure the held-out views; write each beside its photograph. Stage ``evaluate``."""
     results = []
     folder = workspace.renders / "held-out"
     for done, view in enumerate(

@@ -40,7 +40,7 @@ def split_views(
 ) -> tuple[tuple[PinholeView, ...], tuple[PinholeView, ...]]:
     """Training and held-out views: of the views sorted by name, index % ``test_every`` == 0 is held out.
 
-    Nothing is held out when ``test_every`` is 0 or there are fewer views than that: too few to spare one.
+    Nothing is held out when ``test_every`` is 0 or exceeds the number of views.
     """
     if test_every == 0 or len(views) < test_every:
         return tuple(views), ()

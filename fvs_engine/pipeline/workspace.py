@@ -112,13 +112,13 @@ class Workspace:
         Raises ``OutputExistsError`` when the folder holds something else or another process writes to
         it, ``StorageError`` when it cannot be created or its file system knows no locks.
         """
-        # Whatever its name: without a manifest `images` are the user's photographs, not our copies.
+        # Without a manifest, entries with our names are foreign, too: `images` may be the user's photographs.
         self._owned.create(lambda name: _BEFORE_MANIFEST.match(name) is not None)
         with locked_folder(self.root):
             yield
 
     def read_manifest(self) -> Manifest | None:
-        """The manifest, None when the folder is new; raises ``StorageError`` when it cannot be used."""
+        """The manifest, None in a new folder; raises ``StorageError`` when it cannot be used."""
         return self._owned.read()
 
     def write_manifest(self, manifest: Manifest) -> None:
@@ -126,7 +126,7 @@ class Workspace:
         self._owned.write(manifest)
 
     def read_metrics(self) -> Metrics | None:
-        """The metrics of the finished training, None before."""
+        """The metrics of finished training, None before."""
         remedy = "Delete it and run the same `fvs reconstruct` again: the model is then evaluated again."
         return read_record(self.metrics_path, Metrics, remedy)
 
@@ -137,7 +137,7 @@ class Workspace:
     def clear(self) -> None:
         """Delete what fvs wrote here, and nothing else; the lock file stays."""
         with storage_errors(self.root):
-            # The manifest goes last: a folder without one is refused.
+            # The manifest goes last: a folder without one is not accepted as an output folder.
             for name in sorted(_OWN_ENTRIES - {".lock"}, key=lambda name: name == "manifest.json"):
                 entry = self.root / name
                 if entry.is_dir() and not entry.is_symlink():

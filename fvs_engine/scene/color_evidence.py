@@ -1,4 +1,4 @@
-"""Whether images show the colours of the points that their views saw, according to the dataset."""
+"""Correlation of images with the colours of the points that a dataset's model has in their views."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ MIN_AGREEMENT = 0.3
 """Poses under which the median image agrees less than this with its points belong to other images.
 
 Measured on *bonsai*, median of fifteen views: 0.75 as given, 0.41 with every photograph replaced by the next
-of the capture (which shows almost the same), 0.17 by one sixty further on, 0.18 in reversed order.
+of the capture (which is almost the same), 0.17 by the one sixty later, 0.18 in reversed order.
 """
 
 _LONG_SIDE_PX = 128

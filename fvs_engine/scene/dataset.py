@@ -30,7 +30,7 @@ class Dataset:
     its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
     model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
     None when it has none. ``warnings`` are sentences about what was left out. ``arriving``: photographs are
-    still to come into the folder, and their poses are unknown; there are no views then, and a scene of it
+    added to the folder over time and have no known poses; there are no views then, and a scene of it
     estimates poses by structure from motion.
     """
 
@@ -63,7 +63,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     without a pose are left out, with a warning. A photograph may have another size than its camera, at the
     same shape. Raises ``InvalidInputError`` when none or both of the two are given, when fewer than two views
     remain, for poses that are not finite or no rotations, for photographs of another shape than their camera,
-    and for photographs that their EXIF turns (their cameras are of the pixels as stored); ``StorageError``
+    and for photographs that their EXIF turns (their cameras would be ambiguous); ``StorageError``
     when the model is damaged.
     """
     if not images.is_dir():
@@ -108,9 +108,8 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
 def split_test(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Training and test names: of the sorted ``names``, index % ``every`` == 0 is for testing.
 
-    Nothing is when ``every`` is 0, or when there are fewer names than that: too few to spare one. Source:
-    Mip-NeRF 360 and all that compare with it (every 8th). Raises ``InvalidInputError`` for ``every`` of 1 or
-    less than 0.
+    There are no test names when ``every`` is 0 or exceeds the number of names. Source: Mip-NeRF 360 (every
+    8th). Raises ``InvalidInputError`` for ``every`` of 1 or less than 0.
     """
     if every < 0 or every == 1:
         raise InvalidInputError(
@@ -123,7 +122,7 @@ def split_test(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple
 
 
 def _posed_in_colmap(folder: Path) -> tuple[Path, tuple[AnyView, ...]]:
-    """Every posed view of the model, with the camera that the model has."""
+    """The model's folder and its posed views, with the model's cameras."""
     found = find_colmap_model(folder)
     model = open_colmap(found)
     views = []
@@ -151,13 +150,13 @@ def _camera_of(view: AnyView, photograph: Path) -> Camera:
     try:
         with Image.open(photograph) as image:
             orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
-    except OSError as error:  # what Pillow raises for no image derives from it
+    except OSError as error:  # Pillow's errors derive from it
         raise InvalidInputError(
             f"{photograph} cannot be read as an image.", hint="Replace it, or leave it out of the dataset."
         ) from error
     if orientation not in (0, 1):
         raise InvalidInputError(
-            f"{photograph} is turned (EXIF orientation {orientation}): its camera may mean either way.",
+            f"{photograph} is rotated (EXIF orientation {orientation}): its camera is ambiguous.",
             hint="Turn the pixels upright, remove the tag, and compute the poses from those images.",
         )
     return fit_camera(view.camera, photograph)

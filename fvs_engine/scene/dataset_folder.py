@@ -1,4 +1,4 @@
-"""Where in a folder a dataset keeps its photographs and its poses."""
+"""Search for a dataset's photographs and poses in a folder."""
 
 from pathlib import Path
 
@@ -7,11 +7,11 @@ from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.sfm.colmap.model import has_colmap_model
 
 _MODELS = ("reference", "sparse/0", "sparse", "0", ".")
-"""Where published datasets put their COLMAP model."""
+"""Subfolders in which published datasets have their COLMAP model."""
 
 
 def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | None = None) -> Dataset:
-    """The dataset in ``folder``: photographs in it or in its ``images``, poses given or found there.
+    """The dataset in ``folder``: photographs in it or in its ``images``, poses as named or found there.
 
     Poses are those of the COLMAP model ``colmap`` or of the file ``transforms``; without either those of
     ``transforms.json``, else of a COLMAP model in ``reference``, ``sparse/0``, ``sparse`` or the folder
@@ -21,12 +21,12 @@ def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | No
         raise InvalidInputError(f"{folder} is not a folder.", hint="Give the folder of the dataset.")
     images = folder / "images" if (folder / "images").is_dir() else folder
     if colmap is not None and transforms is not None:
-        raise InvalidInputError("Poses come from one place.", hint="Give either --colmap or --transforms.")
+        raise InvalidInputError("Poses have one source.", hint="Give either --colmap or --transforms.")
     if colmap is None and transforms is None:
         if (folder / "transforms.json").is_file():
             transforms = folder / "transforms.json"
         else:
-            models = (folder / place for place in _MODELS)
+            models = (folder / name for name in _MODELS)
             colmap = next((model for model in models if has_colmap_model(model)), None)
     if colmap is None and transforms is None:
         raise InvalidInputError(

@@ -31,12 +31,12 @@ from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
 
 MIN_POINTS = 100
-"""With fewer sparse points than this a new model starts from guessed seeds as well."""
+"""With fewer sparse points than this a new model also starts from guessed seeds."""
 
 POINTS_GROWTH = 2.0
-"""A model is retrained from scratch when its views share so many times the points that it started from.
+"""A model is retrained from scratch when its views share this many times the points that it started from.
 
-What training made of few views hinders those that follow. Measured on *bonsai*, four views far from one
+A model trained on few views fits later ones badly. Measured on *bonsai*, four views far from one
 another and then sixteen more: 18.5 dB on held-out views when a model started from 1,000 points is never
 restarted, 22.0 dB when it last was at 18 views, as by this rule, 22.2 dB when all views are there from the
 start (ADR 6).
@@ -65,9 +65,9 @@ class SceneUpdate:
 
 @dataclass(frozen=True, eq=False)
 class _ModelEdit:
-    """The change of the trained model that a pose update asks for; the images are loaded.
+    """Change of the trained model that follows from a pose update; the images are loaded.
 
-    ``restart``: a new model replaces the present one, if any; then all views are ``added``.
+    ``restart``: a new model replaces the current one, if any; then all views are ``added``.
     ``points_at_start``: see ``SceneState``.
     """
 
@@ -85,7 +85,7 @@ class GrowingScene:
 
     A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins).
     Repeating the calls that followed it, after a kill, gives the same scene bit by bit (on the CPU, with
-    ``settings.sfm.threads=1`` where poses are estimated). One process at a time may own a folder.
+    ``settings.sfm.threads=1`` where poses are estimated). Only one process at a time may use a folder.
 
     The cost of an added view grows little with the number of views: its image is read, and new points are
     compared with all points and Gaussians. Images stay in memory, and are read again only if their camera's
@@ -190,10 +190,10 @@ class GrowingScene:
         """Visit the images ``names``: register them, and seed Gaussians where new points are.
 
         ``positions``: position priors for a dataset without poses, those of earlier images included; by
-        default the GPS positions in their EXIF. Poses that contradict them are rejected. Names that were
-        visited before change nothing. When this fails, the scene does not change.
+        default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
+        ignored. When this raises, the scene does not change.
 
-        Raises ``InvalidInputError`` for names that the dataset has not, and what the pose source raises.
+        Raises ``InvalidInputError`` for names that are not in the dataset, and what the pose source raises.
         """
         unknown = [name for name in names if name not in self.dataset.by_name]
         if unknown and not self.dataset.arriving:
@@ -204,10 +204,10 @@ class GrowingScene:
         if not new:
             return SceneUpdate((), self.unregistered, 0, 0, self.target_iteration, (), {})
         if self._dirty:
-            self.save()  # the pose source may never be more than one update ahead of the checkpoint
+            self.save()  # the pose source may be at most one update ahead of the checkpoint
         began = time.monotonic()
         visited = self._visited + new
-        # After a kill the source may have committed these images already: changes count from our own views.
+        # Before a kill the source may have committed these images: changes are relative to the scene's views.
         update = self._source.update(visited, self._posed.values(), monitor, positions)
         found = time.monotonic()
         edit = self._edit(update, visited, monitor)
@@ -232,7 +232,7 @@ class GrowingScene:
         train_saving(trainer, self.target_iteration, monitor, self.save, _SAVE_EVERY_S)
 
     def save(self) -> None:
-        """Commit the state: after a kill the folder has either all of it or the state before."""
+        """Commit the state: after a kill the folder has this state or the one before."""
         state = SceneState(
             visited=self._visited,
             views=tuple(self._posed.values()),
@@ -248,7 +248,7 @@ class GrowingScene:
         self._dirty = False
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, TrainingView]:
-        """Localise images that are not part of the scene, for evaluation; the scene does not edit.
+        """Localise images that are not part of the scene, for evaluation; the scene does not change.
 
         Returns their views in the model frame with their images at the training size; those without a pose
         are left out.
@@ -260,7 +260,7 @@ class GrowingScene:
         """The pinhole camera, at the training size, that view ``name`` of the dataset will have.
 
         With known poses it is the dataset's; else that of most registered views of the image's size, because
-        the image itself must not be used before it is visited. Without any, it is the dataset's.
+        the image must not be used before its visit. Without one, it is the dataset's.
         """
         expected = self.dataset.by_name[name].camera
         if self.settings.poses == "known":
@@ -298,7 +298,7 @@ class GrowingScene:
         return _ModelEdit(tuple(added), tuple(moved), update.lost, seeds, warnings, restart, points_at_start)
 
     def _moved(self, views: Sequence[AnyView], monitor: Monitor) -> list[tuple[AnyView, TrainingView]]:
-        """Those of the changed ``views`` that training sees change; an image is loaded only if it does."""
+        """The changed ``views`` whose training view changes; an image is loaded only if its pixels do."""
         loaded = {view.name: view for view in self._model().views}
         moved = []
         for view in views:
@@ -315,7 +315,7 @@ class GrowingScene:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
 
     def _outgrown(self, points: PointCloud) -> bool:
-        """Whether the views share so many more points now that retraining from scratch is worth it."""
+        """Whether the shared points have grown enough for retraining from scratch."""
         return len(points) >= max(MIN_POINTS, POINTS_GROWTH * self._points_at_start)
 
     def _further_seeds(self, points: PointCloud) -> Seeds:

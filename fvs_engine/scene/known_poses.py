@@ -21,7 +21,7 @@ from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView
 
 MIN_MATCH_SUPPORT = 0.5
-"""Given poses that explain less of the verified matches than this belong to other photographs."""
+"""Match support below which the given poses are taken to belong to other photographs."""
 
 _MIN_VIEWS = 2
 
@@ -42,7 +42,7 @@ class KnownPoses:
 
     @property
     def model_dir(self) -> Path | None:
-        """See ``PoseSource``: a dataset's poses are no COLMAP model of the scene's own."""
+        """See ``PoseSource``: None, as the scene has no COLMAP model of its own."""
         return None
 
     def update(
@@ -50,7 +50,7 @@ class KnownPoses:
         visited: Sequence[str],
         known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,  # noqa: ARG002 - the dataset's poses say more
+        positions: Positions | None = None,  # noqa: ARG002 - the dataset's poses replace them
     ) -> PoseUpdate:
         """See ``PoseSource``. Every image is registered at once; the generation counts the images.
 
@@ -93,7 +93,7 @@ class KnownPoses:
             raise self._contradiction(f"only {evidence.match_support:.0%} of the verified matches fit them.")
 
     def _require_colors(self, views: Sequence[AnyView], points: SparsePoints, monitor: Monitor) -> None:
-        """Raise when most images do not show the colours of their points, as far as points have any."""
+        """Raise when most images contradict the colours of their points."""
         for view in views:
             if view.name not in self._color_agreements:
                 monitor.check()

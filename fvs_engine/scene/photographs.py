@@ -14,10 +14,10 @@ from fvs_engine.splat.views import TrainingView
 Array = NDArray[np.float64]
 
 MAX_SHIFT_PX = 0.1
-"""Two cameras whose pixels differ by less than this, at the training size, show the same image."""
+"""Pixel shift at the training size below which two cameras give the same undistorted image."""
 
 _MAPS_KEPT = 4
-"""A map takes as much memory as five images, and every global bundle adjustment makes new ones."""
+"""Maps kept: each takes the memory of five images, and every global bundle adjustment needs new ones."""
 
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30
@@ -39,7 +39,7 @@ class Photographs:
     def pinhole(self, camera: Camera) -> PinholeCamera:
         """The camera, at the training size, of the photographs that ``camera`` took.
 
-        It has the same pose; without the distortion it is zoomed to the widest view that has no empty pixel.
+        It has the same pose, no distortion, and the widest field of view without empty pixels.
         Raises ``InvalidInputError`` when no plausible zoom has none.
         """
         if camera not in self._pinholes:
@@ -139,7 +139,7 @@ def _source_pixels(camera: Camera, pinhole: PinholeCamera, pixels: Array) -> Arr
 def _resampled(image: NDArray[np.uint8], where: Array) -> NDArray[np.uint8]:
     """The image [H, W, 3] at pixels ``where`` [H, W, 2].
 
-    By a cubic spline: the photograph was reduced already, and bilinear weights would blur it once more.
+    By a cubic spline: bilinear weights would blur the reduced photograph again.
     """
     rows_columns = np.moveaxis(where[..., ::-1] - 0.5, -1, 0)
     channels = [

@@ -1,4 +1,4 @@
-"""Where a scene's poses and sparse points come from: the dataset, or structure from motion."""
+"""Interface of the sources of a scene's poses and sparse points: the dataset, or structure from motion."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from fvs_engine.views import AnyView
 
 
 class PoseSource(Protocol):
-    """Poses of a scene's images. What it keeps on disk survives a kill."""
+    """Source of the poses of a scene's images. Its state on disk survives a kill."""
 
     @property
     def model_dir(self) -> Path | None:
@@ -31,9 +31,9 @@ class PoseSource(Protocol):
     ) -> PoseUpdate:
         """Register new images; return all current poses.
 
-        ``visited`` are all visited images, old and new; others may have poses, too. ``known`` are the views
-        that the caller has: the result counts its changes from them. A repeated call after a kill gives the
-        same result. ``positions``: position priors of images without a pose in the dataset.
+        ``visited`` are all visited images, old and new; others may have poses, too. ``known`` are the
+        caller's views, to which the changes in the result are relative. A repeated call after a kill gives
+        the same result. ``positions``: position priors of images without a pose in the dataset.
         """
         ...
 
@@ -43,7 +43,7 @@ class PoseSource(Protocol):
 
 
 def open_pose_source(folder: Path, dataset: Dataset, settings: SceneSettings, monitor: Monitor) -> PoseSource:
-    """The source that ``settings.poses`` names, with its files in ``folder``."""
+    """Open the source that ``settings.poses`` selects, with its files in ``folder``."""
     if settings.poses == "known":
         return KnownPoses(folder, dataset, settings.sfm)
     return SfmPoses(folder, dataset, settings.sfm, monitor)

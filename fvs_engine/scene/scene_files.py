@@ -1,7 +1,7 @@
 """The files in a growing scene's folder.
 
-scene.json               which dataset and settings the folder belongs to
-checkpoint.safetensors   the whole state: Gaussians, optimiser, views, what was visited (one file, one moment)
+scene.json               identity: dataset and settings
+checkpoint.safetensors   the whole state: Gaussians, optimiser, views, visits (in one file, so consistent)
 sfm/                     features, matches, and the growing reconstruction
 """
 
@@ -48,7 +48,7 @@ class SceneFiles:
 
     @property
     def identity(self) -> Path:
-        """Which dataset and settings the folder belongs to."""
+        """The dataset and settings of the folder."""
         return self.root / "scene.json"
 
     @property
@@ -58,14 +58,14 @@ class SceneFiles:
 
     @property
     def sfm(self) -> Path:
-        """What structure from motion keeps."""
+        """The files of structure from motion."""
         return self.root / "sfm"
 
     def claim(self, dataset: Dataset, settings: SceneSettings) -> None:
-        """Create the folder for this dataset and these settings, or check that it was made for them.
+        """Create the folder for this dataset and these settings, or check that it belongs to them.
 
         The number of threads of structure from motion may change. Raises ``InvalidInputError`` when the
-        folder was made for others, ``StorageError`` when it cannot be used.
+        folder belongs to others, ``StorageError`` when it cannot be used.
         """
         given = SceneIdentity(
             dataset=_fingerprint(dataset),

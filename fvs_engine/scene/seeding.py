@@ -15,7 +15,7 @@ from fvs_engine.splat.views import TrainingView, scene_extent
 Array = NDArray[np.float64]
 
 FREE_SPACING = 0.5
-"""A point is free when nothing lies within this share of the distance to its neighbours."""
+"""A point is free when no Gaussian is within this share of the distance to its neighbours."""
 
 GUESSES_PER_VIEW = 2_000
 _DEPTHS = (0.3, 4.0)
@@ -48,10 +48,9 @@ class Seeds:
 def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seeds:
     """Seeds on those of ``points`` that are far from all of ``occupied`` [Q, 3]; at most ``room``.
 
-    Only positions count, never the points' numbers or their order: structure from motion renumbers its
-    points, and moves them a little, with every bundle adjustment. A point that equals one of ``occupied``
-    costs next to nothing, however many there are. When there is room for fewer, those with the largest
-    spacing are kept.
+    Only positions count, not the points' ids or order: every bundle adjustment renumbers points and moves
+    them slightly. Points equal to one of ``occupied`` are found by hashing, at negligible cost. When there is
+    room for fewer, those with the largest spacing are kept.
     """
     finite = np.isfinite(points.xyz).all(axis=1)
     xyz, colors = points.xyz[finite], points.colors[finite]
@@ -61,7 +60,7 @@ def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seed
     xyz, colors, spacing = xyz[new], colors[new], point_spacing(xyz, new)
     order = np.lexsort(xyz.T)
     if len(occupied) and len(order):
-        # There are few queries: a tree that is quick to build is faster than one that is quick to search.
+        # With few queries a tree that is quick to build is faster than one that is quick to search.
         tree = cKDTree(occupied, balanced_tree=False, compact_nodes=False)
         order = order[tree.query(xyz[order])[0] > FREE_SPACING * spacing[order]]
     if len(order) > room:
@@ -83,7 +82,7 @@ def _keys(xyz: Array) -> list[bytes]:
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
     """Seeds on random rays through the images of ``views``, with their colours; at most ``room``.
 
-    For views that share too few points for a model to start from. Depths are log-uniform around the distance
+    Used when views share too few points to start a model from. Depths are log-uniform around the distance
     to the views' common focus. Only the visited images and their views are used. Training moves, prunes and
     replaces these seeds.
     """

@@ -24,7 +24,7 @@ GROWING_TRAINING = TrainingSettings(
 """Training of a scene to which views may be added at any time.
 
 The positions' learning rate decays over the paper's 30,000 iterations, independent of the present views: with
-a shorter schedule new Gaussians could hardly move. Densification goes on as long as views are added
+a shorter schedule new Gaussians would hardly move. Densification goes on as long as views are added
 (``SceneSettings.schedule`` says when). Opacities are not reset: the model is used after every addition.
 
 Measured on *bonsai*, known poses, 10 views and 10 more at 256 × 171 px, mean PSNR of every 8th view:
@@ -54,9 +54,9 @@ class SceneSettings(Record):
     def schedule(self) -> TrainingSettings:
         """``training``, but densification falls half-way between the iterations at which training may end.
 
-        Those are the initial ones and every ``iterations_per_view`` from there. A model in which Gaussians
-        were split just now renders worse for some iterations, and must not be evaluated then. The interval is
-        the multiple of ``iterations_per_view`` nearest to the one that was asked for.
+        Those are the initial ones and every ``iterations_per_view`` from there. Renders are
+        worse for some iterations after Gaussians were split, and must not be evaluated then. The interval is
+        the multiple of ``iterations_per_view`` nearest to that of ``training``.
         """
         step, rules = self.iterations_per_view, self.training.densification
         if step == 0:

@@ -15,8 +15,8 @@ from fvs_engine.views import AnyView
 class SfmPoses:
     """A ``PoseSource`` that owns a growing reconstruction.
 
-    The dataset's camera centres serve as position priors only, by which poses are rejected: repeated patterns
-    mislead matches, but not a vehicle's own positioning.
+    The dataset's camera centres serve only as position priors by which poses are rejected: repeated patterns
+    cause wrong matches, but do not affect a vehicle's positioning.
     """
 
     def __init__(self, folder: Path, dataset: Dataset, settings: SfmSettings, monitor: Monitor) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fvs_engine.sfm.reconstruction import PointCloud
 
 MIN_VIEWS = 2
-"""A point in fewer visited views could not have been triangulated from them."""
+"""Triangulation needs two views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,8 @@ class SparsePoints:
     def seen_by(self, names: Iterable[str]) -> PointCloud:
         """The points that at least two of the views ``names`` saw.
 
-        Where the dataset's model puts a point also depends on views that were not visited; which points there
-        are does not.
+        The position of a point also depends on views that were not visited; which points are returned does
+        not.
         """
         visited = set(names)
         is_visited = np.array([name in visited for name in self.view_names], dtype=bool)

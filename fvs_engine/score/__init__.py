@@ -1,4 +1,4 @@
-"""Scores of candidate views: which one should be photographed next."""
+"""Scores of candidate views."""
 
 from fvs_engine.score.information import ViewInformation, estimated_information, view_information
 from fvs_engine.score.interface import CandidateScore, Scorer

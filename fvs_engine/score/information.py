@@ -1,7 +1,7 @@
 """The information of a view about every parameter of the model: the diagonal of its Fisher information.
 
 With unit noise on every colour, the information of an image about the parameters is JᵀJ; of it only the
-diagonal is kept. Rotations are left out, as FisherRF leaves them out: those of round Gaussians mean nothing.
+diagonal is kept. Rotations are left out, as in FisherRF: those of round Gaussians have no effect.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ def view_information(
     seed: int = 0,
     probes: int = PROBES,
 ) -> ViewInformation:
-    """The information of one view: exact where the rasteriser can do that, estimated elsewhere.
+    """The information of one view: exact where the rasteriser supports it, else estimated.
 
     The exact way (``SquaringRasterizer``: the CPU) costs as much as one gradient and needs no ``seed``.
     Source: Jiang et al., "FisherRF", 2024, for the diagonal; ``estimated_information`` for the other way.
@@ -60,7 +60,7 @@ def estimated_information(
     seed: int = 0,
     probes: int = PROBES,
 ) -> ViewInformation:
-    """The same on any rasteriser, by random probes: unbiased, one backward pass for each of ``probes``.
+    """The information of one view on any rasteriser, estimated without bias by ``probes`` backward passes.
 
     With signs z = ±1 at random for every pixel and channel, E[(Jᵀz)²] is the diagonal of JᵀJ (Bekas et
     al., "An estimator for the diagonal of a matrix", 2007). A single entry is off by √(2 / probes) of its

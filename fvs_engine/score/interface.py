@@ -1,4 +1,4 @@
-"""The interface of scorers: candidates in, one score for each out."""
+"""The interface of scorers."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from fvs_engine.views import PinholeView
 
 @dataclass(frozen=True)
 class CandidateScore:
-    """The score of one candidate: the lower the ``score``, the sooner it should be photographed.
+    """The score of one candidate: the lowest ``score`` ranks first.
 
     ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
     the mean alpha of the view: the share of it that the model fills; None where nothing was rendered.

@@ -14,7 +14,7 @@ from fvs_engine.score.renderings import RenderingScorer, require_images
 from fvs_engine.score.spectrum_median import compile_kernels, median_log_of_spectra
 
 _ROUNDING = 600 * torch.finfo(torch.float64).eps
-"""Median magnitude, as a share of what a white image has on average, that is nothing but rounding."""
+"""Median magnitude, relative to the mean of a white image, up to which it is rounding."""
 
 
 def median_log_magnitude(images: Tensor) -> Tensor:
@@ -31,7 +31,7 @@ def median_log_magnitude(images: Tensor) -> Tensor:
 
 
 class MedianFrequency(RenderingScorer):
-    """Scores a candidate by the median log-magnitude of what the model shows there, on black.
+    """Scores a candidate by the median log-magnitude of its render on black.
 
     The score is blind to missing coverage (90 % of a view unobserved lowers it less than 1 px of blur), so a
     view that the model fills by less than ``min_coverage`` is reported as ``low-coverage``, not ranked.

@@ -1,4 +1,4 @@
-"""Scores of what the model shows at candidates: render, measure the images, decide what can be compared."""
+"""Base of scorers that measure renders of the candidates."""
 
 import math
 from abc import ABC, abstractmethod
@@ -18,15 +18,15 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
 
 MIN_COVERAGE = 0.1
-"""Share of a view that the model must fill for its score to be compared with others'."""
+"""Coverage below which a view's score is not compared with others'."""
 
 _BATCH_PIXELS = 1 << 23
-"""Pixels whose spectra a GPU computes at once; a CPU is busy with one image at a time."""
+"""Pixels per batch on a GPU; a CPU takes one image at a time."""
 
 
 @dataclass(frozen=True)
 class RenderingScorer(ABC):
-    """Scores a candidate by a measure of what the model shows there, on black.
+    """Scores a candidate by a measure of its render on black.
 
     A view that the model fills by less than ``min_coverage`` is reported as ``low-coverage``, not ranked.
     """
@@ -46,7 +46,7 @@ class RenderingScorer(ABC):
         """The score [B] of images [B, H, W, 3]; not finite where an image cannot be measured."""
 
     def prepare(self, device: torch.device, monitor: Monitor) -> None:  # noqa: B027 - most need nothing
-        """Make ready for scoring on ``device``."""
+        """Prepare scoring on ``device``, once."""
 
     def score(
         self,
@@ -79,7 +79,7 @@ class RenderingScorer(ABC):
 
 
 def require_images(images: Tensor) -> None:
-    """Raise ``InvalidInputError`` for what is no batch of images [B, H, W, 3] of floating-point colours."""
+    """Raise ``InvalidInputError`` unless ``images`` is a batch [B, H, W, 3] of floating-point colours."""
     if images.ndim != 4 or images.shape[-1] != 3 or images.numel() == 0:
         raise InvalidInputError(f"Images must have shape [B, H, W, 3], not {list(images.shape)}.")
     if images.dtype not in {torch.float32, torch.float64}:
@@ -89,7 +89,7 @@ def require_images(images: Tensor) -> None:
 def judged(name: str, value: float, coverage: float, min_coverage: float) -> CandidateScore:
     """The score with its status: out of the model where nothing is in view or ``value`` is not finite.
 
-    A ``coverage`` outside of [0, 1] is brought into it; one that is no number counts as 0.
+    ``coverage`` is clamped to [0, 1]; NaN counts as 0.
     """
     coverage = 0.0 if math.isnan(coverage) else min(max(coverage, 0.0), 1.0)
     if coverage == 0.0 or not math.isfinite(value):
@@ -99,13 +99,13 @@ def judged(name: str, value: float, coverage: float, min_coverage: float) -> Can
 
 
 def check_min_coverage(min_coverage: float) -> None:
-    """Raise ``InvalidInputError`` for what is no share."""
+    """Raise ``InvalidInputError`` unless ``min_coverage`` is in [0, 1]."""
     if not 0.0 <= min_coverage <= 1.0:
         raise InvalidInputError(f"min_coverage must be in [0, 1], not {min_coverage}.")
 
 
 def _batches(candidates: Sequence[PinholeView], device: torch.device) -> Iterator[tuple[PinholeView, ...]]:
-    """Candidates in groups that the device can take at once; refuses images of different sizes."""
+    """Candidates in groups that the device can take at once; raises for images of different sizes."""
     sizes = {(candidate.camera.width, candidate.camera.height) for candidate in candidates}
     if len(sizes) > 1:
         raise InvalidInputError(

@@ -1,6 +1,6 @@
 """The spectral median: the frequency under which a rendered view keeps half of its energy.
 
-What signal processing calls the median frequency. Not the paper's score, which is a median *magnitude*
+Signal processing calls this the median frequency. The paper's score of that name is a median *magnitude*
 (``median_frequency``); the two rank very differently.
 """
 
@@ -32,7 +32,7 @@ def spectral_median_frequency(images: Tensor) -> Tensor:
     planes = planes - (planes * window).sum((-2, -1), keepdim=True) / window.sum()
     half = torch.fft.rfft2(planes * window)
     power = torch.view_as_real(half).square().sum((1, -1))
-    # The columns of a real image's half spectrum stand for two, but for the first and an even width's last.
+    # Columns of a real image's half spectrum count twice, except the first and an even width's last.
     power[..., 1 : (width + 1) // 2] *= 2
     rows = torch.fft.fftfreq(height, dtype=torch.float64, device=images.device)
     columns = torch.fft.rfftfreq(width, dtype=torch.float64, device=images.device)
@@ -45,9 +45,9 @@ def spectral_median_frequency(images: Tensor) -> Tensor:
 
 
 class SpectralMedian(RenderingScorer):
-    """Scores a candidate by the spectral median of what the model shows there, on black.
+    """Scores a candidate by the spectral median of its render on black.
 
-    A blurred render keeps its energy at low frequencies: the lower, the sooner. A view that the model
+    A blurred render keeps its energy at low frequencies: the lowest ranks first. A view that the model
     fills by less than ``min_coverage`` is reported as ``low-coverage``: its energy is that of an outline.
     """
 
@@ -59,6 +59,6 @@ class SpectralMedian(RenderingScorer):
 
 
 def _hann(size: int, device: torch.device) -> Tensor:
-    """A Hann window whose zeros lie half a pixel outside: no pixel is lost, and a single one weighs 1."""
+    """A Hann window with its zeros half a pixel outside, so that every pixel has weight."""
     centres = torch.arange(size, dtype=torch.float64, device=device) + 0.5
     return torch.sin(math.pi * centres / size).square()

@@ -17,9 +17,9 @@ def view_distances(views: Sequence[PinholeView], others: Sequence[PinholeView]) 
         d(a, b)² = |c_a − c_b|² / s² + |v_a − v_b|²
 
     with camera centres c, unit viewing directions v, and the spread s of the scene: the root mean square
-    distance of all centres given, of both lists, from their mean. Two views at random then differ by √2 in
-    either term, so that neither outweighs the other; rolling a camera around its axis changes nothing.
-    Where all centres coincide, only directions count.
+    distance of all centres given, of both lists, from their mean. Two random views then differ by √2 in
+    either term, so that neither outweighs the other; rolling a camera around its axis changes nothing. Where
+    all centres coincide, only directions count.
     """
     centres, directions = _poses([*views, *others])
     spread = float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(centres) else 0

@@ -21,8 +21,8 @@ class SelectionContext:
 
     ``gaussians``, rendered by ``rasterizer`` with ``sh_degree`` degrees (None: all), are the model so far.
     ``visited`` are the photographed views in the order of their visit, the last one where the camera is now;
-    ``candidates`` those in reach; both in the model frame. ``order`` maps the name of every view that could
-    ever be visited to its index in the order of capture. ``budget``: views at the end, the first ones
+    ``candidates`` those in reach; both in the model frame. ``order`` maps the name of every view that may
+    be visited to its index in the order of capture. ``budget``: views at the end, the first ones
     included. ``seed`` and ``step`` (from 0) are the only source of chance.
 
     Raises ``InvalidInputError`` for a name that occurs twice, that is both visited and a candidate, or that
@@ -60,7 +60,7 @@ class Selector(Protocol):
         ...
 
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
-        """One score per candidate, in their order: the lower, the sooner. Gains are negated.
+        """One score per candidate, in their order: lower ranks first. Gains are negated.
 
         ``coverage`` is None for selectors that do not render. Progress is reported in views. Raises
         ``InvalidInputError`` for candidates that cannot be compared, ``Cancelled`` on request.
@@ -89,10 +89,10 @@ def select(
 ) -> Selection:
     """Choose the next view.
 
-    The lowest score wins; ties are broken by ``distances`` (name → how far the camera has to travel, in the
-    caller's unit), then by name. Where no candidate can be ranked, the lowest score among those of low
-    coverage wins (the model fills little of any view, so seeing some of it is better than none); where none
-    has a score at all, the candidate farthest from all visited views, in position and direction.
+    The lowest score wins; ties are broken by ``distances`` (name → travel distance, in the caller's
+    unit), then by name. Where no candidate can be ranked, the lowest score among those of low
+    coverage wins (the model fills little of any view then); where none has
+    a score at all, the candidate farthest from all visited views, in position and direction.
 
     Raises ``InvalidInputError`` without candidates, and what ``Selector.score`` raises.
     """
@@ -100,14 +100,14 @@ def select(
         raise InvalidInputError(
             "There is no candidate to choose from.", hint="Widen the radius, or choose among more neighbours."
         )
-    with torch_threads_for(context.rasterizer.device):  # takes half of the processor time, or less
+    with torch_threads_for(context.rasterizer.device):  # half of the processor time or less
         ranked = rank(selector.score(context, monitor), distances)
     chosen, fallback = _first(context, ranked)
     return Selection(chosen, ranked, fallback)
 
 
 def _first(context: SelectionContext, ranked: tuple[RankedCandidate, ...]) -> tuple[str, str | None]:
-    """The candidate to take, and which fallback led to it."""
+    """The name of the chosen candidate, and the fallback rule that chose it, if any."""
     best = ranked[0]
     if best.status is CandidateStatus.RANKED:
         return best.name, None

@@ -76,7 +76,7 @@ class SelectionLoop:
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
         self.train_names, self.test_names = split_test(dataset.names, settings.test_every)
-        """In order of capture: the views that may be visited, and those that are held out."""
+        """In order of capture: the views that may be visited, and the held-out ones."""
         records, self._pending = folder.read_steps()
         self._records = records
         self._folder = folder
@@ -90,7 +90,7 @@ class SelectionLoop:
     def open(
         cls, folder: Path, dataset: Dataset, settings: LoopSettings, rasterizer: Rasterizer, monitor: Monitor
     ) -> "SelectionLoop":
-        """Begin a selection in ``folder``, or go on with the one that is there; computes nothing yet.
+        """Create a selection in ``folder``, or resume the one there; computes nothing yet.
 
         Raises ``InvalidInputError`` for an unknown method, a pool that is smaller than the budget and a
         reach in which the first step finds nothing; ``OutputExistsError`` when the folder holds something
@@ -150,14 +150,14 @@ class SelectionLoop:
     def begin(self, monitor: Monitor) -> tuple[str, ...]:
         """Train on the initial views, or on what a resumed selection had visited; return warnings, once.
 
-        ``step`` does so if need be. Raises ``ReconstructionError`` when the initial views do not overlap, and
-        what training raises.
+        ``step`` calls it if necessary. Raises ``ReconstructionError`` when the initial views do not overlap,
+        and what training raises.
         """
         if self._begun:
             return ()
         monitor.report(STAGE, len(self.visited), self.settings.budget)
         warnings: tuple[str, ...] = ()
-        if self._pending is None:  # else the scene may already hold the chosen view, and is finished with it
+        if self._pending is None:  # else ``step`` finishes the pending choice
             warnings, _ = self._train_on(self.visited, monitor)
         self._begun = True
         return warnings
@@ -201,8 +201,8 @@ class SelectionLoop:
     def context(self, candidates: Iterable[str], alignment: DatasetAlignment) -> SelectionContext:
         """The input of a selector now, for ``candidates`` (names of views of the dataset).
 
-        Unregistered visited views get the pose that the alignment gives them: they were flown to, and a
-        method that spreads views must not go there again.
+        Unregistered visited views get their pose from the alignment: they were visited, and a method that
+        spreads views must not choose them again.
         """
         registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
         return SelectionContext(
@@ -222,8 +222,8 @@ class SelectionLoop:
     def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:
         """Views of the dataset in the model frame.
 
-        Scores of different image sizes cannot be compared, so that a view of another size than most have gets
-        the camera that most have.
+        Scores of different image sizes cannot be compared, so views with another image size than most get the
+        most frequent camera.
         """
         cameras = {name: self.scene.expected_camera(name) for name in names}
         if not cameras:
@@ -287,7 +287,7 @@ class SelectionLoop:
         )
 
     def _train_on(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
-        """Add views and train as far as the schedule goes; returns warnings and seconds per part."""
+        """Add views and train to the end of the schedule; returns warnings and seconds per part."""
         before = self.scene.visited, self.scene.iteration
         times = [time.monotonic()]
         update = self.scene.add(tuple(names), monitor)

@@ -1,11 +1,11 @@
 """The folder of a selection, which survives a kill at any moment.
 
 selection.json      settings, the dataset's fingerprint, the initial views, why it stopped
-steps/0001.json …   one file per step: first the choice, after training the whole record
+steps/0001.json …   one file per step: first the choice, after training the complete record
 scene/              the growing scene
 
-A choice is written before the model is trained on it: a resumed selection visits the same view instead of
-scoring by a model that may have been trained on part of it.
+A choice is written before the model is trained on it: a resumed selection visits the same view and
+does not score with a model that may already be trained on part of it.
 """
 
 import hashlib
@@ -59,10 +59,10 @@ class LoopFolder:
         return OwnedFolder(self.root, "selection.json", SelectionManifest, "selection")
 
     def open(self, manifest: SelectionManifest) -> SelectionManifest:
-        """Create the folder for ``manifest``, or check that it holds just this selection.
+        """Create the folder for ``manifest``, or check that it holds this selection.
 
-        What may differ is the time limit and the number of threads. Returns what is on disk. Raises
-        ``OutputExistsError`` when it holds another selection or something that is none.
+        The time limit and the number of threads may differ. Returns what is on disk. Raises
+        ``OutputExistsError`` when it holds another selection or something else.
         """
         earlier = self.manifest()
         if earlier is None:
@@ -73,7 +73,7 @@ class LoopFolder:
             return manifest
         found = differences(_lasting(earlier.settings), _lasting(manifest.settings))
         if earlier.fingerprint != manifest.fingerprint:
-            found.append("the dataset's photographs or poses are others")
+            found.append("the dataset's photographs or poses differ")
         self._owned.require_same(found)
         return earlier
 
@@ -108,7 +108,7 @@ class LoopFolder:
 
 
 def fingerprint(dataset: Dataset) -> str:
-    """A hash of everything about a dataset that a selection depends on, its photographs by their sizes."""
+    """Hash of a dataset: cameras, poses, and the photographs by their sizes in bytes."""
     digest = hashlib.sha256()
     for view in dataset.views:
         size_bytes = (dataset.image_dir / view.name).stat().st_size

@@ -13,15 +13,15 @@ Array = NDArray[np.float64]
 SPACINGS = 8.0
 """The default radius in median distances between consecutive views.
 
-The paper gives no number, only what bounds it: how far the vehicle gets in one step. It is measured by the
-capture, so that a step leads past the next few views of a dense one, but not across the scene. On
+The paper gives no number, only that the vehicle's range per step bounds it. The default is relative to the
+capture's spacing: a step can skip the next few views of a dense capture, but not cross the scene. On
 Mip-NeRF360 *bonsai* (0.27 units from view to view, 4.8 from the middle to the outermost) walks of random
 steps from the first ten views to one hundred got stuck half of the time with 5 spacings, never with 8."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Views within ``radius`` of the camera, or the ``nearest`` so many; exactly one of the two is given."""
+    """Views within ``radius`` of the camera, or a number of ``nearest`` ones; exactly one is given."""
 
     radius: float | None = None
     nearest: int | None = None
@@ -31,7 +31,7 @@ class Reach:
             raise InvalidInputError("Reach is a radius or a number of nearest views, exactly one of the two.")
 
     def distances(self, here: Array, centres: Mapping[str, Array]) -> dict[str, float]:
-        """The views in reach of ``here`` [3], the nearest first, and how far they are; ties by name."""
+        """The views in reach of ``here`` [3], the nearest first, with their distances; ties by name."""
         if not centres:
             return {}
         lengths = np.linalg.norm(np.stack(list(centres.values())) - here, axis=1).tolist()
@@ -47,11 +47,11 @@ def default_radius(centres: Array) -> float:
     Views taken from one spot do not count as spaced. Raises ``InvalidInputError`` when all were.
     """
     spacings = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    # Rounding gives a camera at rest a few last bits of movement.
+    # The centres of a camera at rest differ by rounding.
     moved = spacings[spacings > 1e-9 * max(1.0, float(np.abs(centres).max(initial=0.0)))]
     if len(moved) == 0:
         raise InvalidInputError(
-            "All views of the dataset have one position: no radius can separate near from far.",
+            "All views of the dataset have the same position, so no radius can be derived.",
             hint="Choose among a number of nearest views instead (--nearest).",
         )
     return SPACINGS * float(np.median(moved))

@@ -11,7 +11,7 @@ from fvs_engine.select.reach import Reach
 
 
 class Clock:
-    """The time that one run of a selection may take; ``limit_s`` None is for ever."""
+    """The time that one run of a selection may take; ``limit_s`` None means no limit."""
 
     def __init__(self, limit_s: float | None) -> None:
         self.limit_s = limit_s
@@ -62,7 +62,7 @@ def nothing_in_reach(
 
 
 def _rounded_up(distance: float) -> float:
-    """To three digits, upwards: a printed radius must reach what it promises to reach."""
+    """Rounded up to three digits, so that the printed radius does reach the view."""
     if distance == 0:
         return 0.0
     unit = 10.0 ** (np.floor(np.log10(distance)) - 2)

@@ -1,4 +1,4 @@
-"""The path of a selection, drawn from above: the paper's figure of trajectories, in one panel."""
+"""Plot of a selection's path from above: the paper's figure of trajectories, in one panel."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ _COLOR_MAP = "plasma"
 _DPI = 140
 _CAPTURE, _UNVISITED, _TEST = "#D5D7DB", "#9BA0A8", "#3B7DD8"
 _MIN_UPRIGHT = 0.3
-"""Length of the cameras' mean up vector under which they do not agree on one (they look down, or turn)."""
+"""Length of the cameras' mean up vector under which they have no common up (nadir views)."""
 
 
 def draw_trajectory(
@@ -36,7 +36,7 @@ def draw_trajectory(
 ) -> None:
     """Write a PNG: all views of ``dataset`` and their capture in grey, test views hollow, initial ones black.
 
-    ``chosen`` views, and the way to each, have the colour of its turn. Seen along the cameras' common up
+    ``chosen`` views, and the path to each, are coloured by order. Seen along the cameras' common up
     direction. Raises ``StorageError`` when it cannot be written.
     """
     plane = top_view(dataset)
@@ -63,7 +63,7 @@ def top_view(dataset: Dataset) -> dict[str, Array]:
     """View → its centre on a map [2], seen along the cameras' common up direction.
 
     Where there is none (a nadir block), along the direction in which their centres vary
-    least, from the side that they look from.
+    least, against the viewing direction.
     """
     names = dataset.names
     centres = np.stack([dataset.by_name[name].centre for name in names])
@@ -102,7 +102,7 @@ def _draw_capture(
 def _draw_way(
     axes: Axes, plane: Mapping[str, Array], initial: Sequence[str], chosen: Sequence[str], turns: Normalize
 ) -> None:
-    """The initial views, and every chosen one with the way that led to it."""
+    """The initial views, and every chosen one with the path to it."""
     x, y = np.stack([plane[name] for name in initial]).T
     axes.plot(x, y, color="black", linewidth=1.2, zorder=4)
     axes.scatter(x, y, s=26, color="black", zorder=6, label=f"initial ({len(initial)})")

@@ -1,4 +1,4 @@
-"""A made-up world that can be photographed from any pose, when there are no photographs."""
+"""Simulated photographs of a synthetic scene."""
 
 from fvs_engine.simulate.camera import SimulatedCamera
 from fvs_engine.simulate.photographs import write_photographs

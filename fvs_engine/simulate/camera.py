@@ -1,4 +1,4 @@
-"""A camera that takes photographs of the world: lens, exposure, falling light to the edges, noise, 8 bits."""
+"""Simulated camera: lens, exposure, vignetting, noise, quantisation to 8 bits."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ _FULL_WELL, _READ_NOISE = 8000.0, 0.002
 
 @dataclass(frozen=True)
 class SimulatedCamera:
-    """``camera`` is the lens and the sensor's grid; the rest is what a photograph suffers.
+    """A camera model with exposure, vignetting and noise.
 
     ``exposure_ev`` brightens by 2^ev; ``vignetting`` in [0, 1] is the light lost in the corners;
     ``full_well`` is how many electrons a white pixel holds (shot noise falls with its root; None: none);

@@ -1,4 +1,4 @@
-"""A folder of simulated photographs, with the truth beside it in a ``transforms.json``."""
+"""A folder of simulated photographs, with their true poses in a ``transforms.json``."""
 
 import json
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def write_photographs(
 ) -> list[Path]:
     """Photograph ``world`` from every pose into ``folder/images`` and write ``folder/transforms.json``.
 
-    Files are JPEGs named in order, with the focal length in EXIF as phones write it; the truth uses
+    Files are JPEGs named in order, with the focal length in EXIF as phones write it; the true poses are in
     instant-ngp's conventions (OpenGL axes, ``k1 k2 p1 p2``). The same arguments give the same bytes, so that
     a call that was stopped can be repeated. Raises ``OutputExistsError`` when the folder holds photographs
     or poses of something else, ``StorageError`` when a file cannot be written and ``Cancelled`` between two.
@@ -56,7 +56,7 @@ def write_photographs(
 
 
 def _claim(folder: Path, images: Path, truth: str) -> None:
-    """Write the truth into a folder that holds nothing else, or the beginning of the same photographs."""
+    """Write the true poses into a folder that is empty or holds some of the same photographs."""
     poses = folder / "transforms.json"
     try:
         if poses.exists():

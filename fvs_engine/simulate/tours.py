@@ -11,8 +11,8 @@ def orbit(
 ) -> list[RigidTransform]:
     """``count`` world_from_camera poses on circles around the origin that look at the z axis.
 
-    The height sways by a fifth so that the centres do not lie in one plane, which would leave SfM's
-    scale along the axis to the noise. Raises ``InvalidInputError`` for less than one pose or no radius.
+    The height sways by a fifth so that the centres do not lie in one plane, where SfM's scale along
+    the axis would be ill-determined. Raises ``InvalidInputError`` for less than one pose or no radius.
     """
     if count < 1 or radius_m <= 0:
         raise InvalidInputError("An orbit needs at least one pose and a radius.")

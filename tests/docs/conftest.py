@@ -44,7 +44,7 @@ def real_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def played_service(gateway: Any) -> Iterator[str]:
-    """The URL of a gateway whose updates succeed at once, with a made-up model."""
+    """The URL of a gateway whose updates succeed at once, with a synthetic model."""
     ended, played = threading.Event(), set(gateway.engine.submitted)
 
     def work() -> None:

@@ -2,7 +2,7 @@
 
     python tests/faults/kill_anything.py
 
-A small made-up scene is first taken through the service in peace: an update with the first photographs, one
+A small synthetic scene is first taken through the service in peace: an update with the first photographs, one
 with the rest, and a fine model. That tells which processes there are at which stage. Then the same is done
 again and again, while every kind of process (gateway, worker, runner, structure from motion's child) is
 killed at every stage at which there is one, each at a random moment of it, and rankings are asked for all the

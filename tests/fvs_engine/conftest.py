@@ -29,7 +29,7 @@ def kermit_sfm(kermit_dir: Path, kermit_names: list[str], made_once: Callable[..
 
 @pytest.fixture(scope="session")
 def yard_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Nine photographs of 320×240 px, half way around a made-up place, and the truth in transforms.json.
+    """Nine photographs of 320×240 px, half way around a synthetic scene, and the truth in transforms.json.
 
     22.5° from each to the next: neighbours register, what is three apart does not. Read-only.
     """

@@ -1,8 +1,8 @@
 """Alignment of a dataset with a model by the views that both have: ``model_from_world``.
 
 Source: the paper, section III (Kabsch–Umeyama over the visited views' positions). It takes the first ten
-views; here all visited ones count, so that the alignment follows a model that grows beyond them, and single
-views that were registered wrongly are outvoted.
+views; here all visited ones count, so that the alignment follows a growing model, and single wrongly
+registered views become outliers.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 Array = NDArray[np.float64]
 
 _MAX_MISFIT = 0.25
-"""RMS distance of aligned centres in shares of their spread: more than a bare GPS track may have."""
+"""RMS distance of aligned centres in shares of their spread: more than that of a plain GPS track."""
 
 _MAX_ATTITUDE_DEG = 20.0
-"""Median angle between aligned attitudes: more than a gimbal's angles are off, less than any wrong axis."""
+"""Median angle between aligned attitudes: above a gimbal's error, below that of any wrong axis."""
 
 _MANY = 10
-"""So many views and more define outliers by their residuals."""
+"""From this number of views on, outliers are also defined by their residuals."""
 
 _MIN_INLIERS = 0.5
 """Share of the views that must agree."""
@@ -62,8 +62,8 @@ def align_dataset(
 ) -> DatasetAlignment:
     """Align the dataset's frame with the model's by matching cameras of at least two views.
 
-    Centres fix the similarity, robustly. Where they leave the rotation open (two views; a straight track) the
-    mean rotation of the attitudes is used, and centres fix the rest.
+    Centres fix the similarity, robustly. Where they do not determine the rotation (two views; a straight
+    track) the mean rotation of the attitudes is used, and centres fix the rest.
 
     Raises ``InvalidInputError`` for fewer than two views, centres that coincide, and poses that contradict
     the model: centres or attitudes far apart after the best alignment.

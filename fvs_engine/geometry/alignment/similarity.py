@@ -22,7 +22,7 @@ _MIN_WIDTH_RATIO = 0.01
 """Width over length of a track under which it counts as a line."""
 
 _MAX_ROLL_DEG = 5.0
-"""Uncertainty of the rotation about the track's own axis above which an alignment is not to be trusted."""
+"""Uncertainty of the rotation about the track's own axis above which an alignment is ill-conditioned."""
 
 _BLOCK_RESIDUALS = 1 << 18
 """Residuals computed at once while triples are compared: bounds the memory."""
@@ -36,7 +36,7 @@ class AlignmentReport:
     unit; ``inliers`` is bool [N]. ``collinearity`` is 1 for points on a line and 0 for points spread evenly
     about their main plane. ``roll_uncertainty_deg`` is the standard error of the rotation about the line
     that fits the points best: the rotation that a straight track leaves open. ``ill_conditioned``:
-    this rotation must not be trusted.
+    this rotation is not reliable.
     """
 
     transform: SimilarityTransform
@@ -61,7 +61,7 @@ def umeyama(source: ArrayLike, target: ArrayLike, with_scale: bool = True) -> Si
     """The target_from_source similarity with the least squared residuals over matching points [N, 3].
 
     ``with_scale=False`` keeps the scale at 1 (Kabsch). Points on a line leave the rotation about it open;
-    some rotation is then returned: use ``alignment_report`` to know.
+    an arbitrary one is then returned; ``alignment_report`` detects that.
 
     Raises ``InvalidInputError`` for fewer than 3 points, numbers that are not finite, shapes that do not
     match, and points that all coincide.
@@ -77,14 +77,14 @@ def alignment_report(
     transform: SimilarityTransform,
     inliers: NDArray[np.bool_] | None = None,
 ) -> AlignmentReport:
-    """Describe how ``transform`` (target_from_source) fits; ``inliers`` [N] defaults to all points."""
+    """Residuals and conditioning of ``transform`` (target_from_source); ``inliers`` [N]: default all."""
     source_points, target_points = _check_pair(source, target)
     mask = np.ones(len(source_points), dtype=bool) if inliers is None else inliers
     residuals = np.linalg.norm(transform.apply(source_points) - target_points, axis=1)[mask]
     rms = float(np.sqrt(np.mean(residuals**2)))
     length, width = _length_and_width(target_points[mask])
     count = int(mask.sum())
-    # Off-line distances are the levers on which residuals turn the model about its own axis.
+    # Distances from the line are the lever arms by which residuals rotate the model about it.
     roll_rad = math.atan2(rms, width * math.sqrt(count)) if rms > 0 or width > 0 else math.pi / 2
     return AlignmentReport(
         transform=transform,

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _MIN_ATTITUDES = 2
 _MAX_ATTITUDE_SPREAD_DEG = 10.0
-"""Attitudes whose turns about the track scatter more than this contradict each other."""
+"""Scatter of the attitudes' turns about the track above which they contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ def georeference(
     *,
     seed: int = 0,
 ) -> Georeference | None:
-    """Align camera centres with position priors [N, 3]; None if these do not determine it.
+    """Align camera centres with position priors [N, 3]; None if the priors do not determine it.
 
     Robust: up to half of the positions may be wrong. Where the centres lie on a line the rotation about it is
     taken from the attitudes (rotations [3, 3] or None per camera), when at least two agree.

@@ -1,4 +1,4 @@
-"""The selectors by name. A new one needs a line in the table."""
+"""Table of the selectors by name."""
 
 from collections.abc import Callable, Mapping
 

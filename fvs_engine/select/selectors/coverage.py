@@ -23,11 +23,11 @@ class Coverage:
     """Scores a candidate by how well its pixels are covered already, in [0, 1]: the least covered first.
 
     A Gaussian's coverage from a candidate is (1 + max_c d_c·d) / 2, with the directions d to the candidate
-    and d_c to the visited cameras c that saw it: 1 where one looked from the same direction, 0 where only
-    the opposite side or nothing was seen. "Saw" means behind nothing opaque (``SEEN_PX``). The coverages
-    are rendered like a colour and averaged over the image. Where the model leaves a pixel empty, nothing
-    was ever observed: that share counts as covered by ``empty_coverage`` (0: not at all). So neither the
-    colours nor their errors matter.
+    and d_c to the visited cameras c that saw it: 1 where one looked from the same direction, 0 where only the
+    opposite side or nothing was seen. A camera "saw" a Gaussian that was not occluded (``SEEN_PX``). The
+    coverages are rendered like a colour and averaged over the image. Where the model leaves a pixel empty,
+    nothing was ever observed: that share counts as covered by ``empty_coverage`` (0: not at all). Colours and
+    their errors have no influence.
 
     Source: Chen, Dai et al., "Coverage Optimization for Camera View Selection" (COVER), CVPR 2026, which
     takes every Gaussian in a camera's view as seen. Cost: a render per candidate, a gradient per visited

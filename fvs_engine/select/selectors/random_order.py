@@ -1,4 +1,4 @@
-"""Any candidate: what every other selector must beat."""
+"""Random order of the candidates: the baseline of all selectors."""
 
 import hashlib
 
@@ -9,10 +9,10 @@ from fvs_engine.select.interface import SelectionContext
 
 
 class RandomOrder:
-    """Scores a candidate by a number in [0, 1) that only the seed, the step and its id decide.
+    """Scores a candidate by a number in [0, 1) that depends only on the seed, the step and its name.
 
-    So a choice does not depend on the order of the candidates, nor on what was drawn before: a run that was
-    killed goes on as if it had not been. Source: the baseline of every paper. Cost: none.
+    A choice depends neither on the order of the candidates nor on earlier draws, so that a killed run
+    continues identically. Source: the baseline of every paper. Cost: none.
     """
 
     name = "random"

@@ -1,4 +1,4 @@
-"""Evenly spaced over the order of capture: as one would sample a video."""
+"""Uniform sampling over the order of capture."""
 
 import heapq
 import itertools
@@ -12,12 +12,12 @@ from fvs_engine.select.interface import SelectionContext
 
 
 class Uniform:
-    """Scores a candidate by its distance, in the order of capture, to the nearest planned place.
+    """Scores a candidate by its distance, in the order of capture, to the nearest planned index.
 
-    The places that the budget leaves are planned at every step, so that the largest gap between neighbours
-    is as small as the visited views allow (``planned_places``). Source: uniform sampling, the baseline of
-    the field's papers, for initial views that need not be even and candidates of which some may be out of
-    reach. Cost: none; nothing is rendered.
+    The remaining budget is planned at every step, so that the largest gap between neighbours is as small as
+    the visited views allow (``planned_indices``). Source: uniform sampling, the baseline of the field's
+    papers, for initial views that need not be even and candidates of which some may be out of reach. Cost:
+    none; nothing is rendered.
     """
 
     name = "uniform"
@@ -27,14 +27,14 @@ class Uniform:
         context: SelectionContext,
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
-        """See ``Selector``. A budget that is used up is taken to leave one view."""
+        """See ``Selector``. A budget that is used up counts as one remaining view."""
         visited = [context.order[view.name] for view in context.visited]
         remaining = max(1, context.budget - len(visited))
-        planned = planned_places(visited, max(context.order.values(), default=0) + 1, remaining)
+        planned = planned_indices(visited, max(context.order.values(), default=0) + 1, remaining)
         return tuple(
             CandidateScore(
                 candidate.name,
-                min(abs(context.order[candidate.name] - place) for place in planned),
+                min(abs(context.order[candidate.name] - index) for index in planned),
                 CandidateStatus.RANKED,
                 None,
             )
@@ -42,16 +42,16 @@ class Uniform:
         )
 
 
-def planned_places(visited: Sequence[int], total: int, remaining: int) -> tuple[float, ...]:
-    """``remaining`` places among 0 … ``total`` − 1 that leave the smallest largest gap, in ascending order.
+def planned_indices(visited: Sequence[int], total: int, remaining: int) -> tuple[float, ...]:
+    """``remaining`` indices in 0 … ``total`` − 1 that minimise the largest gap, in ascending order.
 
-    Between two visited places the planned ones are evenly spaced. At the two ends, and where nothing was
-    visited, the outermost lies half a gap from the border: it stands for what lies beyond it.
+    Between two visited indices the planned ones are evenly spaced. At the two ends, and where nothing was
+    visited, the outermost one is half a gap from the border.
     """
     taken = sorted(set(visited))
     if not taken:
         return tuple(total * (i + 0.5) / remaining - 0.5 for i in range(remaining))
-    # Intervals as (start, length, gaps that no planned place fills): n places cut it into n + gaps pieces.
+    # Intervals as (start, length, gaps without a planned index): n indices cut it into n + gaps pieces.
     inner = [(float(a), float(b - a), 1.0) for a, b in itertools.pairwise(taken)]
     before, after = taken[0] + 0.5, total - 0.5 - taken[-1]
     intervals = [(-0.5, before, 0.5), *inner, (float(taken[-1]), after, 0.5)]

@@ -1,4 +1,4 @@
-"""``fvs evaluate`` on a made-up room whose poses are known; small enough to run every time."""
+"""``fvs evaluate`` on a synthetic room with known poses; small enough to run every time."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""``fvs select`` on a made-up room whose poses are known; small enough to run every time."""
+"""``fvs select`` on a synthetic room with known poses; small enough to run every time."""
 
 import json
 import random
@@ -189,7 +189,7 @@ def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
         (("--initial", 22), "has only 21 views to visit, and the selection begins with 22"),
         (("--budget", 5), "must not be less than initial"),
         (("--test-every", 1), "Every view would be held out"),
-        (("--colmap", "a", "--transforms", "b"), "Poses come from one place"),
+        (("--colmap", "a", "--transforms", "b"), "Poses have one source"),
         (("--colmap", "no/such/folder"), "holds no COLMAP model"),
     ],
 )
@@ -240,9 +240,9 @@ def test_missing_photographs_are_said_and_the_rest_is_used(fvs: Fvs, room_dir: P
     options = (*QUICK, "--test-every", 0, "--initial", 2)
     run = fvs("select", tmp_path / "data", "--out", tmp_path / "out", *options)
     assert "images/missing.png" in run.stderr
-    # All three have one position, which no radius can order.
+    # All three have the same position, which no radius can order.
     assert run.status == EXIT_CODES["invalid-input"]
-    assert "have one position" in run.stderr
+    assert "have the same position" in run.stderr
 
 
 def test_a_folder_without_poses_says_where_they_are_sought(fvs: Fvs, tmp_path: Path) -> None:

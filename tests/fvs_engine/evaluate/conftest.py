@@ -1,4 +1,4 @@
-"""A made-up dataset for experiments, and made-up runs for reports."""
+"""A synthetic dataset for experiments, and synthetic runs for reports."""
 
 from collections.abc import Callable
 

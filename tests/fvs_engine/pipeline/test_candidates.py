@@ -166,7 +166,7 @@ def test_a_transforms_json_that_contradicts_the_model_is_refused(
     tmp_path: Path, views: tuple[PinholeView, ...]
 ) -> None:
     shuffled = _renamed(views, [views[index].name for index in (0, 4, 1, 5, 2, 6, 3, 7)])
-    with pytest.raises(InvalidInputError, match="are elsewhere"):
+    with pytest.raises(InvalidInputError, match="have other positions"):
         _read(tmp_path, _transforms(shuffled), views)
 
 

@@ -1,4 +1,4 @@
-"""A made-up dataset: photographs of a known model from a circle of cameras, with points and their tracks."""
+"""A synthetic dataset: photographs of a known model from a circle of cameras, points with their tracks."""
 
 from collections.abc import Callable
 

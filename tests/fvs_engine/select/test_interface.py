@@ -12,11 +12,11 @@ from fvs_engine.splat.raster import create_rasterizer
 
 
 @dataclass
-class Told:
-    """A selector that says what it was told."""
+class FixedScores:
+    """A selector that returns given scores."""
 
     answers: dict[str, tuple[float | None, CandidateStatus]]
-    name: str = "told"
+    name: str = "fixed"
 
     def score(self, context, monitor=None):  # noqa: ARG002 - what every selector takes
         return tuple(CandidateScore(c.name, *self.answers[c.name], 0.5) for c in context.candidates)
@@ -33,7 +33,7 @@ def views(view_at):
 
 def test_the_lowest_score_is_chosen_and_ties_go_to_the_nearest(context, views):
     here = context([views["a"]], [views["b"], views["c"], views["d"]])
-    selection = select(here, Told(ranked(b=1.0, c=0.5, d=0.5)), {"b": 1.0, "c": 9.0, "d": 2.0})
+    selection = select(here, FixedScores(ranked(b=1.0, c=0.5, d=0.5)), {"b": 1.0, "c": 9.0, "d": 2.0})
     assert selection.chosen == "d"
     assert selection.fallback is None
     assert [place.name for place in selection.ranked] == ["d", "c", "b"]
@@ -43,15 +43,15 @@ def test_low_coverage_is_taken_only_when_nothing_is_ranked(context, views):
     here = context([views["a"]], [views["b"], views["c"], views["d"]])
     low, out = CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL
     answers = {"b": (5.0, low), "c": (4.0, low), "d": (9.0, CandidateStatus.RANKED)}
-    assert select(here, Told(answers), {}).chosen == "d"
-    selection = select(here, Told({**answers, "d": (None, out)}), {})
+    assert select(here, FixedScores(answers), {}).chosen == "d"
+    selection = select(here, FixedScores({**answers, "d": (None, out)}), {})
     assert (selection.chosen, selection.fallback) == ("c", "low-coverage")
 
 
 def test_without_any_score_the_farthest_view_is_taken(context, views):
     out = (None, CandidateStatus.OUT_OF_MODEL)
     here = context([views["a"]], [views["b"], views["c"], views["d"]])
-    selection = select(here, Told({"b": out, "c": out, "d": out}), {})
+    selection = select(here, FixedScores({"b": out, "c": out, "d": out}), {})
     assert (selection.chosen, selection.fallback) == ("c", "farthest")
     assert all(place.score is None for place in selection.ranked)
 
@@ -59,7 +59,7 @@ def test_without_any_score_the_farthest_view_is_taken(context, views):
 def test_torch_s_threads_do_not_get_in_the_way_of_the_kernels(context, views):
     before, during = torch.get_num_threads(), []
 
-    class Counting(Told):
+    class Counting(FixedScores):
         def score(self, context, monitor=None):
             during.append(torch.get_num_threads())
             return super().score(context, monitor)
@@ -75,7 +75,7 @@ def test_torch_s_threads_do_not_get_in_the_way_of_the_kernels(context, views):
 
 def test_nothing_to_choose_from_is_an_error(context, views):
     with pytest.raises(InvalidInputError, match="no candidate"):
-        select(context([views["a"]], []), Told({}), {})
+        select(context([views["a"]], []), FixedScores({}), {})
 
 
 def test_contexts_that_contradict_themselves_cannot_be_made(context, views):

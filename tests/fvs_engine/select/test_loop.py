@@ -1,4 +1,4 @@
-"""The loop on a made-up room whose poses are known, and on photographs with structure from motion."""
+"""The loop on a synthetic room with known poses, and on photographs with structure from motion."""
 
 import dataclasses
 import json
@@ -244,7 +244,7 @@ def test_other_photographs_are_not_mixed_in(room: Dataset, room_dir: Path, tmp_p
         photograph.write(b" ")
     other = read_dataset(tmp_path / "room" / "images", colmap=tmp_path / "room" / "sparse")
     open_loop(tmp_path / "out", room)
-    with pytest.raises(OutputExistsError, match="photographs or poses are others"):
+    with pytest.raises(OutputExistsError, match="photographs or poses differ"):
         open_loop(tmp_path / "out", other)
 
 
@@ -307,7 +307,7 @@ def test_photographs_register_and_candidates_land_in_the_model(
     assert record.alignment.attitude_deg < 2.0
 
     def apart(view: TrainingView) -> tuple[float, float]:
-        """How far a photograph stands from where its candidate stood: in units of the dataset, in degrees."""
+        """Distance of a photograph's pose from its candidate's: in units of the dataset, in degrees."""
         found = view.camera_from_model.inverse()
         expected = model_from_world.move_camera(yard.by_name[view.name].camera_from_model.inverse())
         moved = np.linalg.norm(found.translation - expected.translation) / model_from_world.scale

@@ -49,7 +49,7 @@ def test_the_default_radius_scales_with_the_dataset_and_ignores_pauses_and_jumps
 def test_a_camera_that_stands_still_has_no_default_radius() -> None:
     centres = np.tile([3.0, 4.0, 1000.0], (5, 1))
     centres[2] += 1e-13
-    with pytest.raises(InvalidInputError, match="have one position"):
+    with pytest.raises(InvalidInputError, match="have the same position"):
         default_radius(centres)
 
 

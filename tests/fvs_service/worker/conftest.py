@@ -1,4 +1,4 @@
-"""The whole service in processes of its own, on a small made-up scene."""
+"""The whole service in processes of its own, on a small synthetic scene."""
 
 import contextlib
 import hashlib

@@ -42,11 +42,11 @@ def test_cameras_on_a_line_are_ill_conditioned() -> None:
 def test_attitudes_fix_the_turn_about_the_line(noise_deg: float) -> None:
     cameras = _cameras(_line())
     noise = np.random.default_rng(3).normal(size=(9, 3)) * np.deg2rad(noise_deg)
-    told = [
+    attitudes = [
         Rotation.from_rotvec(off).as_matrix() @ WORLD_FROM_MODEL.move_camera(camera).rotation
         for camera, off in zip(cameras, noise, strict=True)
     ]
-    found = georeference(cameras, WORLD_FROM_MODEL.apply(_line()), [None, None, *told[2:]])
+    found = georeference(cameras, WORLD_FROM_MODEL.apply(_line()), [None, None, *attitudes[2:]])
     assert found is not None
     assert not found.ill_conditioned
     off_deg = np.rad2deg(angle_between(found.world_from_model.rotation, WORLD_FROM_MODEL.rotation))
@@ -58,8 +58,8 @@ def test_attitudes_fix_the_turn_about_the_line(noise_deg: float) -> None:
 
 def test_attitudes_that_contradict_each_other_fix_nothing() -> None:
     cameras = _cameras(_line())
-    told = list(Rotation.random(9, random_state=np.random.default_rng(8)).as_matrix())
-    found = georeference(cameras, WORLD_FROM_MODEL.apply(_line()), told)
+    attitudes = list(Rotation.random(9, random_state=np.random.default_rng(8)).as_matrix())
+    found = georeference(cameras, WORLD_FROM_MODEL.apply(_line()), attitudes)
     assert found is not None
     assert found.ill_conditioned
 

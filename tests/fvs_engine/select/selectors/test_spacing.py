@@ -11,7 +11,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.select.distances import view_distances
 from fvs_engine.select.selectors import create_selector
-from fvs_engine.select.selectors.uniform import planned_places
+from fvs_engine.select.selectors.uniform import planned_indices
 from fvs_engine.views import PinholeView
 
 
@@ -81,7 +81,7 @@ def test_random_depends_on_seed_step_and_id_alone(context, ring):
     remaining=st.integers(1, 3),
     visited=st.sets(st.integers(0, 8), min_size=1, max_size=3),
 )
-def test_planned_places_leave_the_smallest_largest_gap(total, remaining, visited):
+def test_planned_indices_leave_the_smallest_largest_gap(total, remaining, visited):
     taken = sorted({place % total for place in visited})
 
     def largest_gap(places):
@@ -89,15 +89,15 @@ def test_planned_places_leave_the_smallest_largest_gap(total, remaining, visited
         ends = (2 * (found[0] + 0.5), 2 * (total - 0.5 - found[-1]))
         return max(*ends, *(b - a for a, b in itertools.pairwise(found)), 0.0)
 
-    planned = planned_places(taken, total, remaining)
+    planned = planned_indices(taken, total, remaining)
     assert len(planned) == remaining
     grid = np.linspace(-0.5, total - 0.5, 4 * total + 1)
     best = min(largest_gap([*taken, *others]) for others in itertools.combinations(grid, remaining))
     assert largest_gap([*taken, *planned]) <= best + 1e-9
 
 
-def test_nothing_visited_gives_even_places():
-    assert planned_places([], 100, 4) == pytest.approx([12, 37, 62, 87])
+def test_nothing_visited_gives_even_indices():
+    assert planned_indices([], 100, 4) == pytest.approx([12, 37, 62, 87])
 
 
 def test_uniform_fills_the_order_of_capture_evenly(context, view_at, chosen_in_turn):

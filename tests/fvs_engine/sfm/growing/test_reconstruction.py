@@ -232,7 +232,7 @@ def test_an_image_of_another_camera_is_registered_too(
 
 
 def strangers(folder: Path, count: int) -> list[str]:
-    """Photographs of made-up places, each of another one."""
+    """Photographs of synthetic places, a different one each."""
     camera = SimulatedCamera.like_a_drone(320, 240)
     names = [f"stranger-{number}.jpg" for number in range(count)]
     for number, name in enumerate(names):
