@@ -83,7 +83,7 @@ class SceneJobs:
                 return self._update(request, monitor, warn)
             return self._fine(request, monitor)
         except BaseException:
-            self._scene = None  # what is in memory may be ahead of, or beside, what is on disk
+            self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
         finally:
             self._states.forget_live()
