@@ -113,7 +113,7 @@ def test_an_orbit_has_the_requested_radius_and_height(gateway: Any, scene: str) 
 
 
 def test_the_world_is_where_the_alignment_says(gateway: Any) -> None:
-    """The same cameras, told in a world that is scaled, turned and moved, score the same."""
+    """The same cameras, given in a world that is scaled, rotated and translated, get the same score."""
     plain, moved = gateway.scene(), gateway.scene(world={"kind": "local"})
     gateway.model(plain)
     half = math.sqrt(0.5)
