@@ -1,20 +1,19 @@
-"""Kill parts of the service with SIGKILL at every stage of its work, and see whether anything is lost.
+"""Kill processes of the service with SIGKILL at every stage, and check that nothing is lost.
 
     python tests/faults/kill_anything.py
 
-A small synthetic scene is first taken through the service in peace: an update with the first photographs, one
-with the rest, and a fine model. That tells which processes there are at which stage. Then the same is done
-again and again, while every kind of process (gateway, worker, runner, structure from motion's child) is
-killed at every stage at which there is one, each at a random moment of it, and rankings are asked for all the
-time. After each life of a scene:
+A small synthetic scene is processed undisturbed first: an update with the first photographs, one with the
+rest, and a fine model. This shows which processes exist at which stage. The same is then repeated while
+every kind of process (gateway, worker, runner, SfM child) is killed at every stage at which it exists, at a
+random moment of the stage, and while a client requests rankings. After each repetition:
 
-* every job has succeeded, in its first attempt, and ended once;
-* its snapshot is there once, and its Gaussians are those of the peaceful run, bit by bit;
-* every image is there once;
-* every ranking was answered from the snapshot that was the last one, though it may have taken retries;
-* no process lives on that the service has lost sight of.
+* every job has succeeded in its first attempt, and ended once;
+* its snapshot exists once, and its Gaussians are bit-identical to those of the undisturbed run;
+* every image exists once;
+* every ranking was answered from the snapshot that was the latest, possibly after retries;
+* no process survives outside the service's control.
 
-At the end it prints how often what was killed at which stage.
+At the end it prints how often each kind of process was killed at each stage.
 """
 
 import argparse
@@ -56,7 +55,7 @@ PATIENCE_S = 900.0
 
 @dataclass
 class Service:
-    """``fvs serve`` in a folder, with a client that tries again what a killed gateway did not answer."""
+    """``fvs serve`` in a folder, with a client that repeats requests that a killed gateway did not answer."""
 
     root: Path
     workers: int
@@ -88,7 +87,7 @@ class Service:
         self.log.close()
 
     def call(self, method: str, path: str, **options: Any) -> Any:
-        """The answer's document; what may be asked again is, until it is answered."""
+        """The document of the response; repeatable requests are repeated until they are answered."""
         until = time.monotonic() + PATIENCE_S
         while True:
             with contextlib.suppress(httpx2.TransportError):
@@ -103,7 +102,7 @@ class Service:
 
 
 class Ranker(threading.Thread):
-    """Asks for rankings of a scene all the time; each must be of the snapshot that was, or became, last."""
+    """Requests rankings in a loop; each must be of the snapshot that was, or became, the latest."""
 
     def __init__(self, service: Service, scene: str) -> None:
         super().__init__(daemon=True)
@@ -114,7 +113,7 @@ class Ranker(threading.Thread):
         self.slowest_s = 0.0
 
     def run(self) -> None:
-        """Ask."""
+        """Request rankings until stopped."""
         while not self._stop_asking.wait(0.5):
             try:
                 self._ask()
@@ -133,7 +132,7 @@ class Ranker(threading.Thread):
         self.answered += 1
 
     def stop(self) -> None:
-        """Ask no more; what was asked is answered first."""
+        """Stop after the request in progress is answered."""
         self._stop_asking.set()
         self.join()
 
@@ -145,7 +144,7 @@ QUESTION = {"generator": {"kind": "orbit", "count": 4}}
 
 
 def main() -> None:
-    """Run the script; the exit status tells whether all was well."""
+    """Run the script; the exit status is 0 when all checks hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--kills", type=int, help="default: one for every process at every stage")
     parser.add_argument("--workers", type=int, default=2)
@@ -166,15 +165,15 @@ def main() -> None:
         killer = stack.enter_context(Killer(watch, rng))
         peaceful = live(service, photographs)
         killer.aim_at(choose_aims(killer.seen_s, options.kills, rng))
-        print(f"{len(killer.left)} kills are to come", flush=True)
+        print(f"{len(killer.left)} kills are planned", flush=True)
         lives = 0
         while killer.left and lives < MOST_LIVES:
             require(live(service, photographs) == peaceful, "a model differs from that of the peaceful run")
             require_no_orphans(watch)
             lives += 1
-            print(f"life {lives}: all is well, {len(killer.left)} kills are left", flush=True)
+            print(f"repetition {lives}: all checks hold, {len(killer.left)} kills are left", flush=True)
         print(killer.table())
-        print(f"{killer.killed.total()} kills in {lives} lives, {options.workers} workers", flush=True)
+        print(f"{killer.killed.total()} kills in {lives} repetitions, {options.workers} workers", flush=True)
         require(not killer.left, f"there was no occasion for {killer.left}")
 
 
@@ -218,7 +217,7 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
 
 
 def wait(service: Service, job: str) -> dict[str, Any]:
-    """The job once it has ended; its progress must not fall."""
+    """Wait until the job has ended, and return it; its progress must not decrease."""
     progress, until = 0.0, time.monotonic() + PATIENCE_S
     while True:
         found: dict[str, Any] = service.call("GET", f"/v1/jobs/{job}")
@@ -234,7 +233,7 @@ def wait(service: Service, job: str) -> dict[str, Any]:
 
 
 def check(service: Service, scene: str, photographs: list[Path], jobs: list[dict[str, Any]]) -> None:
-    """Nothing lost, nothing doubled."""
+    """Check that no job, image or snapshot is lost or stored twice."""
     images = service.call("GET", f"/v1/scenes/{scene}/images")["items"]
     sent = {"sha256:" + hashlib.sha256(file.read_bytes()).hexdigest() for file in photographs}
     require(len(images) == len(sent) and {image["digest"] for image in images} == sent, "images differ")
@@ -252,7 +251,7 @@ def check(service: Service, scene: str, photographs: list[Path], jobs: list[dict
 
 
 def require_no_orphans(watch: Watch) -> None:
-    """What lost its parent must be gone within a lease."""
+    """Check that orphaned processes end within a lease."""
     until = time.monotonic() + LEASE_S
     while orphans := watch.orphans():
         require(time.monotonic() < until, f"processes were left behind: {orphans}")
@@ -266,7 +265,7 @@ def model_of(service: Service, job: Mapping[str, Any]) -> str:
 
 
 def require(holds: bool, otherwise: str) -> None:
-    """End with a sentence unless it holds."""
+    """Exit with a message unless the condition holds."""
     if not holds:
         raise SystemExit(f"FAILED: {otherwise}")
 

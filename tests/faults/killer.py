@@ -1,4 +1,4 @@
-"""Whom to kill, and when: at every stage of a job, every kind of process that is there at that stage."""
+"""Choose what to kill and when: at every stage of a job, every kind of process that exists at that stage."""
 
 import contextlib
 import os
@@ -37,7 +37,7 @@ class Aim(NamedTuple):
 
 @dataclass(frozen=True)
 class Moment:
-    """What a service is doing: the job that is under way, its stage, and the processes that are there."""
+    """The state of a service: the running job, its stage, and the processes that exist."""
 
     job: str | None
     stage: str
@@ -45,12 +45,12 @@ class Moment:
 
     @property
     def aims(self) -> list[Aim]:
-        """What could be killed now."""
+        """The targets that can be killed now."""
         return [Aim(target, self.stage) for target in self.processes]
 
 
 class Watch:
-    """Looks at a service from outside: its processes, and its jobs in its database."""
+    """Observes a service from outside: its processes, and the jobs in its database."""
 
     def __init__(self, supervisor: int, database: Path) -> None:
         self._supervisor = supervisor
@@ -58,7 +58,7 @@ class Watch:
         self._born: dict[int, str] = {}
 
     def moment(self) -> Moment:
-        """The present one."""
+        """The present state."""
         query = "SELECT id, kind, stage FROM jobs WHERE state IN ('queued', 'running')"
         with contextlib.closing(sqlite3.connect(self._database, timeout=30)) as database:
             row = database.execute(query).fetchone()
@@ -68,7 +68,7 @@ class Watch:
         return Moment(job, f"{kind}: {stage or 'queued'}", self._targets())
 
     def orphans(self) -> list[int]:
-        """Processes that were the service's once, live on, and belong to it no more."""
+        """Processes of the service that survived their parents."""
         once = dict(self._born)
         own = {pid for pids in self._targets().values() for pid in pids}
         births = {pid: born for pid, _, born in _processes()}
@@ -98,7 +98,7 @@ class Watch:
 
 
 class Killer(threading.Thread):
-    """Takes down what is there at which stage and for how long; kills once it is told what to aim at.
+    """Records which processes exist at which stage and for how long; kills once it has targets.
 
     Each aim is struck once, at a random moment of its usual time.
     """
@@ -125,16 +125,16 @@ class Killer(threading.Thread):
 
     @property
     def left(self) -> list[Aim]:
-        """What is still to be killed."""
+        """The kills that are still planned."""
         return list(self._left.elements())
 
     def aim_at(self, aims: Sequence[Aim]) -> None:
-        """Begin to kill."""
+        """Start killing."""
         self._usual_s = Counter(self.seen_s)
         self._left = Counter(aims)
 
     def run(self) -> None:
-        """Watch, and kill."""
+        """Observe the service, and kill."""
         looked = time.monotonic()
         while not self._end.wait(_POLL_S):
             moment = self._watch.moment()
@@ -147,7 +147,7 @@ class Killer(threading.Thread):
                 self._strike(self._rng.choice(due))
 
     def table(self) -> str:
-        """Kills by stage and target; a dash where the target was not there, or too shortly to aim at."""
+        """Kills by stage and target; a dash where the target did not exist, or not for long enough."""
         lines = [f"{'stage':<28}" + "".join(f"{target:>9}" for target in TARGETS)]
         for stage in dict.fromkeys(aim.stage for aim in self._usual_s):
             aims = [Aim(target, stage) for target in TARGETS]
