@@ -46,7 +46,7 @@ class RenderingScorer(ABC):
         """The score [B] of images [B, H, W, 3]; not finite where an image cannot be measured."""
 
     def prepare(self, device: torch.device, monitor: Monitor) -> None:  # noqa: B027 - most need nothing
-        """Prepare scoring on ``device``, once."""
+        """Prepare for scoring on ``device``."""
 
     def score(
         self,

@@ -1,4 +1,4 @@
-"""Run pycolmap in a child process that can be stopped, watched and silenced.
+"""Run pycolmap in a child process that can be stopped and whose output goes to a log file.
 
 pycolmap blocks in C++ for tens of seconds, and not all of it takes a cancellation token (global mapping and
 view graph calibration do not); a process can always be stopped. What the C++ prints goes to a log file.
@@ -73,7 +73,7 @@ def _read(child: "subprocess.Popen[str]", messages: list[dict[str, Any]]) -> Non
     assert child.stdout is not None
     for line in child.stdout:
         if line.startswith("{"):
-            messages.append(json.loads(line))  # noqa: PERF401 - another thread reads them as they come
+            messages.append(json.loads(line))  # noqa: PERF401 - another thread reads them meanwhile
 
 
 def _wait(

@@ -7,7 +7,7 @@ from fvs_engine.records import Record
 Verdict = Literal["accepted", "doubtful", "rejected"]
 
 GIVEN = "given"
-"""In the place of a mapper's name: the poses were given."""
+"""Used instead of a mapper's name when the poses were given."""
 
 
 class Evidence(Record):

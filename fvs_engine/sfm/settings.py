@@ -112,16 +112,16 @@ class SfmSettings(Record):
     """A calibration that does not change; without one focal length and distortion are estimated."""
 
     focal_prior: FocalPrior | None = None
-    """Where the estimate of the focal length starts, for images whose EXIF does not have it."""
+    """Initial estimate of the focal length, for images whose EXIF has none."""
 
     exhaustive_up_to: int = Field(default=60, ge=2)
-    """Up to so many images every pair is matched; above, neighbours in order, in space and by similarity."""
+    """Up to this number every pair of images is matched; above, neighbours in order, space and similarity."""
 
     both_mappers_up_to: int = Field(default=100, ge=0)
-    """Up to so many images both mappers run; above, the second only when the first leaves doubt."""
+    """Up to this number of images both mappers run; above, the second only when the first is doubtful."""
 
     gate: GateSettings = GateSettings()
     growth: GrowthSettings = GrowthSettings()
     seed: int = Field(default=0, ge=0)
     threads: int | None = Field(default=None, ge=1)
-    """Threads for the native code, all cores if None. With several the last digits vary between runs."""
+    """Threads for the native code, all cores if None. With several, results vary in the last digits."""

@@ -1,4 +1,4 @@
-"""The folder of structure from motion, and what its stages share: settings, monitor, times, log."""
+"""The folder of structure from motion, and the state that its stages share."""
 
 import contextlib
 import hashlib
@@ -22,7 +22,7 @@ from fvs_engine.sfm.settings import SfmSettings
 
 @dataclass(frozen=True)
 class SfmFolder:
-    """Paths of everything that structure from motion keeps."""
+    """Paths in the folder of structure from motion."""
 
     root: Path
 
@@ -71,7 +71,7 @@ class SfmFolder:
 
 
 class Stages:
-    """One run in a folder: times its stages, runs native jobs, and deletes what no longer fits the input."""
+    """One run in a folder: times stages, runs native jobs, deletes outdated files."""
 
     def __init__(self, folder: SfmFolder, settings: SfmSettings, monitor: Monitor) -> None:
         self.folder = folder
@@ -84,8 +84,8 @@ class Stages:
     def open(self, image_dir: Path, image_names: Sequence[str], min_images: int) -> list[str]:
         """Check the input and the folder; returns the image names.
 
-        Artefacts of other images or settings are deleted as far as they depend on them: added images keep the
-        features and matches of the old ones, with another gate they keep the mappers' models.
+        Artefacts of other images or settings are deleted as far as they depend on them: when images are
+        added, features and matches are kept; when only the gate changes, the mappers' models are kept, too.
         """
         names = list(dict.fromkeys(image_names))
         if len(names) < min_images:
@@ -150,7 +150,7 @@ class Stages:
         return run_native(job, arguments, self.folder.log, self.monitor, on_tick=on_tick, on_event=on_event)
 
     def write_model(self, model: pycolmap.Reconstruction) -> None:
-        """Put ``model`` into ``sparse``, whole or not at all."""
+        """Write ``model`` to ``sparse``, whole or not at all."""
         partial = fresh_folder(self.folder.partial(self.folder.sparse))
         model.write_binary(partial)
         rename_over(partial, self.folder.sparse)

@@ -31,7 +31,7 @@ def write_checkpoint(path: Path, tensors: Mapping[str, Tensor], state: Mapping[s
 def read_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Read what ``write_checkpoint`` wrote.
 
-    Raises ``StorageError`` when the file is missing, damaged, or no checkpoint.
+    Raises ``StorageError`` when the file is missing, damaged, or not a checkpoint.
     """
     try:
         with safe_open(path, framework="pt") as file:

@@ -1,4 +1,4 @@
-"""The Gaussians that training starts from: one on every sparse point."""
+"""Initial Gaussians: one on every sparse point."""
 
 import numpy as np
 import torch
@@ -55,9 +55,9 @@ def point_spacing(
 ) -> NDArray[np.float64]:
     """Mean distance of each of the points [P, 3] to its three nearest others, within sane bounds [P].
 
-    Of those that are ``chosen`` [P] only, when that is given: searching is what costs. Points in one place
-    share the distance to the nearest *other* places. A point without any other place to measure to counts as
-    a hundredth of its distance to the origin.
+    Only of the ``chosen`` [P] points, when given, because searching takes the time. Coinciding points share
+    the distance to the nearest *other* positions. If there is no other position, the spacing is a hundredth
+    of the distance to the origin.
     """
     places, place_of_point = np.unique(points, axis=0, return_inverse=True)
     place_of_point = place_of_point.reshape(-1)

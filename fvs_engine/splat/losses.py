@@ -39,7 +39,7 @@ def photometric_loss(color: Tensor, target: Tensor, ssim_weight: float = SSIM_WE
 
 
 def photometric_loss_torch(color: Tensor, target: Tensor, ssim_weight: float = SSIM_WEIGHT) -> Tensor:
-    """The same in plain torch, for any device and any float type; ``target`` [H, W, 3] in [0, 1]."""
+    """The loss in plain torch, for any device and any float type; ``target`` [H, W, 3] in [0, 1]."""
     l1 = (color - target).abs().mean()
     return (1 - ssim_weight) * l1 + ssim_weight * (1 - ssim_map(color, target).mean())
 
@@ -62,7 +62,7 @@ def _blur(images: Tensor) -> Tensor:
 
 
 class _FusedLoss(torch.autograd.Function):
-    """Value and gradient in one pass: the forward pass already knows what the backward pass returns."""
+    """Value and gradient in one pass: the backward pass returns what the forward pass computed."""
 
     @staticmethod
     def forward(ctx: Any, color: Tensor, target: Tensor, ssim_weight: float) -> Tensor:

@@ -21,10 +21,10 @@ def open_trainer(
     rasterizer: Rasterizer,
     seed: int = 0,
 ) -> Trainer:
-    """The trainer of ``checkpoint``, or a new one on the Gaussians that ``initial`` makes.
+    """Resume the trainer of ``checkpoint``, or create one on the Gaussians that ``initial`` returns.
 
-    A resumed trainer goes on by ``settings``: the same ones give the same result, more iterations the
-    schedule of the longer run. Raises what ``Trainer`` and ``Trainer.resume`` raise.
+    A resumed trainer uses ``settings``: the same ones give the same result, more iterations the schedule of
+    the longer run. Raises what ``Trainer`` and ``Trainer.resume`` raise.
     """
     if not checkpoint.exists():
         return Trainer(views, initial(), settings, rasterizer, seed)
@@ -38,7 +38,7 @@ def train_saving(
 ) -> None:
     """Train up to ``until_iteration``, calling ``save`` every ``every_s`` seconds and when cancelled.
 
-    What follows the last save is the caller's to save. Raises what ``Trainer.train`` raises.
+    The caller saves what follows the last save. Raises what ``Trainer.train`` raises.
     """
     try:
         trainer.train(until_iteration, SavingMonitor(monitor, save, every_s))

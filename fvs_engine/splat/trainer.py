@@ -34,7 +34,7 @@ STAGE = "train"
 _RATE_SMOOTHING = 0.05
 _LOSS_SMOOTHING = 0.05
 _EXTENT_STEP = 0.01
-"""Share of the way, in the logarithm, that the extent goes to its goal in one iteration."""
+"""Share of the remaining (logarithmic) distance to its target that the extent moves per iteration."""
 
 _DIVERGED_HINT = (
     "The last checkpoint is still good. Check the cameras; if they are right, train again with "
@@ -60,11 +60,11 @@ class _ViewOrder:
         return self.remaining.pop()
 
     def prefer(self, added: range) -> None:
-        """Let the views ``added`` come next, the first of them first."""
+        """Put the views ``added`` next, in their order."""
         self.remaining.extend(reversed(added))
 
     def keep(self, kept: Sequence[int]) -> None:
-        """Follow the views when only those at the places ``kept`` remain."""
+        """Renumber after all views but those at the indices ``kept`` were dropped."""
         place = {old: new for new, old in enumerate(kept)}
         self.remaining = [place[old] for old in self.remaining if old in place]
 
@@ -72,18 +72,16 @@ class _ViewOrder:
 class Trainer:
     """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
 
-    Equal bits in every process on a machine, also in the first, whose kernels are compiled in another one
-    (see ``compilation``).
+    The result has the same bits in every process on a machine (see ``compilation``).
 
     ``gaussians`` are taken over (moved to the rasteriser's device, changed in place, replaced when their
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
     The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``drop_views``,
-    ``add_gaussians``. The Gaussians that are there keep the optimiser's moments. ``extent``, by which
-    learning rates and size limits scale, does not jump with the cameras: it moves 1 % of the way to theirs
-    (in the logarithm) per iteration, so that a view far outside changes the rates within some hundred
-    iterations.
+    ``add_gaussians``. Existing Gaussians keep the optimiser's moments. ``extent``, by which learning rates
+    and size limits scale, follows the cameras gradually: per iteration it moves 1 % of the way to theirs (in
+    the logarithm), so that a view far outside changes the rates within some hundred iterations.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
@@ -139,7 +137,7 @@ class Trainer:
         self._aim_extent()
 
     def update_views(self, views: Sequence[TrainingView]) -> None:
-        """Replace the views of the same names: their cameras moved, or their images changed with them.
+        """Replace the views of the same names, whose cameras or images have changed.
 
         Raises ``InvalidInputError`` when there is no view of a name.
         """
@@ -170,7 +168,7 @@ class Trainer:
         self._aim_extent()
 
     def add_gaussians(self, added: Gaussians) -> None:
-        """Train more Gaussians, from rest; those that are there keep their moments and statistics.
+        """Add Gaussians with zero moments; existing ones keep their moments and statistics.
 
         Raises ``InvalidInputError`` when their spherical harmonics are of another degree.
         """
@@ -195,10 +193,10 @@ class Trainer:
         self._extent_goal = scene_extent(self.views, self.gaussians.means.detach().cpu().numpy())
 
     def train(self, until_iteration: int, monitor: Monitor) -> None:
-        """Go on until ``until_iteration`` iterations are done in all; report each to ``monitor``.
+        """Train up to iteration ``until_iteration``; report each iteration to ``monitor``.
 
         Raises ``Cancelled`` between two iterations: the trainer can go on or be saved. Raises
-        ``TrainingError`` when the loss is no longer finite, before that reaches the optimiser.
+        ``TrainingError`` when the loss is no longer finite, before the optimiser uses it.
         """
         smooth_loss = smooth_s = None
         with torch_threads_for(self.rasterizer.device):
@@ -278,9 +276,9 @@ class Trainer:
     ) -> None:
         """Write a checkpoint; an earlier one at ``path`` is replaced only when this one is whole.
 
-        What else belongs to this moment goes into the same file, under ``owner.`` and ``"owner"``: tensors,
-        and state as JSON has it. Raises ``StorageError`` when it cannot be written, ``TrainingError`` when
-        the parameters are not finite: a good checkpoint is never replaced by a diverged model.
+        The owner's tensors and JSON state go into the same file, under ``owner.`` and ``"owner"``, so that
+        both are consistent. Raises ``StorageError`` when it cannot be written, ``TrainingError`` when the
+        parameters are not finite: a good checkpoint is never replaced by a diverged model.
         """
         for name, tensor in self.gaussians.tensors().items():
             if not bool(torch.isfinite(tensor.detach()).all()):
@@ -350,7 +348,7 @@ def _named(tensors: dict[str, Tensor], prefix: str, device: torch.device | str =
 
 
 def _trainable(gaussians: Gaussians) -> Gaussians:
-    """The same values as contiguous leaves that gather gradients."""
+    """The same values as contiguous leaf tensors with gradients."""
     leaves = {name: tensor.detach().contiguous() for name, tensor in gaussians.tensors().items()}
     return Gaussians(**leaves).requires_grad_()
 

@@ -1,4 +1,4 @@
-"""Training views: photographs with the cameras that took them."""
+"""Training views: views with their photographs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -28,7 +28,7 @@ from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
 
 @dataclass(frozen=True, eq=False)
 class ModelEvidence:
-    """Sources of evidence for any model: verified pairs with relative poses, keypoints, position priors."""
+    """Evidence inputs for any model: verified pairs with relative poses, keypoints, position priors."""
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]

@@ -36,7 +36,7 @@ from fvs_engine.sfm.verification.positions import Positions
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95
-"""Match support from which, in a large set, the second mapper does not run."""
+"""Match support of the first mapper's model from which the second does not run on a large set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
 
 
 def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedScene]:
-    """Both mappers for small sets; for large ones the second only when the first leaves doubt."""
+    """Both mappers for small sets; for large ones the second only when the first model is doubtful."""
     small = count <= stages.settings.both_mappers_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
     scenes: list[MappedScene] = []
@@ -202,7 +202,7 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
         f"Every model contradicts the images' matches or positions. {reasons}",
-        hint="Repeated patterns do this, and a lens that is not as assumed. Add photographs in between; give "
+        hint="Repeated patterns cause this, or a wrong camera model. Add photographs in between; give "
         "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
         f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
     )

@@ -1,7 +1,7 @@
-"""Whether COLMAP's binary files are whole, before pycolmap reads them.
+"""Check that COLMAP's binary files are complete, before pycolmap reads them.
 
-pycolmap trusts the counts in a file: beyond the end of one that was cut short it reads noise, and may fill
-gigabytes of memory before it fails. So the counts are checked here first. Source: COLMAP's
+pycolmap does not check the counts in a file: beyond the end of a truncated one it reads garbage, and may
+allocate gigabytes before it fails. Source: COLMAP's
 ``doc/format.rst`` and ``reconstruction_io_binary.cc``.
 """
 
@@ -41,7 +41,7 @@ def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
         offset = _COUNT.size
         for _ in range(count):
             offset = after(content, offset)
-    except (struct.error, ValueError):  # a number or a name would lie beyond the end
+    except (struct.error, ValueError):  # a field extends beyond the end
         return False
     return offset == len(content)
 

@@ -53,7 +53,7 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
         raise StorageError(f"{damaged} is damaged or cut short.", hint=hint)
     try:
         return pycolmap.Reconstruction(folder)
-    except Exception as error:  # pycolmap raises whatever its C++ raised
+    except Exception as error:  # pycolmap passes on any C++ exception
         raise StorageError(
             f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=hint
         ) from error

@@ -1,4 +1,4 @@
-"""Localise images in the current model without adding them, to evaluate it on images it never used."""
+"""Localise images in the current model without adding them, for evaluation on unused images."""
 
 import contextlib
 import json

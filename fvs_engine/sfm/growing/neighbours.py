@@ -1,4 +1,4 @@
-"""Which earlier images a new one is matched with: a bounded number, however many there are."""
+"""Selection of the earlier images that a new one is matched with; their number is bounded."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 
 _BEST_MATCHED = 3
-"""The search in space starts at so many of an image's best matched neighbours."""
+"""Number of an image's best matched neighbours at which the search in space starts."""
 
 Descriptors = Callable[[str], NDArray[np.float32]]
 """Name → descriptors [K, 128]."""
@@ -101,13 +101,13 @@ def first_neighbours(
     """The images that an image of unknown pose is matched with.
 
     ``earlier`` is in the order of adding. Those nearest in capture order, those added last, and the most
-    similar: every criterion adds images, so one that misleads costs time only.
+    similar: every criterion adds images, so a misleading one costs only time.
     """
     others = [other for other in earlier if other != name]
     ordered = sorted(others)
-    place = bisect_left(ordered, name)
+    index = bisect_left(ordered, name)
     reach = settings.neighbours_in_order
-    in_order = ordered[max(place - reach, 0) : place + reach]
+    in_order = ordered[max(index - reach, 0) : index + reach]
     recent = others[len(others) - min(settings.neighbours_recent, len(others)) :]
     similar = retrieval.most_similar(name, others, settings.neighbours_by_similarity)
     return list(dict.fromkeys([*in_order, *recent, *similar]))

@@ -18,13 +18,13 @@ from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
 from fvs_engine.sfm.verification.positions import Positions
 
 _CURRENT = "current"
-"""In the place of a mapper's name: the model that was grown."""
+"""Used instead of a mapper's name for the grown model."""
 
 _MIN_UNREGISTERED = 3
-"""Fewer unregistered images are no reason to re-map."""
+"""Number of unregistered images below which no re-map is due."""
 
 _MIN_GAIN = 1.02
-"""A new model must explain so many times the matches of the current one to replace it."""
+"""Factor by which a new model must explain more matches than the current one to replace it."""
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,10 @@ def _is_better(
     evidence: ModelEvidence,
     settings: GateSettings,
 ) -> bool:
-    """Whether the new model explains so many more matches that it is worth moving all cameras.
+    """Whether the new model explains enough more matches to replace the current one.
 
-    One of two models that contradict each other is wrong, and that one of them has more images does not make
-    it the right one: then only the matches between images of both count.
+    When the two models contradict each other, one is wrong, not necessarily that with fewer images: then only
+    the matches between images of both count.
     """
     mappers = {new.candidate.mapper, current.candidate.mapper}
     agreement = next((found for found in decision.agreements if set(found.mappers) == mappers), None)

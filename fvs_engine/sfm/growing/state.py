@@ -1,4 +1,4 @@
-"""What a growing reconstruction keeps on disk, and how a change of it is committed.
+"""State of a growing reconstruction on disk, and its commit.
 
 The folder holds ``sfm`` (database and bootstrap, as ``reconstruct`` keeps them), ``model-<generation>`` (the
 current COLMAP model; its name appears when it is complete), ``words.npz`` (the visual vocabulary),
@@ -24,7 +24,7 @@ from fvs_engine.sfm.stages import SfmFolder
 
 
 class GrowthState(Record):
-    """Added and registered images, and what the next bundle adjustment and re-map depend on."""
+    """Added and registered images, and the sizes that decide when bundle adjustment and re-maps are due."""
 
     version: Literal[2] = 2
     settings: str
@@ -80,7 +80,7 @@ class GrowthState(Record):
 
 
 class GrowthFolder:
-    """Paths of everything that a growing reconstruction keeps, and the commit."""
+    """Paths in the folder of a growing reconstruction, and the commit."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -102,7 +102,7 @@ class GrowthFolder:
 
     @property
     def next_model(self) -> Path:
-        """Where a model is written before it is committed."""
+        """The folder of a model that is not committed yet."""
         return self.root / ".model.partial"
 
     def model(self, generation: int) -> Path:

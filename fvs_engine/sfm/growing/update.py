@@ -1,4 +1,4 @@
-"""The one result of adding images: the current poses and points, and what changed."""
+"""Result of adding images: the current poses and points, and the changes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -31,7 +31,7 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
 
 
 def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
-    """The same, but all images may have none."""
+    """Like ``extract_features``, but all images may lack features."""
     database = stages.folder.database
     with stages.timed("features"):
         import_images(stages, image_dir, names)
@@ -115,7 +115,7 @@ def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None
 
 
 def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:
-    """COLMAP's camera model and parameters for a group; no parameters where EXIF or a guess has to do.
+    """COLMAP's camera model and parameters for a group; no parameters where COLMAP takes EXIF or its default.
 
     COLMAP marks the focal length of given parameters as a prior.
     """

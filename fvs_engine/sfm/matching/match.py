@@ -15,7 +15,7 @@ from fvs_engine.sfm.matching.retrieval import global_descriptors
 from fvs_engine.sfm.stages import Stages
 
 _BLOCK_IMAGES = 10
-"""Matching commits after blocks of this many images squared: an interruption loses one at most."""
+"""Matching commits after blocks of this many images squared: an interruption loses at most one."""
 
 
 def match_features(stages: Stages, names: Sequence[str]) -> None:

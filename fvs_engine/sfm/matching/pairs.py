@@ -1,4 +1,4 @@
-"""Which pairs of images are worth matching."""
+"""Selection of the pairs of images to match."""
 
 from collections.abc import Iterable, Mapping
 
@@ -29,8 +29,8 @@ def selected_pairs(
     """Pairs that are near in capture order or in space, or similar: linear in the number of images.
 
     ``descriptors`` [count, D] are unit global descriptors (``retrieval``), ``positions_m`` maps the indices
-    with a GPS fix to [3]. Every criterion adds pairs, so that one that misleads (shuffled names, bad GPS)
-    costs time only.
+    with a GPS fix to [3]. Every criterion adds pairs, so a misleading one (shuffled names, bad GPS) costs
+    only time.
     """
     pairs = set(_in_order(count)) | set(_by_similarity(descriptors))
     if positions_m:

@@ -43,7 +43,7 @@ def compute_vocabulary(local: Sequence[NDArray[np.float32]], seed: int) -> NDArr
         return None
     sample = pool[generator.choice(len(pool), size=min(_SAMPLE, len(pool)), replace=False)]
     with warnings.catch_warnings():
-        # An empty cluster keeps its word, which does no harm.
+        # An empty cluster keeps its word, which is harmless.
         warnings.filterwarnings("ignore", message="One of the clusters is empty")
         words, _ = kmeans2(sample, _WORDS, iter=10, minit="points", seed=generator, missing="warn")
     return np.asarray(words, dtype=np.float32)

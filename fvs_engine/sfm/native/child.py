@@ -25,7 +25,7 @@ def main() -> None:
         sys.exit(EXIT_ORPHANED)
     order = json.loads(line)
     end_with_parent(order["parent"])
-    sys.stdout = sys.stderr  # what libraries print belongs in the log
+    sys.stdout = sys.stderr  # output of libraries goes to the log
     try:
         from fvs_engine.sfm.native.jobs import find_job
 
@@ -36,7 +36,7 @@ def main() -> None:
     else:
         _answer({"result": result})
     sys.stderr.flush()
-    os._exit(0)  # no destructor of a C++ library may delay or break the end
+    os._exit(0)  # skips destructors of C++ libraries, which may hang or crash
 
 
 if __name__ == "__main__":

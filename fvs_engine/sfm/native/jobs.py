@@ -16,7 +16,7 @@ import pycolmap
 Report = Callable[[int], None]
 
 _FEW_IMAGES = 20
-"""Up to so many images a point in only two of them is kept when poses are given."""
+"""Number of images up to which points in only two of them are kept when poses are given."""
 
 
 def _threads(threads: int | None) -> int:
@@ -150,14 +150,15 @@ def triangulate(
 ) -> int:
     """Triangulate points for the poses of ``model_dir``, which do not change; returns their number.
 
-    Of few images most points are in two only, which COLMAP leaves out by default; given poses hold them.
+    With few images most points are in two only, which COLMAP leaves out by default; given poses suffice for
+    them.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = _threads(threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
     options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
-    # The database has cameras of its own for these images, often of another kind; COLMAP wants them equal.
+    # The database has cameras of its own for these images, often of another model; COLMAP needs equal ones.
     with tempfile.TemporaryDirectory() as scratch:
         given = str(Path(scratch) / "given.db")
         _copy_with_cameras_of(model, database, given)
@@ -213,7 +214,7 @@ JOBS: Mapping[str, Callable[..., Any]] = {
         undistort,
     )
 }
-"""Name → job; ``find_job`` knows the others, too."""
+"""Name → job; ``find_job`` adds those that are slow to import."""
 
 
 def find_job(name: str) -> Callable[..., Any]:

@@ -17,7 +17,7 @@ from fvs_engine.sfm.verification.positions import Positions
 Report = Callable[[int], None]
 
 _MAX_REJECTIONS = 3
-"""So often an image's pose may be rejected before the image is left for another call."""
+"""Number of rejections of an image's pose in one call after which it is not tried again."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class _Growth:
         self._local.constant_cameras = {image.camera_id for image in model.images.values() if image.has_pose}
 
     def register(self, names: Sequence[str]) -> Iterator[int]:
-        """Register what can be registered, the most promising first; yields their number after each one."""
+        """Register as many as possible, in COLMAP's order; yields their number after each one."""
         while self._register_next(set(names)):
             yield len(self.registered)
 

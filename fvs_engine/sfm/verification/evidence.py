@@ -1,7 +1,7 @@
 """Evidence for a model's poses from the two-view geometries, which do not depend on the model.
 
-A mapper minimises the error of the matches that it kept; it reports a good fit even when it discarded the
-contradicting ones. So every verified match of every pair is checked again here.
+A mapper minimises the error of the matches that it kept; it reports a good fit even after discarding those
+that contradict it. So every verified match of every pair is checked again here.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The gate: which model to use, by evidence that a wrong one lacks, never by the number of its images.
+"""The gate: choice of the model by evidence that a wrong one lacks, not by its number of images.
 
 See ``docs/adr/0002-gating-reconstructions.md`` for the measurements behind the thresholds.
 """
@@ -33,7 +33,7 @@ _CLOSE_SUPPORT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One mapper's model as the gate sees it: camera centres by image name, and evidence."""
+    """Input of the gate for one model: camera centres by image name, and evidence."""
 
     mapper: str
     centres: Mapping[str, NDArray[np.float64]]
@@ -62,8 +62,8 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     """Judge every candidate and choose the best supported one that is not rejected.
 
     A candidate is accepted on its own evidence. One with somewhat too little becomes doubtful, usable with a
-    warning, if another mapper or GPS agrees with it: a repeated pattern misleads mappers, but hardly to the
-    same place. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
+    warning, if another mapper or GPS agrees with it: a repeated pattern rarely causes the same errors
+    in both. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -155,7 +155,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
 def _confirmation(
     mapper: str, evidence: Evidence, agreements: Sequence[Agreement], settings: GateSettings
 ) -> str | None:
-    """What independent source confirms the poses; None if none does."""
+    """The independent source that confirms the poses; None if none does."""
     if any(
         mapper in agreement.mappers and agreement.median_share <= settings.max_disagreement
         for agreement in agreements

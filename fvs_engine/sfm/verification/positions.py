@@ -15,10 +15,10 @@ from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 Array = NDArray[np.float64]
 
 _MIN_SHARED = 6
-"""Three centres nearly always fit, and as many more are needed to contradict one."""
+"""Minimum number of positions: any three centres nearly always fit."""
 
 _MIN_TRACK = 5.0
-"""A track must be so many times as wide as its positions are accurate to constrain its shape."""
+"""Minimum ratio of a track's width to the accuracy of its positions for them to be evidence."""
 
 _MAX_SHARE = 0.1
 """How far a camera may be from its prior, in shares of its distance from the middle of the others."""
@@ -27,7 +27,7 @@ _NOISE = 4.0
 """Robust standard deviations of the positions within which no camera is misplaced."""
 
 GPS_ACCURACY_M = 5.0
-"""What a receiver without corrections reaches under an open sky."""
+"""Accuracy of GPS without corrections under an open sky."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Positions:
         """Name → distance, in this unit, of camera centres that are far from their positions.
 
         The two are aligned robustly; up to half may be wrong. Far is more than a share of the distance from
-        the middle of the others (their spread at least: an alignment errs the more the farther it reaches),
+        the middle of the others (at least their spread: the error of an alignment grows with distance),
         and more than the positions scatter.
         """
         shared = sorted(centres.keys() & self.by_name.keys())

@@ -21,7 +21,7 @@ Floats = NDArray[np.float32]
 
 WARM_UP = "fvs_engine.splat.warm_up"
 
-# Tiles differ in cost by far; threads take a few at a time instead of an equal share of the image.
+# Tiles differ widely in cost: threads take a few at a time instead of an equal share of the image.
 TILES_AT_ONCE = 4
 # So do the splats in depth order.
 PARTS_PER_THREAD = 4
@@ -34,7 +34,7 @@ class CpuRasterizer:
     device = torch.device("cpu")
 
     def __init__(self, monitor: Monitor | None = None) -> None:
-        """Has the kernels compiled where they are not yet; that is what ``monitor`` sees."""
+        """Compile the kernels that are not cached; ``monitor`` gets stage ``compile``."""
         ensure_compiled(WARM_UP, blending.blend, monitor)
 
     def render(
@@ -50,7 +50,7 @@ class CpuRasterizer:
         degree = gaussians.degree_in_use(sh_degree)
         tensors = gaussians.tensors()
         differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
-        # The projected centres stay inside the kernels; this leaf is where their gradient surfaces.
+        # The projected centres exist only inside the kernels; this leaf receives their gradient.
         screen_means = torch.zeros((len(gaussians), 2), requires_grad=True) if differentiable else None
         view = PackedView(camera, camera_from_model, degree)
         behind = torch.zeros(3) if background is None else background.detach()
@@ -97,7 +97,7 @@ class PackedView:
 
 @dataclass
 class Forward:
-    """What the backward pass needs of the forward pass."""
+    """Results of the forward pass that the backward pass needs."""
 
     records: Floats
     radii: Floats
@@ -115,7 +115,7 @@ class Forward:
 
 
 def as_floats(tensor: Tensor) -> Floats:
-    """The tensor's values as the kernels take them, copied only where they must be."""
+    """The tensor's values as contiguous float32 numpy, without a copy where possible."""
     return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
 
 
@@ -213,13 +213,13 @@ class _Rasterize(torch.autograd.Function):
         ctx: Any,
         view: PackedView,
         background: Tensor,
-        screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is of interest
+        screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is used
         *parameters: Tensor,
     ) -> tuple[Tensor, ...]:
         forward = rasterize(view, as_floats(background), [as_floats(p) for p in parameters])
         radii = torch.from_numpy(forward.radii)
         ctx.mark_non_differentiable(radii)
-        ctx.set_materialize_grads(False)  # an image that the loss did not use has no gradient at all
+        ctx.set_materialize_grads(False)  # images that the loss does not use get None
         ctx.save_for_backward(*parameters)
         ctx.view, ctx.forward = view, forward
         images = (torch.from_numpy(image) for image in (forward.color, forward.alpha, forward.depth))

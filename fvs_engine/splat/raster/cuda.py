@@ -16,7 +16,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, Rendering, over_background
 
 try:
-    # gsplat reports its compilation on stdout, where the program writes its one JSON document.
+    # gsplat reports its compilation on stdout, which is reserved for the program's JSON document.
     with contextlib.redirect_stdout(sys.stderr):
         import gsplat
         import gsplat.cuda._backend
@@ -25,24 +25,24 @@ except ModuleNotFoundError as error:
         "The cuda rasteriser needs the package gsplat.",
         hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
     ) from error
-except Exception as error:  # importing compiles, and a compiler fails in any way it likes
+except Exception as error:  # importing compiles, which can raise anything
     last = str(error).strip().rpartition("\n")[2] or type(error).__name__
     raise BackendUnavailableError(
         f"The CUDA kernels of gsplat cannot be compiled here: {last}",
-        hint="Its documentation says which CUDA, compiler and torch fit; or use the backend 'cpu'.",
+        hint="See gsplat's documentation for matching CUDA and torch versions, or use the backend 'cpu'.",
     ) from error
 
 
 class CudaRasterizer:
-    """gsplat on the current CUDA device; the Gaussians must live there."""
+    """gsplat on the current CUDA device, where the Gaussians must be."""
 
     name = "cuda"
 
     def __init__(self) -> None:
-        # gsplat imports without its kernels; asking for them compiles them, where there is a compiler.
+        # gsplat imports without its kernels; accessing them compiles them if there is a compiler.
         if gsplat.cuda._backend._C is None:
             raise BackendUnavailableError(
-                "gsplat is here but its CUDA kernels are not.",
+                "gsplat is installed without its CUDA kernels.",
                 hint="Put nvcc on the PATH, or use the backend 'cpu'.",
             )
         self.device = torch.device("cuda")

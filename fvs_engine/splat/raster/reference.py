@@ -1,4 +1,4 @@
-"""The oracle: a tile rasteriser in plain torch, differentiated by autograd. Slow, short, obviously right.
+"""Reference rasteriser: tiles in plain torch, differentiated by autograd; slow, and short enough to verify.
 
 It runs in the dtype of the Gaussians (float64 passes gradcheck) and on any device.
 """
@@ -21,7 +21,7 @@ TILE_PX = 16
 
 
 class ReferenceRasterizer:
-    """Plain torch; the backend that all others are held to."""
+    """Plain torch; the backend that all others are tested against."""
 
     name = "reference"
 

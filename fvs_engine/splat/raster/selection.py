@@ -14,13 +14,13 @@ _log = logging.getLogger(__name__)
 
 
 def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Rasterizer:
-    """Create a backend by name; ``auto`` takes ``cuda`` where CUDA and gsplat are there, else ``cpu``.
+    """Create a backend by name; ``auto`` is ``cuda`` where CUDA and gsplat are available, else ``cpu``.
 
-    Where ``auto`` cannot use the device it logs a warning: the CPU takes many times as long.
+    ``auto`` logs a warning when it cannot use a device that is there: the CPU takes many times as long.
 
     Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
-    Backends are imported here, not at the top: each brings a compiler or a device with it. The first time
-    on a machine ``cpu`` has its kernels compiled: stage ``compile`` of ``monitor``.
+    Backends are imported here, not at the top: each loads a compiler or a device. On its first use on a
+    machine ``cpu`` compiles its kernels: stage ``compile`` of ``monitor``.
     """
     if name == "auto":
         try:

@@ -56,7 +56,7 @@ def test_transforms_come_first_and_named_poses_before_all(photographs: Path, roo
 
 
 def test_two_sources_and_none_are_refused(photographs: Path) -> None:
-    with pytest.raises(InvalidInputError, match="one place"):
+    with pytest.raises(InvalidInputError, match="one source"):
         open_dataset(photographs, Path("a"), Path("b"))
     with pytest.raises(InvalidInputError, match=r"neither transforms\.json nor a COLMAP model") as caught:
         open_dataset(photographs)
