@@ -3,7 +3,7 @@
 #                 (without any, of a simulated courtyard)
 # make test       everything that CI checks: make test WORKERS=4 for more than two processes
 # make unit       the tests that start no process and read no photograph, in under a minute
-# make test-slow  the long checks, most of them on real photographs
+# make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
 # make coverage   branch coverage of `make test`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make generate   the synchronous client from the asynchronous one, after a change of clients/python/fvs_client/_async
@@ -60,6 +60,7 @@ kernels: setup
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
 
 # Child processes write their data beside the first one's, wherever they run.
 coverage: export COVERAGE_FILE := $(CURDIR)/.coverage

@@ -22,8 +22,9 @@ from PIL import Image
 from xdist.scheduler import LoadScopeScheduling
 
 # How long an example takes says how busy the machine is.
-hypothesis.settings.register_profile("fvs", deadline=None)
-hypothesis.settings.load_profile("fvs")
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=25)
+hypothesis.settings.register_profile("thorough", deadline=None, max_examples=200)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 _TESTS = Path(__file__).resolve().parent
 _DATA = Path(os.environ.get("FVS_DATA", _TESTS.parent.parent / "shared" / "data"))

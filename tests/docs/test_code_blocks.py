@@ -100,6 +100,7 @@ def test_what_is_made_smaller_is_there() -> None:
     assert [phrase for phrase in _SMALLER if phrase not in code] == []
 
 
+@pytest.mark.slow  # half a minute each, against a real service
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", [page for page in PAGES if _runs(page) and _is_tutorial(page)], ids=_id)
 def test_the_blocks_of_tutorials_run(

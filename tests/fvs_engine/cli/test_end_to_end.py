@@ -155,6 +155,7 @@ def forget_training(out: Path) -> None:
     (out / "manifest.json").write_text(json.dumps(manifest))
 
 
+@pytest.mark.slow  # half a minute; test_select.py has a shorter one
 def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     fvs_command: FvsCommand, fvs_until: FvsUntil, photographs: Path, out: Path
 ) -> None:

@@ -62,6 +62,7 @@ def test_people_see_the_last_count_and_nothing_is_run_again(
     assert {path: path.stat().st_mtime_ns for path in out.glob("runs/**/*.json")} == before
 
 
+@pytest.mark.slow  # 20 s; evaluate/test_experiment.py resumes in process
 def test_a_stopped_table_goes_on(
     fvs: Fvs, fvs_until: FvsUntil, room_dir: Path, tmp_path: Path, clean_run: tuple[Path, Any]
 ) -> None:

@@ -117,6 +117,7 @@ def assert_kills_change_nothing(
     return clean
 
 
+@pytest.mark.slow  # half a minute; select/test_loop.py resumes in process
 def test_killing_it_changes_nothing(
     fvs_command: FvsCommand, room_dir: Path, clean_run: tuple[Path, Any], tmp_path: Path
 ) -> None:

@@ -93,6 +93,7 @@ def test_cameras_of_a_transforms_json_get_points(
     check_given_cameras_get_points(ReconstructionSettings(transforms=str(file)), workspace, given)
 
 
+@pytest.mark.slow  # 20 s; a transforms.json takes the same way
 def test_cameras_of_a_colmap_model_without_points_get_them(
     workspace: Workspace, given: tuple[AnyView, ...], tmp_path: Path
 ):

@@ -116,6 +116,7 @@ def test_rankings_are_answered_while_the_model_learns(
     assert service.rank(modelled)["snapshot_id"] == updated["snapshot_id"]
 
 
+@pytest.mark.slow  # half a minute; tests/faults kills more
 def test_jobs_outlive_whatever_is_killed(
     service: Any, modelled: str, courtyard_photographs: list[Path]
 ) -> None:

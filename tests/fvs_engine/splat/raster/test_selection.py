@@ -32,5 +32,5 @@ def test_kernels_that_do_not_compile_are_no_bug_of_ours(caplog):
 
 
 def test_an_unknown_backend_gets_the_names_of_all():
-    with pytest.raises(InvalidInputError, match=r"'abacus'.*reference, cpu, cuda"):
+    with pytest.raises(InvalidInputError, match=r"'abacus'.*auto, cpu, cuda, reference"):
         create_rasterizer("abacus")
