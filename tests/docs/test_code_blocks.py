@@ -118,7 +118,7 @@ def test_the_blocks_of_other_pages_run(
 
 def _run(page: Path, url: str, photographs: Path, tmp_path: Path) -> None:
     if os.environ.get("CI") != "true" and not (shutil.which("curl") and shutil.which("jq")):
-        pytest.skip("the pages use curl and jq")
+        pytest.skip("the pages use curl and jq: apt-get install curl jq")
     shutil.copytree(photographs, tmp_path / "photographs")
     script = ["set -euo pipefail"]
     for block in _runs(page):

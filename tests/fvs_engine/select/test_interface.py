@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from fvs_engine.candidates import CandidateStatus
-from fvs_engine.errors import BackendUnavailableError, InvalidInputError
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import select
 from fvs_engine.select.selectors import SELECTORS, create_selector
@@ -110,10 +110,9 @@ def test_all_selectors_repeat_themselves_whatever_the_order_of_the_candidates(co
 @pytest.mark.parametrize("backend", ["reference", pytest.param("cuda", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("name", SELECTORS)
 def test_all_selectors_need_no_more_of_a_rasteriser_than_its_interface(context, ring, ball, backend, name):
-    try:
-        rasterizer = create_rasterizer(backend)
-    except BackendUnavailableError as error:
-        pytest.skip(str(error))
+    if backend == "cuda" and not torch.cuda.is_available():
+        pytest.skip("needs a CUDA device: run it on a machine that has one, with gsplat")
+    rasterizer = create_rasterizer(backend)
     visited, candidates = ring(0, 20, 40), ring(60, 180)
     here = context(visited, candidates, gaussians=ball.to(rasterizer.device), rasterizer=rasterizer)
     selection = select(here, create_selector(name), {})
