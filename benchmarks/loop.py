@@ -1,4 +1,4 @@
-"""One step of the loop, against the paper's way: everything from scratch after every image.
+"""Time of one step of the loop, compared with the paper's way: everything from scratch after every image.
 
     python benchmarks/loop.py DATASET [--counts 10 25 50] [--long-side 400] [--candidates 50] [--json
     loop.json]
@@ -57,7 +57,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Again:
-    """What everything again costs, in seconds, and what it finds."""
+    """Seconds of a reconstruction and a training from scratch, and their result."""
 
     sfm: float
     train: float
@@ -71,7 +71,7 @@ class Again:
 
 
 def processor_s() -> float:
-    """Processor time so far, children that ended included: what a busy machine does not stretch as much."""
+    """Processor time so far in seconds, with that of ended children: less noisy than wall time."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
@@ -94,7 +94,7 @@ def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
 
 
 def rank_nearest(scene: GrowingScene, loop: SelectionLoop, count: int) -> None:
-    """Rank the views nearest to the one visited last, of those that were not visited, in ``scene``."""
+    """Rank the unvisited views of ``scene`` that are nearest to the last visited one."""
     centres = loop.dataset.centres()
     here = centres[loop.visited[-1]]
     near = sorted(loop.unvisited, key=lambda name: float(np.linalg.norm(centres[name] - here)))[:count]

@@ -1,4 +1,4 @@
-"""How every benchmark here measures and reports: the machine, repeated timings, a table and JSON."""
+"""Measurement and reporting for all benchmarks: the machine, repeated timings, a table and JSON."""
 
 import importlib.metadata
 import json
@@ -40,7 +40,7 @@ def measure(
     warmup: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Timing:
-    """Time ``function``; what the GPU still has to do when it returns is waited for."""
+    """Time ``function``, including the work on the GPU that it leaves running."""
     return measure_side_by_side({"": function}, repeat, warmup, clock)[""]
 
 
@@ -50,7 +50,7 @@ def measure_side_by_side(
     warmup: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
-    """Time several functions in turns, so that a machine that drifts drifts for all of them.
+    """Time several functions in turns, so that a drift of the machine's speed affects all of them.
 
     ``clock`` says the time in seconds: ``time.process_time`` counts what this process alone computes.
     """
@@ -67,7 +67,7 @@ def measure_side_by_side(
 
 
 def machine() -> dict[str, Any]:
-    """Cores, instruction sets, memory, GPU and versions: what a timing means nothing without."""
+    """Cores, instruction sets, memory, GPU and versions of the machine."""
     flags = _processor_field("flags", "Features").split()
     cuda = torch.cuda.is_available()
     return {

@@ -1,4 +1,4 @@
-"""What training reaches: PSNR and SSIM of held-out photographs, Gaussians, speed and peak memory.
+"""Quality and cost of training: PSNR and SSIM of held-out photographs, Gaussians, speed and peak memory.
 
     python benchmarks/quality.py --model DATA/bonsai/reference --images DATA/bonsai/images \
         --iterations 7000 --sh-degree 3 --long-side 800 --json results/quality.json

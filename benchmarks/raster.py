@@ -1,4 +1,4 @@
-"""How fast the CPU kernels rasterise: against the plain-torch reference, and on 1 → 2 threads.
+"""Speed of the CPU kernels, compared with the plain-torch reference and on one and two threads.
 
     python benchmarks/raster.py [--quick] [--json results/raster.json]
 
@@ -113,7 +113,7 @@ def with_torch_threads(count: int, function: Callable[[], None]) -> Callable[[],
 
 
 def against_reference(quick: bool) -> list[dict[str, Any]]:
-    """Both backends in turns, each on all cores. The reference's memory sets the sizes."""
+    """Compare both backends, in turns and on all cores. The reference's memory limits the sizes."""
     rows = []
     sizes = [(240, 136)] if quick else [(240, 136), (480, 270), (960, 540)]
     for width, height in sizes:

@@ -35,7 +35,7 @@ class Scene:
 
     @property
     def held_out(self) -> tuple[TrainingView, ...]:
-        """Views 0, 8, 16, …, as the field's papers choose them."""
+        """Views 0, 8, 16, …, the usual split."""
         return self.views[::TEST_EVERY]
 
 

@@ -1,4 +1,4 @@
-"""How fast candidates are scored: candidates/s, against rendering one by one and an FFT in numpy.
+"""Speed of scoring in candidates/s, compared with rendering one by one and an FFT in numpy.
 
     python benchmarks/score.py [--counts 10 100] [--gaussians 100000] [--backend cpu] [--processor-time]
                                [--json score.json]
@@ -45,7 +45,7 @@ def score_naively(gaussians: Gaussians, views: list[PinholeView], rasterizer: Ra
 def shares(
     counts: list[int], rasterizer: Rasterizer, repeat: int, clock: Callable[[], float]
 ) -> list[dict[str, Any]]:
-    """What a scored view is made of, per number of Gaussians and image size."""
+    """Time of the parts of a scored view, per number of Gaussians and image size."""
     rows = []
     for gaussians_count, (width, height) in itertools.product(counts, SIZES):
         gaussians = scene(gaussians_count).to(rasterizer.device)

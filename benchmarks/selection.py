@@ -1,4 +1,4 @@
-"""How fast the next view is chosen: candidates/s of every selector, from 10 to 250 candidates.
+"""Speed of choosing the next view: candidates/s of every selector, from 10 to 250 candidates.
 
    python benchmarks/selection.py [--counts 10 50 250] [--visited 20] [--backend cpu] [--processor-time]
                                   [--selectors fisher coverage] [--json selection.json]
@@ -28,7 +28,7 @@ SIZE = (256, 170)
 
 
 def context(gaussians: Gaussians, rasterizer: Rasterizer, visited: int, count: int) -> SelectionContext:
-    """So many views visited and so many to choose from, dealt at random over the room."""
+    """A context with this many visited views and candidates, at random poses in the room."""
     views = candidates(visited + count, *SIZE)
     order = {view.name: place for place, view in enumerate(views)}
     random.Random(0).shuffle(views)
@@ -46,7 +46,7 @@ def context(gaussians: Gaussians, rasterizer: Rasterizer, visited: int, count: i
 
 
 def render_all(views: tuple[PinholeView, ...], gaussians: Gaussians, rasterizer: Rasterizer) -> None:
-    """What no selector that looks at the candidates can do without."""
+    """Render all candidates: the least work of a selector that uses renders."""
     with torch.no_grad():
         for view in views:
             rasterizer.render(gaussians, view.camera, view.camera_from_model, sh_degree=0)

@@ -1,4 +1,4 @@
-"""From photographs on disk to the first ranking through the client, and where the time goes.
+"""Time from photographs on disk to the first ranking through the client, by stage.
 
     python benchmarks/service_first_ranking.py PHOTOGRAPHS [--candidates 24] [--json first_ranking.json]
 

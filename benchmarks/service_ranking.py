@@ -1,4 +1,4 @@
-"""Measure what the service adds to the time of a ranking, while the same runner trains a model.
+"""Overhead of the service on a ranking while the same runner trains a model.
 
     python benchmarks/service_ranking.py [PHOTOGRAPHS] [--clients 1 8 32] [--rankings 100] [--candidates 24]
                                          [--long-side 800] [--method median-frequency] [--json ranking.json]
@@ -54,7 +54,7 @@ def ask(scene: Scene, candidates: int, method: str) -> Asked:
 def ask_together(
     url: str, scene_id: str, clients: int, each: int, options: argparse.Namespace
 ) -> list[Asked]:
-    """All clients' rankings; they begin together."""
+    """The rankings of all clients, which start together."""
     asked: list[Asked] = []
     ready = threading.Barrier(clients)
 

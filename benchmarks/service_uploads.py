@@ -1,4 +1,4 @@
-"""How fast photographs come in, and that the gateway's memory does not grow with them.
+"""Throughput of uploads, and memory of the gateway during them.
 
     python benchmarks/service_uploads.py [--images 1000] [--megabytes 4] [--clients 8] [--json uploads.json]
 
@@ -73,7 +73,7 @@ def write_images(folder: Path, count: int, size_bytes: int) -> list[Path]:
 
 
 def send(url: str, scene_id: str, files: Sequence[Path], begin: Any, told: Any) -> None:
-    """One client: everything once, and once again; tells what came of it both times."""
+    """Upload everything twice as one client, and report both outcomes."""
     with Client(url) as client:
         scene = client.scenes.get(scene_id)
         for _ in range(2):
@@ -87,7 +87,7 @@ def send(url: str, scene_id: str, files: Sequence[Path], begin: Any, told: Any) 
 
 @dataclass
 class Memory:
-    """Looks at the resident memory of the gateway and of its children while it runs, in MB."""
+    """Samples the resident memory of the gateway and of its children, in MB."""
 
     service: RunningService
     gateway: list[float] = field(default_factory=list)
@@ -109,7 +109,7 @@ def resident_mb(pid: int) -> float:
 
 
 def disk_mb_per_s(files: Sequence[Path], folder: Path) -> float:
-    """Writing some images, one after the other, each flushed."""
+    """Speed of writing images one after the other, each flushed to disk."""
     contents = [file.read_bytes() for file in files[:_SAMPLE]]
     began = time.perf_counter()
     for number, content in enumerate(contents):

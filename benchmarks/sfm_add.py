@@ -1,4 +1,4 @@
-"""Adding image n + 1 to a reconstruction, against a new reconstruction of all images.
+"""Time of adding image n + 1 to a reconstruction, compared with a new reconstruction of all images.
 
     python benchmarks/sfm_add.py IMAGES [--transforms FILE | --colmap DIR] [--counts 10 25 49] [--json FILE]
 

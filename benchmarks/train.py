@@ -1,4 +1,4 @@
-r"""How fast a training step is, and where its time goes.
+r"""Time of a training step and of its parts.
 
     python benchmarks/train.py --scene fox=MODEL,IMAGES,960 --scene bonsai=MODEL,IMAGES,800 \
         [--sh-degree 0] [--steps 40] [--json results/train.json]

@@ -126,7 +126,7 @@ def _group(file: str) -> str | None:
 
 
 class _Watch:
-    """Sees what a unit test may not do, and lets it fail even where the code catches every exception."""
+    """Fails a unit test for forbidden actions, even where the code catches every exception."""
 
     EVENTS = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "socket.bind")
 

@@ -56,7 +56,7 @@ class PoseInput(Record):
 
 
 class ViewInput(Record):
-    """A candidate at the pose of a photograph of the model, with the camera that most have."""
+    """A candidate at the pose of a registered image, with the most common camera."""
 
     name: str = Field(min_length=1)
     view: str

@@ -213,8 +213,9 @@ class GrowingScene:
         edit = self._edit(update, visited, monitor)
         self._apply(edit)
         self._visited, self._generation, self._dirty = visited, update.generation, True
+        registered = frozenset(update.registered)
         return SceneUpdate(
-            registered=tuple(name for name in visited if name in set(update.registered)),
+            registered=tuple(name for name in visited if name in registered),
             unregistered=self.unregistered,
             moved=len(edit.moved),
             new_gaussians=len(edit.seeds),

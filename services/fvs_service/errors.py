@@ -13,7 +13,7 @@ from fvs_engine import errors as engine
 
 @dataclass(frozen=True)
 class FieldError:
-    """A part of the input that is invalid: where (``candidates.3.id``) and why."""
+    """An invalid part of the input: its location (``candidates.3.id``) and the reason."""
 
     field: str
     message: str

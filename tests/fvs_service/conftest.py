@@ -192,7 +192,7 @@ class Gateway:
 
 
 def small_model(folder: Path, alignment: Alignment) -> NewSnapshot:
-    """A blob of 60 coloured Gaussians about the origin, seen by six cameras 4 away."""
+    """Sixty coloured Gaussians around the origin, and six cameras at a distance of 4."""
     generator = torch.Generator().manual_seed(5)
     count = 60
     write_ply(

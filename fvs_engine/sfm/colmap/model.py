@@ -15,7 +15,7 @@ from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.views import AnyView, View
 
 MODEL_FILES = ("cameras", "images", "points3D")
-"""A COLMAP model is these three files, all ``.bin`` or all ``.txt``."""
+"""The three files of a COLMAP model, all ``.bin`` or all ``.txt``."""
 
 
 def has_colmap_model(folder: Path) -> bool:

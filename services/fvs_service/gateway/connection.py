@@ -10,7 +10,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 
 def http_protocol(head_within_s: float) -> type[H11Protocol]:
-    """A protocol for uvicorn that closes connections whose request line and headers take longer."""
+    """A uvicorn protocol that closes connections whose request line and headers do not arrive in time."""
 
     class LimitedProtocol(H11Protocol):
         _deadline: asyncio.TimerHandle | None = None

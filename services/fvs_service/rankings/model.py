@@ -46,7 +46,7 @@ class Grid(Model):
     columns: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
     rows: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
     height_m: Coordinate | None = None
-    """Above the middle of the model; by default the height of the highest image."""
+    """Height above the centre of the model; by default that of the highest image."""
     look: Literal["centre", "down"] = "centre"
 
 

@@ -36,7 +36,7 @@ class Input(BaseModel):
 
 
 class Word(StrEnum):
-    """Base of the API's enumerations: an unknown value of a newer service is kept, not refused."""
+    """Base of the API's enumerations: an unknown value of a newer service is kept."""
 
     @classmethod
     def _missing_(cls, value: object) -> Self | None:

@@ -126,7 +126,10 @@ class SceneJobs:
         assert scene.model_dir is not None  # training needs views, whose poses are those of this model
         model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
         measured = {"new_images_psnr_db": None if previous is None else previous.psnr_db}
-        return self._outcome(request, scene.views, images, model, scene.model_dir, measured, monitor)
+        reconstruction = read_colmap(scene.model_dir)
+        return self._outcome(
+            request, scene.views, images, model, reconstruction, scene.model_dir, measured, monitor
+        )
 
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
@@ -216,7 +219,7 @@ class SceneJobs:
             for name, image in placed.items()
             if name in posed or image.registration is Registration.UNREGISTERED
         }
-        return self._outcome(request, views, images, model, fine / "sparse", measured, monitor)
+        return self._outcome(request, views, images, model, cameras, fine / "sparse", measured, monitor)
 
     def _fine_folder(self, job_id: str) -> Path:
         """The folder of the job; those of earlier jobs are deleted."""
@@ -257,13 +260,16 @@ class SceneJobs:
         views: Sequence[TrainingView],
         images: Mapping[str, Image],
         model: _Model,
+        reconstruction: Reconstruction,
         colmap: Path,
         measured: Mapping[str, float | None],
         monitor: Monitor,
     ) -> JobOutcome:
-        """Write the artifacts, which the worker commits; ``measured`` are metrics of the model's quality."""
+        """Write the artifacts, which the worker commits.
+
+        ``colmap`` is the folder of ``reconstruction``; ``measured`` are metrics of the model's quality.
+        """
         monitor.report("snapshot", 0, 1)
-        reconstruction = read_colmap(colmap)
         posed = {view.name for view in views}
         unregistered = tuple(image.digest for name, image in images.items() if name not in posed)
         metrics = SnapshotMetrics(
