@@ -2,7 +2,7 @@
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any, of a simulated courtyard)
 # make test       everything that CI checks: make test WORKERS=4 for more than two processes
-# make unit       the tests that start no process and read no photograph, in under a minute
+# make unit       the tests that start no process and read no photograph
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
 # make coverage   branch coverage of `make test`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
