@@ -1,6 +1,6 @@
 # make setup      .venv with everything (done by the others when needed)
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
-#                 (without any, of a simulated courtyard)
+#                 (without any: kermit in FVS_DATA, else a simulated courtyard)
 # make test       everything that CI checks: make test WORKERS=4 for more than two processes
 # make unit       the tests that start no process and read no photograph
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
