@@ -82,12 +82,21 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what kind of test each is."""
+    """Mark what kind of test each is, and skip those of a GPU where there is none."""
     for item in items:
+        if item.get_closest_marker("cuda") and not _has_cuda_device():
+            item.add_marker(pytest.mark.skip("needs a CUDA device: run it on a machine with one, and gsplat"))
         fixtures = set(getattr(item, "fixturenames", ()))
         kind = _kind(item, fixtures)
         if item.get_closest_marker(kind) is None:
             item.add_marker(kind)
+
+
+@functools.cache
+def _has_cuda_device() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
 
 
 def _kind(item: pytest.Item, fixtures: set[str]) -> str:

@@ -214,9 +214,6 @@ def test_what_is_not_an_image_is_refused(shape, dtype):
 
 
 @pytest.mark.cuda
-@pytest.mark.skipif(
-    not torch.cuda.is_available(), reason="needs a CUDA device: run it on a machine that has one"
-)
 def test_cuda_agrees_with_the_cpu(photographs):
     images = torch.from_numpy(np.stack(photographs))
     on_gpu = median_log_magnitude(images.cuda()).cpu()

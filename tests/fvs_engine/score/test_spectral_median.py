@@ -90,9 +90,6 @@ def test_what_is_not_an_image_is_refused(shape):
 
 
 @pytest.mark.cuda
-@pytest.mark.skipif(
-    not torch.cuda.is_available(), reason="needs a CUDA device: run it on a machine that has one"
-)
 def test_cuda_agrees_with_the_cpu():
     images = torch.rand(2, 50, 60, 3, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(
