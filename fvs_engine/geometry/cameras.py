@@ -16,6 +16,13 @@ from fvs_engine.geometry.validation import points_array
 
 Array = NDArray[np.float64]
 
+MAX_SIDE_PX = 65_535
+"""The longest side of a JPEG."""
+_FOCAL_SHARES = (0.01, 100.0)
+"""Focal lengths in long sides: fields of view from 179° to 0.6°, beyond those of any photograph."""
+_MAX_PARAMETER = 1e3
+"""Of distortion coefficients, and of principal points in long sides: a small crop may be far from it."""
+
 CAMERA_MODELS: dict[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -27,12 +34,14 @@ CAMERA_MODELS: dict[str, tuple[str, ...]] = {
 }
 """COLMAP's camera models that the engine reads → the names of their parameters, in COLMAP's order."""
 
+_INTRINSICS = frozenset({"f", "fx", "fy", "cx", "cy"})
+
 
 @dataclass(frozen=True)
 class PinholeCamera:
     """A camera without distortion: ``width`` × ``height`` px, focal lengths and principal point in px.
 
-    Raises ``InvalidInputError`` when a number is not finite or a size or focal length not positive.
+    Raises ``InvalidInputError`` when a number is not finite or out of the range that photographs have.
     """
 
     width: int
@@ -43,7 +52,7 @@ class PinholeCamera:
     cy: float
 
     def __post_init__(self) -> None:
-        _check_intrinsics(self.width, self.height, self.fx, self.fy, (self.cx, self.cy))
+        _check_intrinsics((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
 
     @property
     def matrix(self) -> Array:
@@ -69,7 +78,7 @@ class DistortedCamera:
     """A camera with one of COLMAP's models (``CAMERA_MODELS``); ``params`` in COLMAP's order.
 
     Raises ``InvalidInputError`` for a model that is not known, a wrong number of parameters, numbers that
-    are not finite, and sizes or focal lengths that are not positive.
+    are not finite or out of the range that photographs have.
     """
 
     model: str
@@ -90,7 +99,8 @@ class DistortedCamera:
                 hint=f"They are {', '.join(names)}.",
             )
         object.__setattr__(self, "params", params)
-        _check_intrinsics(self.width, self.height, self.fx, self.fy, params)
+        size, focals = (self.width, self.height), (self.fx, self.fy)
+        _check_intrinsics(size, focals, (self.cx, self.cy), tuple(self._coefficients.values()))
 
     @cached_property
     def named_params(self) -> dict[str, float]:
@@ -120,11 +130,13 @@ class DistortedCamera:
     @cached_property
     def distortion(self) -> Distortion:
         """The lens on the normalised image plane."""
-        intrinsics = {"f", "fx", "fy", "cx", "cy"}
-        coefficients = {name: value for name, value in self.named_params.items() if name not in intrinsics}
         if self.model == "OPENCV_FISHEYE":
-            return FisheyeDistortion(**coefficients)
-        return RationalDistortion(**coefficients)
+            return FisheyeDistortion(**self._coefficients)
+        return RationalDistortion(**self._coefficients)
+
+    @property
+    def _coefficients(self) -> dict[str, float]:
+        return {name: value for name, value in self.named_params.items() if name not in _INTRINSICS}
 
     def resized(self, width: int, height: int) -> "DistortedCamera":
         """The same view on another pixel grid (a single focal length takes the mean of both scales)."""
@@ -152,13 +164,36 @@ Camera = PinholeCamera | DistortedCamera
 """Any camera. Structure from motion works with all of them; the rasterisers take ``PinholeCamera``."""
 
 
-def _check_intrinsics(width: int, height: int, fx: float, fy: float, others: tuple[float, ...]) -> None:
+def _check_intrinsics(
+    size: tuple[int, int],
+    focals: tuple[float, float],
+    principal_point: tuple[float, float],
+    coefficients: tuple[float, ...] = (),
+) -> None:
+    width, height = size
     if width <= 0 or height <= 0:
         raise InvalidInputError(f"A camera's image must have pixels, not {width} × {height}.")
-    if not all(math.isfinite(value) for value in (fx, fy, *others)):
+    long_side = max(size)
+    if long_side > MAX_SIDE_PX:
+        raise InvalidInputError(
+            f"A camera's image is {width} × {height} px; a side has {MAX_SIDE_PX} px at most."
+        )
+    if not all(math.isfinite(value) for value in (*focals, *principal_point, *coefficients)):
         raise InvalidInputError("A camera's parameters must be finite.")
-    if fx <= 0 or fy <= 0:
-        raise InvalidInputError(f"A camera's focal lengths must be positive, not {fx} and {fy} px.")
+    shortest, longest = (share * long_side for share in _FOCAL_SHARES)
+    for focal in focals:
+        if focal <= 0:
+            raise InvalidInputError(f"A camera's focal lengths must be positive, not {focal:g} px.")
+        if not shortest <= focal <= longest:
+            raise InvalidInputError(
+                f"A camera's focal length is {focal:g} px at {width} × {height} px: a field of view of "
+                f"{math.degrees(2.0 * math.atan2(0.5 * long_side, focal)):.3g}°.",
+                hint="Focal lengths are in px of the image, not in mm.",
+            )
+    if max(map(abs, principal_point)) > _MAX_PARAMETER * long_side:
+        raise InvalidInputError("A camera's principal point is too far from its image.")
+    if any(abs(value) > _MAX_PARAMETER for value in coefficients):
+        raise InvalidInputError(f"A camera's distortion coefficients are {_MAX_PARAMETER:g} at most.")
 
 
 def _to_image_plane(points: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic_core import CoreSchema, core_schema
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry.validation import finite_array, rotation_matrix
+from fvs_engine.geometry.validation import MAX_COORDINATE, finite_array, rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class RigidTransform:
     """x ↦ R x + t, with ``rotation`` R [3, 3] and ``translation`` t [3], float64.
 
-    Raises ``InvalidInputError`` when R is not a rotation or a number is not finite.
+    Raises ``InvalidInputError`` when R is not a rotation, and a number not finite or beyond ``MAX_COORDINATE``.
     """
 
     rotation: Array
@@ -30,7 +30,10 @@ class RigidTransform:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotation", rotation_matrix("rotation", self.rotation))
-        object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
+        translation = finite_array("translation", self.translation, (3,))
+        if max(map(abs, translation.tolist())) > MAX_COORDINATE:
+            raise InvalidInputError(f"translation has a coordinate beyond {MAX_COORDINATE:g}.")
+        object.__setattr__(self, "translation", translation)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, _source: Any, _handler: Any) -> CoreSchema:

@@ -11,6 +11,10 @@ ORTHONORMAL_TOLERANCE = 1e-4
 """Largest entry of |R Rᵀ − I| that still counts as rounding (files often hold float32)."""
 
 
+MAX_COORDINATE = 1e10
+"""Longest translation, in any unit: squares of it, and of it in another unit, are float32 numbers."""
+
+
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """``values`` as float64 of exactly ``shape``; ``InvalidInputError`` if it is not, or not finite."""
     array = np.asarray(values, dtype=np.float64)

@@ -15,8 +15,8 @@ _PIXEL_DIMENSIONS = (0xA002, 0xA003)
 
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
-_PLAUSIBLE_SHARE = (0.1, 20.0)
-"""Focal lengths outside this range, in long sides of the image, are implausible EXIF values."""
+PLAUSIBLE_SHARE = (0.1, 20.0)
+"""Focal lengths outside this range, in long sides of the image, are no prior."""
 
 
 def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | None:
@@ -43,7 +43,7 @@ def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | 
         original = max((_number(tags.get(tag)) or 0.0 for tag in _PIXEL_DIMENSIONS), default=0.0)
         focal = length_mm * resolution / unit_mm * long_side / (original or long_side)
     share = focal / max(width_px, height_px)
-    return focal if _PLAUSIBLE_SHARE[0] <= share <= _PLAUSIBLE_SHARE[1] else None
+    return focal if PLAUSIBLE_SHARE[0] <= share <= PLAUSIBLE_SHARE[1] else None
 
 
 def _number(value: Any) -> float | None:

@@ -5,7 +5,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from fvs_engine.choices import CameraModel
-from fvs_engine.geometry.cameras import DistortedCamera
+from fvs_engine.geometry.cameras import MAX_SIDE_PX, DistortedCamera
+from fvs_engine.images.focal import PLAUSIBLE_SHARE
 from fvs_engine.records import Record
 
 MapperName = Literal["incremental", "global"]
@@ -16,8 +17,8 @@ class KnownIntrinsics(Record):
     """A calibration of all images (of its shape, at any size): COLMAP's model name and parameters."""
 
     model: str
-    width_px: int = Field(gt=0)
-    height_px: int = Field(gt=0)
+    width_px: int = Field(gt=0, le=MAX_SIDE_PX)
+    height_px: int = Field(gt=0, le=MAX_SIDE_PX)
     params: tuple[float, ...]
 
     def __str__(self) -> str:
@@ -37,8 +38,15 @@ class KnownIntrinsics(Record):
 class FocalPrior(Record):
     """A focal length prior for images whose EXIF has none: in px of an image ``width_px`` wide."""
 
+    width_px: int = Field(gt=0, le=MAX_SIDE_PX)
     focal_length_px: float = Field(gt=0)
-    width_px: int = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _is_plausible(self) -> "FocalPrior":
+        least, most = PLAUSIBLE_SHARE
+        if not least <= self.focal_length_px / self.width_px <= most:
+            raise ValueError(f"focal_length_px must be from {least:g} to {most:g} widths")
+        return self
 
     def at(self, width_px: int) -> float:
         """The focal length in px of an image of this width."""

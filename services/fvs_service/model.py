@@ -28,6 +28,8 @@ WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
 """A whole number, also as ``3.0``, which is the same in JSON; strings and ``true`` are not converted."""
 Count = Annotated[WholeNumber, Field(ge=0)]
 PositiveNumber = Annotated[Number, Field(gt=0)]
+Triple = tuple[Number, Number, Number]
+"""Coordinates that the service computed."""
 Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 """The SHA-256 of an image's bytes."""
 Timestamp = AwareDatetime

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp
+from fvs_service.quantities import Altitude, AsText, Coordinate, Latitude, Longitude, Tilt, Yaw
 from fvs_service.scenes.model import AltitudeDatum
 
 ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[^/\\\x00-\x1f\x7f]+$")]
@@ -88,16 +89,16 @@ class ImageMetadata(Model):
 
     name: ImageName | None = None
     captured_at: Timestamp | None = None
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-    altitude_m: Annotated[float, Field(ge=-12_000, le=100_000)] | None = None
+    latitude_deg: AsText[Latitude] | None = None
+    longitude_deg: AsText[Longitude] | None = None
+    altitude_m: AsText[Altitude] | None = None
     altitude_datum: AltitudeDatum | None = None
-    x_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
-    y_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
-    z_m: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
-    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
-    pitch_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    x_m: AsText[Coordinate] | None = None
+    y_m: AsText[Coordinate] | None = None
+    z_m: AsText[Coordinate] | None = None
+    yaw_deg: AsText[Yaw] | None = None
+    pitch_deg: AsText[Tilt] | None = None
+    roll_deg: AsText[Tilt] | None = None
 
     @field_validator("name")
     @classmethod

@@ -7,14 +7,14 @@ from pydantic.config import JsonDict
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
-from fvs_service.model import Count, Model, Number, PositiveNumber, Timestamp, WholeNumber
-from fvs_service.scenes.model import Alignment, Coordinate, Vector
+from fvs_service.model import Count, Model, Number, Timestamp, WholeNumber
+from fvs_service.quantities import Coordinate, Length, Vector
+from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.poses import FramePose, Pose
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
 _PoseCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
-_Distance = Annotated[PositiveNumber, Field(le=1e9)]
 
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
@@ -32,7 +32,7 @@ class Orbit(Model):
 
     kind: Literal["orbit"]
     count: _PoseCount = 24
-    radius_m: _Distance | None = None
+    radius_m: Length | None = None
     """By default the median distance of the images."""
     height_m: Coordinate | None = None
     """Above the middle of the model; by default the median height of the images."""
@@ -102,7 +102,7 @@ class RankingRequest(Model):
     candidates: Annotated[tuple[CandidateRequest, ...], Field(min_length=1)] | None = None
     generator: Generator | None = None
     current_pose: Pose | None = None
-    radius_m: _Distance | None = None
+    radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
     top_k: Annotated[WholeNumber, Field(ge=1, le=100_000)] | None = None
     """Return only the first `top_k` candidates."""

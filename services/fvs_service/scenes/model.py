@@ -3,17 +3,11 @@
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
-from fvs_service.model import Count, Listing, Model, Number, PositiveNumber, Timestamp, WholeNumber
-
-Latitude = Annotated[Number, Field(ge=-90, le=90)]
-Longitude = Annotated[Number, Field(ge=-180, le=180)]
-Altitude = Annotated[Number, Field(ge=-12_000, le=100_000)]
-Coordinate = Annotated[Number, Field(ge=-1e9, le=1e9)]
-Vector = tuple[Coordinate, Coordinate, Coordinate]
-QuaternionPart = Annotated[Number, Field(ge=-1.01, le=1.01)]
-Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
+from fvs_engine.images.focal import PLAUSIBLE_SHARE
+from fvs_service.model import Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple, WholeNumber
+from fvs_service.quantities import Altitude, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
 
 
 class AltitudeDatum(StrEnum):
@@ -61,9 +55,20 @@ World = Annotated[AutomaticWorld | LocalWorld | EnuWorld, Field(discriminator="k
 class CameraPrior(Model):
     """A focal length prior for images without one in their EXIF."""
 
-    focal_length_px: PositiveNumber
-    width_px: Annotated[WholeNumber, Field(gt=0, le=65_535)]
+    width_px: ImageWidth
     """The image width to which the focal length applies."""
+    focal_length_px: FocalLength
+    """From 0.1 to 20 widths: fields of view from 157° to 3°."""
+
+    @field_validator("focal_length_px")
+    @classmethod
+    def _fits_the_width(cls, value: float, info: ValidationInfo) -> float:
+        width = info.data.get("width_px")
+        if width is not None and not PLAUSIBLE_SHARE[0] <= value / width <= PLAUSIBLE_SHARE[1]:
+            raise ValueError(
+                f"a focal length from {PLAUSIBLE_SHARE[0]:g} to {PLAUSIBLE_SHARE[1]:g} widths of {width} px"
+            )
+        return value
 
 
 class Trigger(StrEnum):
@@ -126,7 +131,7 @@ class Alignment(Model):
     scale: PositiveNumber = 1.0
     """World units (metres when aligned) per model unit."""
     rotation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    translation: Vector = (0.0, 0.0, 0.0)
+    translation: Triple = (0.0, 0.0, 0.0)
     rms_m: Number | None = None
     inliers: Count = 0
     positions: Count = 0

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+from pydantic import ConfigDict, Discriminator, Tag, field_validator
 
 from fvs_engine.geometry import (
     PinholeCamera,
@@ -17,18 +17,18 @@ from fvs_engine.geometry import (
 from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
 from fvs_engine.views import PinholeView
 from fvs_service.errors import InvalidRequestError
-from fvs_service.model import Model, Number
-from fvs_service.scenes.model import (
-    Alignment,
-    AlignmentStatus,
+from fvs_service.model import Model
+from fvs_service.quantities import (
+    MAX_COORDINATE_M,
     Altitude,
-    AltitudeDatum,
     Latitude,
     Longitude,
-    Origin,
     Quaternion,
+    Tilt,
     Vector,
+    Yaw,
 )
+from fvs_service.scenes.model import Alignment, AlignmentStatus, AltitudeDatum, Origin
 
 _UNIT_TOLERANCE = 1e-3
 
@@ -64,9 +64,9 @@ class VehiclePose(Model):
     longitude_deg: Longitude
     altitude_m: Altitude
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
-    yaw_deg: Annotated[Number, Field(ge=-360, le=360)]
-    pitch_deg: Annotated[Number, Field(ge=-180, le=180)]
-    roll_deg: Annotated[Number, Field(ge=-180, le=180)] = 0.0
+    yaw_deg: Yaw
+    pitch_deg: Tilt
+    roll_deg: Tilt = 0.0
 
 
 def _kind_of_pose(value: Any) -> str:

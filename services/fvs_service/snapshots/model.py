@@ -7,8 +7,9 @@ from pydantic import Field
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
 from fvs_service.jobs.model import JobKind
-from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp
-from fvs_service.scenes.model import Alignment, Quaternion, Vector
+from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp, Triple
+from fvs_service.quantities import Quaternion
+from fvs_service.scenes.model import Alignment
 
 ARTIFACT_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
@@ -100,7 +101,7 @@ class SnapshotView(Model):
 
     image: Digest
     name: str
-    position: Vector
+    position: Triple
     orientation_wxyz: Quaternion
 
 
@@ -114,10 +115,10 @@ class SnapshotCameras(Model):
 
     camera: PinholeIntrinsics
     views: tuple[SnapshotView, ...]
-    centre: Vector
-    up: Vector
-    lower: Vector
-    upper: Vector
+    centre: Triple
+    up: Triple
+    lower: Triple
+    upper: Triple
 
     def model_from_cameras(self) -> tuple[RigidTransform, ...]:
         """The poses of ``views``, in their order."""

@@ -1,0 +1,39 @@
+"""The quantities of requests, each with the range in which it has a meaning; the OpenAPI document has them.
+
+What the service computes is not bounded by these: responses have plain finite numbers.
+"""
+
+from typing import Annotated, TypeVar
+
+from pydantic import Field
+
+from fvs_engine.geometry.cameras import MAX_SIDE_PX
+from fvs_engine.images.focal import PLAUSIBLE_SHARE
+from fvs_service.model import Number, WholeNumber
+
+QuantityT = TypeVar("QuantityT")
+AsText = Annotated[QuantityT, Field(strict=False)]
+"""A quantity in a query string."""
+
+Latitude = Annotated[Number, Field(ge=-90, le=90)]
+Longitude = Annotated[Number, Field(ge=-180, le=180)]
+Altitude = Annotated[Number, Field(ge=-12_000, le=100_000)]
+"""From below the deepest trench to the edge of space, above any datum."""
+Yaw = Annotated[Number, Field(ge=-360, le=360)]
+"""Compasses count from 0 to 360, gimbals from -180 to 180."""
+Tilt = Annotated[Number, Field(ge=-180, le=180)]
+"""A pitch or a roll; gimbals that turn over exceed 90."""
+
+MAX_COORDINATE_M = 2e7
+Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+"""In metres up to half the Earth's circumference, so that UTM and earth-centred coordinates are inside."""
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Length = Annotated[Number, Field(ge=1e-6, le=MAX_COORDINATE_M)]
+"""Not less than a micrometre: shorter ones are rounding at the size of a scene."""
+QuaternionPart = Annotated[Number, Field(ge=-1.01, le=1.01)]
+Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
+
+ImageWidth = Annotated[WholeNumber, Field(ge=32, le=MAX_SIDE_PX)]
+"""From the shortest side of an image that is accepted."""
+FocalLength = Annotated[Number, Field(ge=PLAUSIBLE_SHARE[0] * 32, le=PLAUSIBLE_SHARE[1] * MAX_SIDE_PX)]
+"""In px; also limited by the image's width, see ``CameraPrior``."""
