@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 class RigidTransform:
     """x ↦ R x + t, with ``rotation`` R [3, 3] and ``translation`` t [3], float64.
 
-    Raises ``InvalidInputError`` when R is not a rotation, and a number not finite or beyond ``MAX_COORDINATE``.
+    Raises ``InvalidInputError`` when R is not a rotation, and for numbers that are not finite or beyond
+    ``MAX_COORDINATE``.
     """
 
     rotation: Array

@@ -24,9 +24,12 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
-"""A whole number, also as ``3.0``, which is the same in JSON; strings and ``true`` are not converted."""
-Count = Annotated[WholeNumber, Field(ge=0)]
+WHOLE = BeforeValidator(_whole)
+"""Reads ``3.0`` as 3, which is the same in JSON. After a strict ``Field`` with the range, so that the OpenAPI
+document has the range too."""
+WholeNumber = Annotated[int, Field(strict=True), WHOLE]
+"""A whole number; strings and ``true`` are not converted."""
+Count = Annotated[int, Field(strict=True, ge=0), WHOLE]
 PositiveNumber = Annotated[Number, Field(gt=0)]
 Triple = tuple[Number, Number, Number]
 """Coordinates that the service computed."""

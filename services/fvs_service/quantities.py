@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fvs_engine.geometry.cameras import MAX_SIDE_PX
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
-from fvs_service.model import Number, WholeNumber
+from fvs_service.model import WHOLE, Number
 
 QuantityT = TypeVar("QuantityT")
 AsText = Annotated[QuantityT, Field(strict=False)]
@@ -33,7 +33,7 @@ Length = Annotated[Number, Field(ge=1e-6, le=MAX_COORDINATE_M)]
 QuaternionPart = Annotated[Number, Field(ge=-1.01, le=1.01)]
 Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 
-ImageWidth = Annotated[WholeNumber, Field(ge=32, le=MAX_SIDE_PX)]
+ImageWidth = Annotated[int, Field(strict=True, ge=32, le=MAX_SIDE_PX), WHOLE]
 """From the shortest side of an image that is accepted."""
 FocalLength = Annotated[Number, Field(ge=PLAUSIBLE_SHARE[0] * 32, le=PLAUSIBLE_SHARE[1] * MAX_SIDE_PX)]
 """In px; also limited by the image's width, see ``CameraPrior``."""

@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import Count, Listing, Model, Number, Timestamp, WholeNumber
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp
 
 
 class JobKind(StrEnum):
@@ -42,11 +42,11 @@ class JobRequest(Model):
     )
 
     kind: JobKind
-    iterations: Annotated[WholeNumber, Field(gt=0, le=100_000)] | None = None
+    iterations: Annotated[int, Field(strict=True, gt=0, le=100_000), WHOLE] | None = None
     """Training iterations; the default depends on the kind of job and the number of images."""
-    long_side_px: Annotated[WholeNumber, Field(ge=64, le=8192)] | None = None
+    long_side_px: Annotated[int, Field(strict=True, ge=64, le=8192), WHOLE] | None = None
     """Train on images downscaled to this long side."""
-    test_every: Annotated[WholeNumber, Field(ge=2, le=1_000)] | None = None
+    test_every: Annotated[int, Field(strict=True, ge=2, le=1_000), WHOLE] | None = None
     """Hold every n-th image out of the training of a `fine` model and evaluate the model on them (papers use
     8). By default it is trained on all images."""
 

@@ -7,14 +7,14 @@ from pydantic.config import JsonDict
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
-from fvs_service.model import Count, Model, Number, Timestamp, WholeNumber
+from fvs_service.model import WHOLE, Count, Model, Number, Timestamp
 from fvs_service.quantities import Coordinate, Length, Vector
 from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.poses import FramePose, Pose
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
-_PoseCount = Annotated[WholeNumber, Field(ge=1, le=2_000)]
+_PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
@@ -43,8 +43,8 @@ class Grid(Model):
     """Poses on a level grid above the model, looking straight down or at its middle."""
 
     kind: Literal["grid"]
-    columns: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
-    rows: Annotated[WholeNumber, Field(ge=1, le=100)] = 6
+    columns: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
+    rows: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
     height_m: Coordinate | None = None
     """Height above the centre of the model; by default that of the highest image."""
     look: Literal["centre", "down"] = "centre"
@@ -104,14 +104,14 @@ class RankingRequest(Model):
     current_pose: Pose | None = None
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
-    top_k: Annotated[WholeNumber, Field(ge=1, le=100_000)] | None = None
+    top_k: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
     """Return only the first `top_k` candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
     snapshot_id: str | None = None
     """The snapshot to score with; by default the newest state of the model, also during a training."""
-    budget: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 1
+    budget: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 1
     """How many images are still to be taken; some methods plan ahead."""
-    seed: Annotated[WholeNumber, Field(ge=0, le=2**31 - 1)] = 0
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

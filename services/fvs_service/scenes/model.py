@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
-from fvs_service.model import Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple, WholeNumber
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple
 from fvs_service.quantities import Altitude, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
 
 
@@ -83,9 +83,9 @@ class Policy(Model):
     """When updates start automatically."""
 
     trigger: Trigger = Trigger.ON_REQUEST
-    k: Annotated[WholeNumber, Field(ge=1, le=10_000)] = 10
+    k: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 10
     """The number of new images that start an update, with `every-k-images`."""
-    first: Annotated[WholeNumber, Field(ge=2, le=10_000)] = 8
+    first: Annotated[int, Field(strict=True, ge=2, le=10_000), WHOLE] = 8
     """The number of images before the first update; fewer are seldom enough for a model."""
 
 

@@ -19,7 +19,6 @@ from fvs_engine.views import PinholeView
 from fvs_service.errors import InvalidRequestError
 from fvs_service.model import Model
 from fvs_service.quantities import (
-    MAX_COORDINATE_M,
     Altitude,
     Latitude,
     Longitude,

@@ -1,0 +1,275 @@
+"""Every number of the API is sent at its extremes: it has a range, and nothing in it fails the service.
+
+The numbers are found in the OpenAPI document, so a new field is tested as soon as one of the requests below
+has it, and a test fails until one has.
+"""
+
+import copy
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pytest
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+ORIGIN = {"latitude_deg": 48.3, "longitude_deg": 7.25, "altitude_m": 400.0}
+FRAME = {"frame": "world", "position": [0.5, 0.5, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+VEHICLE = {**ORIGIN, "yaw_deg": 10.0, "pitch_deg": -20.0, "roll_deg": 0.0}
+FULL = {"top_k": 2, "budget": 1, "seed": 0, "current_pose": FRAME, "radius_m": 50.0}
+REQUESTS: Mapping[str, list[dict[str, Any]]] = {
+    "/v1/scenes": [
+        {
+            "name": "numbers",
+            "world": {"kind": "enu", "origin": ORIGIN},
+            "camera": {"focal_length_px": 3000.0, "width_px": 4000},
+            "policy": {"trigger": "every-k-images", "k": 10, "first": 8},
+        }
+    ],
+    "/v1/scenes/{scene_id}/jobs": [
+        {"kind": "fine", "iterations": 100, "long_side_px": 640, "test_every": 8},
+    ],
+    "/v1/scenes/{scene_id}/rankings": [
+        {**FULL, "candidates": [{"id": "a", "pose": FRAME}]},
+        {**FULL, "candidates": [{"id": "a", "pose": {**FRAME, "frame": "model"}}]},
+        {"candidates": [{"id": "a", "pose": VEHICLE}], "current_pose": VEHICLE},
+        {
+            **FULL,
+            "generator": {
+                **{"kind": "orbit", "count": 2, "radius_m": 4.0, "height_m": 1.0},
+                "centre": [0.0, 0.0, 0.0],
+            },
+        },
+        {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
+        {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0}},
+        {**FULL, "generator": {"kind": "around-current", "count": 2}},
+    ],
+}
+QUERIES: Mapping[str, list[dict[str, Any]]] = {
+    "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}": [
+        {**VEHICLE, "altitude_datum": "sea-level"},
+        {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "yaw_deg": 0.0},
+    ]
+}
+EXTREMES = ("5e-324", "-5e-324", "1e-300", "1e308", "-1e308", "1e400", "-1e400", "NaN", "9" * 5000)
+WHOLE = ("0", "-0.0", "1.5", "4294967296", "9223372036854775808")
+
+_NUMBER = "number at "
+
+
+def _resolve(document: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
+    while "$ref" in schema:
+        schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    return schema
+
+
+def _variants(document: Mapping[str, Any], schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    schema = _resolve(document, schema)
+    if "properties" in schema:  # a model's own oneOf has conditions, not variants
+        return [schema]
+    inside = [*schema.get("anyOf", ()), *schema.get("oneOf", ()), *schema.get("allOf", ())]
+    return [variant for one in inside for variant in _variants(document, one)] if inside else [schema]
+
+
+def _declared(
+    document: Mapping[str, Any], schema: Mapping[str, Any], name: str
+) -> dict[str, Mapping[str, Any]]:
+    """The numbers of a schema: the model's title and field → the field's schema."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for variant in _variants(document, schema):
+        if variant.get("type") in ("number", "integer"):
+            found[name] = variant
+        for field, inner in variant.get("properties", {}).items():
+            found |= _declared(document, inner, f"{variant['title']}.{field}")
+        for inner in (*variant.get("prefixItems", ()), *filter(None, [variant.get("items")])):
+            if isinstance(inner, Mapping):
+                found |= _declared(document, inner, name)
+    return found
+
+
+def _numbers(
+    document: Mapping[str, Any], schema: Mapping[str, Any], value: Any, path: tuple[Any, ...], name: str
+) -> Iterator[tuple[tuple[Any, ...], str, Mapping[str, Any]]]:
+    """Path, name and schema of every number in a body."""
+    for variant in _variants(document, schema):
+        if isinstance(value, dict) and _fits(document, variant, value):
+            for field, inner in value.items():
+                yield from _numbers(
+                    document,
+                    variant["properties"][field],
+                    inner,
+                    (*path, field),
+                    f"{variant['title']}.{field}",
+                )
+        elif isinstance(value, list) and variant.get("type") == "array":
+            items = variant.get("prefixItems") or [variant["items"]] * len(value)
+            for index, inner in enumerate(value):
+                yield from _numbers(document, items[index], inner, (*path, index), name)
+        elif isinstance(value, int | float) and variant.get("type") in ("number", "integer"):
+            yield path, name, variant
+
+
+def _fits(document: Mapping[str, Any], schema: Mapping[str, Any], value: Mapping[str, Any]) -> bool:
+    properties = schema.get("properties", {})
+    if not value.keys() <= properties.keys():
+        return False
+    consts = ((name, _resolve(document, inner).get("const")) for name, inner in properties.items())
+    return all(const is None or value.get(name, const) == const for name, const in consts)
+
+
+def _replaced(body: Any, path: tuple[Any, ...], text: str) -> str:
+    """The body as JSON with ``text`` as the number at ``path``."""
+    body = copy.deepcopy(body)
+    inside = body
+    for part in path[:-1]:
+        inside = inside[part]
+    inside[path[-1]] = _NUMBER
+    return json.dumps(body).replace(f'"{_NUMBER}"', text)
+
+
+def _limits(schema: Mapping[str, Any]) -> tuple[float, float]:
+    low = schema.get("minimum", schema.get("exclusiveMinimum"))
+    high = schema.get("maximum", schema.get("exclusiveMaximum"))
+    assert low is not None, schema
+    assert high is not None, schema
+    return low, high
+
+
+def _texts(schema: Mapping[str, Any]) -> list[str]:
+    low, high = _limits(schema)
+    past = [repr(low - 1), repr(high + 1), repr(low - 1e-9 * max(1.0, abs(low)))]
+    ends = [repr(low), repr(high)]
+    return [*ends, *past, *EXTREMES, *WHOLE]
+
+
+def _means_something(text: str, schema: Mapping[str, Any]) -> bool:
+    low, high = _limits(schema)
+    if len(text) > 400 or not math.isfinite(float(text)) or not low <= float(text) <= high:
+        return False
+    return schema["type"] == "number" or float(text).is_integer()
+
+
+def _check(answer: Any, where: str, *, refused: bool, field: str) -> None:
+    assert answer.status_code < 500, (where, answer.text)
+
+    def fail(text: str) -> float:
+        raise AssertionError((where, text))
+
+    document = json.loads(answer.text, parse_constant=fail)
+    assert all(map(math.isfinite, _floats(document))), where
+    if refused:
+        assert answer.status_code in (400, 422), (where, answer.text)
+        named = [error["field"] for error in document.get("errors", ())]
+        # Python reads no longer integers (and JSON has no NaN): then the body is not JSON.
+        assert answer.status_code == 400 or field in named, (where, document)
+
+
+def _floats(value: Any) -> Iterator[float]:
+    if isinstance(value, dict | list):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _floats(inner)
+    elif isinstance(value, float):
+        yield value
+
+
+@pytest.fixture(scope="module")
+def document(gateway: Any) -> dict[str, Any]:
+    return gateway.client.get("/openapi.json").json()
+
+
+@pytest.fixture(scope="module")
+def scenes(gateway: Any) -> dict[bool, str]:
+    """A georeferenced scene with a model, and one with a local world (by whether it is georeferenced)."""
+    georeferenced = gateway.scene(world={"kind": "enu", "origin": ORIGIN})
+    gateway.model(georeferenced, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=30.0))
+    return {True: georeferenced, False: gateway.scene(world={"kind": "local"})}
+
+
+def test_every_number_of_a_request_has_a_range_and_a_request_that_tests_it(document: Any) -> None:
+    declared: dict[str, Mapping[str, Any]] = {}
+    tested: set[str] = set()
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+            if body is not None:
+                declared |= _declared(document, body["schema"], "")
+                for request in REQUESTS.get(path, ()):
+                    tested |= {name for _, name, _ in _numbers(document, body["schema"], request, (), "")}
+            for parameter in operation.get("parameters", ()):
+                for schema in _declared(document, parameter["schema"], parameter["name"]).values():
+                    _limits(schema)
+    for name, schema in declared.items():
+        assert _limits(schema), name
+    assert declared.keys() == tested
+    assert len(tested) >= 30
+
+
+@pytest.mark.parametrize(
+    ("path", "request_"), [(path, request) for path, requests in REQUESTS.items() for request in requests]
+)
+def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
+    gateway: Any, document: Any, scenes: dict[bool, str], path: str, request_: dict[str, Any]
+) -> None:
+    body = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    address = path.format(scene_id=scenes[True])
+    plain = gateway.client.post(address, json=request_)
+    assert plain.status_code < 300, plain.text
+    tried = 0
+    for where, name, schema in _numbers(document, body, request_, (), ""):
+        for text in dict.fromkeys(_texts(schema)):
+            content = _replaced(request_, where, text)
+            answer = gateway.client.post(
+                address, content=content, headers={"Content-Type": "application/json"}
+            )
+            field = ".".join(map(str, where))
+            _check(answer, f"{name} = {text[:40]}", refused=not _means_something(text, schema), field=field)
+            tried += 1
+    assert tried > 20
+
+
+def test_extreme_numbers_in_queries_are_refused_by_name_or_used(
+    gateway: Any, document: Any, scenes: dict[bool, str], photograph: Any
+) -> None:
+    content, seed = photograph(), 0
+    for path, queries in QUERIES.items():
+        operation = document["paths"][path]["put"]
+        schemas = {
+            parameter["name"]: variant
+            for parameter in operation["parameters"]
+            for variant in _variants(document, parameter["schema"])
+            if variant.get("type") in ("number", "integer")
+        }
+        assert schemas.keys() == {name for query in queries for name in query if name in schemas}
+        for query in queries:
+            scene = scenes["latitude_deg" in query]
+            for name in query.keys() & schemas.keys():
+                for text in _texts(schemas[name]):
+                    if _means_something(text, schemas[name]):
+                        content, seed = photograph(seed=seed), seed + 1
+                    answer = gateway.put(scene, content, **{**query, name: text})
+                    where = f"{name} = {text[:40]}"
+                    refused = not _means_something(text, schemas[name])
+                    _check(answer, where, refused=refused, field=name)
+            answer = gateway.client.get(f"/v1/scenes/{scene}/images").json()
+            assert all(map(math.isfinite, _floats(answer)))
+
+
+def test_extreme_numbers_of_pages_and_streams_are_refused(gateway: Any, scenes: dict[bool, str]) -> None:
+    scene = scenes[True]
+    for text in (*EXTREMES, "-1", "0", "1001", "1.5"):
+        answer = gateway.client.get(f"/v1/scenes/{scene}/images", params={"limit": text})
+        _check(answer, f"limit = {text[:40]}", refused=True, field="limit")
+    for text in (*EXTREMES, "-1", "9223372036854775808", "1.5"):
+        answer = gateway.client.get(f"/v1/scenes/{scene}/events", params={"after": text})
+        _check(answer, f"after = {text[:40]}", refused=True, field="after")
+        if text.isascii() and len(text) < 400:
+            answer = gateway.client.get(f"/v1/scenes/{scene}/events", headers={"Last-Event-ID": text})
+            _check(answer, f"Last-Event-ID = {text[:40]}", refused=True, field="Last-Event-ID")
+
+
+def test_a_focal_length_fits_the_width_that_it_is_given_for(gateway: Any) -> None:
+    for focal_length_px in (100.0, 100_000.0):  # within the range, but 169° and 2.3° at this width
+        camera = {"focal_length_px": focal_length_px, "width_px": 4000}
+        answer = gateway.client.post("/v1/scenes", json={"name": "camera", "camera": camera})
+        assert answer.status_code == 422
+        assert [error["field"] for error in answer.json()["errors"]] == ["camera.focal_length_px"]
