@@ -21,7 +21,7 @@ from fvs_service.rankings.generators import generate
 from fvs_service.rankings.model import RankedCandidate, Ranking, RankingRequest
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
-from fvs_service.scenes.poses import WorldFrame, world_poses
+from fvs_service.scenes.poses import WorldFrame, require_on_earth, world_poses
 from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
@@ -183,6 +183,7 @@ class Rankings:
                 f"There are {len(poses)} candidates; {self._limits.candidates_per_ranking} are allowed.",
                 hint="Split them into several rankings.",
             )
+        require_on_earth(poses)
         return poses
 
     def _require_method(self, method: str) -> None:

@@ -19,6 +19,7 @@ from fvs_engine.views import PinholeView
 from fvs_service.errors import InvalidRequestError
 from fvs_service.model import Model
 from fvs_service.quantities import (
+    MAX_COORDINATE_M,
     Altitude,
     Latitude,
     Longitude,
@@ -149,6 +150,19 @@ class WorldFrame:
         geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
         position = enu_from_geodetic(geodetic, geodetic_origin(self._origin))
         return camera_at(position, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
+
+
+def require_on_earth(world_from_cameras: Mapping[str, RigidTransform]) -> None:
+    """Check poses by their ids; raises ``InvalidRequestError`` for one that a request could not give.
+
+    Poses in the model frame and those of generators can be that far away.
+    """
+    for name, camera in world_from_cameras.items():
+        if np.abs(camera.translation).max() > MAX_COORDINATE_M:
+            raise InvalidRequestError(
+                f"The position of {name} has a coordinate beyond {MAX_COORDINATE_M:g}.",
+                hint="Coordinates in the world frame are metres from its origin.",
+            )
 
 
 def world_poses(world_from_cameras: Sequence[RigidTransform]) -> tuple[FramePose, ...]:
