@@ -9,7 +9,8 @@ from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.images.focal import focal_length_px
-from fvs_engine.images.pixels import UnusableImageError, decode
+from fvs_engine.images.limits import MIN_SIDE_PX, ImageLimits, UnusableImageError
+from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".mpo", ".png", ".tif", ".tiff", ".webp", ".bmp"})
@@ -33,7 +34,7 @@ UNREADABLE_SUFFIXES = frozenset(
 )
 """Suffixes of photographs in formats that are not supported: reported, not ignored."""
 
-MIN_SIDE_PX = 32
+_LIMITS = ImageLimits(min_side_px=MIN_SIDE_PX)
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
     path = folder / name
     try:
         content = path.read_bytes()
-        image = decode(content)
+        image = decode(content, _LIMITS)
     except UnusableImageError as error:
         return RejectedImage(name, error.message, error.hint)
     except OSError as error:
@@ -185,8 +186,6 @@ def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
             name, f"it cannot be read: {error.strerror}.", "Check the file and its permissions."
         )
     width, height = image.rgb.size
-    if min(width, height) < MIN_SIDE_PX:
-        return RejectedImage(name, f"it is too small ({width}×{height} px).", "Use the original photograph.")
     return Photograph(
         path=path,
         name=name,

@@ -18,12 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from fvs_engine.errors import InvalidInputError
+from fvs_engine.images.limits import (
+    DEFAULT_LIMITS,
+    MAX_PIXELS,
+    ImageLimits,
+    TooLargeError,
+    UnusableImageError,
+    decoding_bytes,
+)
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 """MPO, which phones and 3D cameras write, opens as JPEG; its first image is the photograph."""
-MAX_PIXELS = 256_000_000
-"""Larger images are rejected before they are decoded: the header of a small file can claim terabytes."""
 
 _ORIENTATION_TAG = 0x0112
 _TRANSPOSITIONS = {
@@ -35,14 +40,12 @@ _TRANSPOSITIONS = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+_BAND_ROWS = 256
+"""Rows that are converted at a time, so that a conversion needs no second copy of the image."""
 
 # Pillow warns at this size and raises at twice it. Ours raises at once, so the warning is redundant.
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
-
-
-class UnusableImageError(InvalidInputError):
-    """One image cannot be used; ``message`` is the reason, ``hint`` the remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,23 +61,24 @@ class DecodedImage:
     exif: Image.Exif
 
 
-def decode(content: bytes) -> DecodedImage:
+def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage:
     """Decode the bytes of one image file to the last pixel.
 
     Raises ``UnusableImageError`` when they are not an image of a known format, are damaged or cut off,
-    claim too many pixels, hold an animation, or have no 8- or 16-bit pixels.
+    hold an animation, or have no 8- or 16-bit pixels; a subclass of it, before anything is decoded, when
+    the header declares what is beyond ``limits``.
     """
     if not content:
         raise UnusableImageError("it is empty (0 bytes).", hint="Copy it from the camera again.")
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
-            return _decode_opened(
-                image, sixteen_bit_png=content[:4] == b"\x89PNG" and content[24:25] == b"\x10"
-            )
+            return _decode_opened(image, content, limits)
     except UnidentifiedImageError as error:
         raise UnusableImageError(_what_it_is_instead(content), hint=_CONVERT_HINT) from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise _too_large() from error
+        raise TooLargeError(
+            f"it has more than {limits.max_pixels / 1e6:g} megapixels.", hint="Scale it down first."
+        ) from error
     except MemoryError as error:
         raise UnusableImageError(
             "there is not enough memory to decode it.", hint="Scale it down first."
@@ -113,30 +117,37 @@ def reduced_size(width: int, height: int, long_side_px: int) -> tuple[int, int]:
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def _decode_opened(image: Image.Image, *, sixteen_bit_png: bool) -> DecodedImage:
+def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> DecodedImage:
     image_format = image.format or ""
-    if image.width * image.height > MAX_PIXELS:
-        raise _too_large()
+    converted = image.mode != "RGB" or image.has_transparency_data
+    turned = _orientation(_exif(image)) != 1
+    needed = decoding_bytes(image, content, turned=turned, converted=converted)
+    limits.require(image.width, image.height, needed)
     if image_format in ("PNG", "WEBP") and getattr(image, "is_animated", False):
         raise UnusableImageError(
             "it is an animation.", hint="Save the frames you want as separate photographs."
         )
     image.load()
-    exif = _exif(image)
-    orientation = exif.get(_ORIENTATION_TAG, 1)
-    if orientation not in _TRANSPOSITIONS:
-        orientation = 1
+    exif = _exif(image)  # a PNG may have it after its pixels
+    orientation = _orientation(exif)
     plain = (
         image_format in ("JPEG", "MPO", "PNG")
         and image.mode in ("RGB", "L")
         and orientation == 1
         and not image.has_transparency_data
-        and not sixteen_bit_png
+        and not (content[:4] == b"\x89PNG" and content[24:25] == b"\x10")  # 16 bits
     )
     rgb = _to_rgb(image)
+    if rgb is not image:
+        image.close()
     if orientation != 1:
         rgb = rgb.transpose(_TRANSPOSITIONS[orientation])
     return DecodedImage(rgb, image_format, plain, exif)
+
+
+def _orientation(exif: Image.Exif) -> int:
+    found = exif.get(_ORIENTATION_TAG, 1)
+    return found if found in _TRANSPOSITIONS else 1
 
 
 def _exif(image: Image.Image) -> Image.Exif:
@@ -149,17 +160,27 @@ def _exif(image: Image.Image) -> Image.Exif:
 
 
 def _to_rgb(image: Image.Image) -> Image.Image:
-    if image.mode.startswith("I;16"):
-        values = np.asarray(image, dtype=np.uint16).astype(np.uint32)
-        return Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8)).convert("RGB")
     if image.mode in ("I", "F"):
         raise UnusableImageError(
             "its pixels are 32-bit numbers.", hint="Export it as an 8- or 16-bit photograph."
         )
-    if image.has_transparency_data:
-        rgba = image.convert("RGBA")
+    if image.mode == "RGB" and not image.has_transparency_data:
+        return image
+    rgb = Image.new("RGB", image.size)
+    for top in range(0, image.height, _BAND_ROWS):
+        band = image.crop((0, top, image.width, min(top + _BAND_ROWS, image.height)))
+        rgb.paste(_band_to_rgb(band), (0, top))
+    return rgb
+
+
+def _band_to_rgb(band: Image.Image) -> Image.Image:
+    if band.mode.startswith("I;16"):
+        values = np.asarray(band, dtype=np.uint16).astype(np.uint32)
+        return Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8)).convert("RGB")
+    if band.has_transparency_data:
+        rgba = band.convert("RGBA")
         return Image.alpha_composite(Image.new("RGBA", rgba.size, (0, 0, 0, 255)), rgba).convert("RGB")
-    return image if image.mode == "RGB" else image.convert("RGB")
+    return band.convert("RGB")
 
 
 _CONVERT_HINT = f"Convert it to JPEG or PNG, or remove it (formats that work: {', '.join(FORMATS)})."
@@ -177,9 +198,3 @@ def _what_it_is_instead(content: bytes) -> str:
         if all(byte >= 9 for byte in head):
             return "it is not an image but text."
     return "it is not an image."
-
-
-def _too_large() -> UnusableImageError:
-    return UnusableImageError(
-        f"it has more than {MAX_PIXELS // 1_000_000} megapixels.", hint="Scale it down first."
-    )

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.images.inspection import InspectionLimits
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
@@ -87,7 +86,7 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
     with open_storage(settings) as storage:
         engine, runners = backend.engine(storage), backend.runners(storage)
         inspector = Inspector(
-            InspectionLimits(limits.image_pixels, limits.image_min_side_px),
+            limits.of_images,
             children=settings.inspectors,
             cpu_s=settings.inspection_s,
             memory_bytes=settings.inspection_bytes,

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import Field, FilePath, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 
 MEGABYTE = 1_000_000
@@ -16,7 +17,10 @@ class Limits(Record):
 
     image_bytes: PositiveInt = 64 * MEGABYTE
     image_pixels: PositiveInt = Field(default=128_000_000, le=256_000_000)
-    image_min_side_px: PositiveInt = 32
+    image_min_side_px: PositiveInt = MIN_SIDE_PX
+    image_max_side_px: PositiveInt = MAX_SIDE_PX
+    image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1)
+    image_decoding_bytes: PositiveInt = 1024 * MEGABYTE
     multipart_files: PositiveInt = 200
     multipart_bytes: PositiveInt = 1024 * MEGABYTE
     json_bytes: PositiveInt = 4 * MEGABYTE
@@ -29,6 +33,17 @@ class Limits(Record):
     event_streams_per_tenant: PositiveInt = 64
     candidates_per_ranking: PositiveInt = 2_000
     page_items: PositiveInt = 1_000
+
+    @property
+    def of_images(self) -> ImageLimits:
+        """The limits of one image."""
+        return ImageLimits(
+            max_pixels=self.image_pixels,
+            min_side_px=self.image_min_side_px,
+            max_side_px=self.image_max_side_px,
+            max_aspect_ratio=self.image_max_aspect_ratio,
+            max_decoding_bytes=self.image_decoding_bytes,
+        )
 
 
 class WorkerSettings(Record):
@@ -81,7 +96,7 @@ class Settings(BaseSettings):
     upload_idle_s: PositiveFloat = 30.0
     inspectors: PositiveInt = 2
     inspection_s: PositiveFloat = 60.0
-    inspection_bytes: PositiveInt = 4096 * MEGABYTE
+    inspection_bytes: PositiveInt = 2048 * MEGABYTE
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
 

@@ -135,6 +135,8 @@ def _png_of(width: int, height: int) -> bytes:
         (b"<svg xmlns='http://www.w3.org/2000/svg'/>", "unreadable"),
         (_png_of(50_000, 50_000), "too-large"),
         (_png_of(2_000, 900), "unreadable"),
+        (_png_of(32, 1_000_000), "too-large"),
+        (_png_of(40, 900), "too-narrow"),
     ],
 )
 def test_what_is_no_photograph_gets_a_verdict(gateway: Any, content: bytes, verdict: str) -> None:
@@ -157,7 +159,10 @@ def test_a_photograph_cut_off_or_too_small_is_not_used(gateway: Any, photograph:
 
 def test_a_decoder_that_takes_too_much_ends_alone(open_gateway: Any, photograph: Photograph) -> None:
     """A child with no memory for 200 megapixels: the image is refused, and the next one is judged as ever."""
-    gateway = open_gateway(inspection_bytes=700_000_000, limits={"image_pixels": 250_000_000})
+    gateway = open_gateway(
+        inspection_bytes=700_000_000,
+        limits={"image_pixels": 250_000_000, "image_decoding_bytes": 2_000_000_000},
+    )
     scene = gateway.scene()
     out = io.BytesIO()
     Image.new("1", (15_000, 15_000)).save(out, "PNG", compress_level=1)

@@ -3,9 +3,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fvs_service.images.inspection import InspectionLimits
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.model import Verdict
+
+from fvs_engine.images.limits import ImageLimits
 
 
 @pytest.mark.process
@@ -15,7 +16,7 @@ def test_a_decoder_that_hangs_is_killed_and_the_next_image_is_inspected(
     """A FIFO that nothing writes to blocks its reader without using processor time."""
     (tmp_path / "good.jpg").write_bytes(photograph())
     os.mkfifo(tmp_path / "hangs.jpg")
-    limits = InspectionLimits(max_pixels=1_000_000, min_side_px=32)
+    limits = ImageLimits(max_pixels=1_000_000, min_side_px=32)
     inspector = Inspector(limits, children=1, cpu_s=0.5, memory_bytes=2_000_000_000)
     try:
         assert inspector.inspect(tmp_path / "good.jpg").verdict is Verdict.ACCEPTED

@@ -16,7 +16,8 @@ import structlog
 from pebble import ProcessExpired, ProcessPool
 
 from fvs_engine.child_process import end_with_parent
-from fvs_service.images.inspection import Inspection, InspectionLimits, inspect
+from fvs_engine.images.limits import ImageLimits
+from fvs_service.images.inspection import Inspection, inspect
 from fvs_service.images.model import Verdict
 
 _log = structlog.get_logger()
@@ -39,7 +40,7 @@ _KILLED = Inspection(
 class Inspector:
     """A pool of ``children`` processes; ``inspect`` may be called from any thread, and blocks."""
 
-    def __init__(self, limits: InspectionLimits, *, children: int, cpu_s: float, memory_bytes: int) -> None:
+    def __init__(self, limits: ImageLimits, *, children: int, cpu_s: float, memory_bytes: int) -> None:
         self._limits = limits
         self._cpu_s = cpu_s
         self._pool = ProcessPool(
@@ -78,7 +79,7 @@ def _limit_child(parent: int, memory_bytes: int) -> None:
     end_with_parent(parent, kernel=False)  # the pool's threads make the children
 
 
-def _inspect_within(path: Path, limits: InspectionLimits, cpu_s: float) -> Inspection:
+def _inspect_within(path: Path, limits: ImageLimits, cpu_s: float) -> Inspection:
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     used = time.process_time()
     resource.setrlimit(resource.RLIMIT_CPU, (int(used + cpu_s) + 1, hard))

@@ -22,6 +22,8 @@ class Verdict(StrEnum):
     UNREADABLE = "unreadable"
     TOO_SMALL = "too-small"
     TOO_LARGE = "too-large"
+    TOO_NARROW = "too-narrow"
+    """One side is too long for the other."""
 
 
 class Registration(StrEnum):

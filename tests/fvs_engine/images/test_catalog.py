@@ -37,6 +37,7 @@ def test_one_bad_file_of_each_kind_among_good_ones(tmp_path: Path) -> None:
     (tmp_path / "phone.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
     (tmp_path / "gone.jpg").symlink_to(tmp_path / "nowhere.jpg")
     _photograph(tmp_path / "thumb.jpg", 9, size=(16, 12))
+    Image.new("RGB", (32, 9_000)).save(tmp_path / "ribbon.png")
     (tmp_path / "notes.txt").write_text("not shown")
     (tmp_path / ".hidden.jpg").write_text("not shown")
     (tmp_path / ".thumbnails").mkdir()
@@ -55,7 +56,8 @@ def test_one_bad_file_of_each_kind_among_good_ones(tmp_path: Path) -> None:
     assert "empty" in reasons.pop("empty.png")
     assert "HEIC" in reasons.pop("phone.HEIC")
     assert "No such file" in reasons.pop("gone.jpg")
-    assert "too small (16×12 px)" in reasons.pop("thumb.jpg")
+    assert "16×12 px; the shorter side needs 32 px" in reasons.pop("thumb.jpg")
+    assert "32×9000 px; the longer side may be 20 times" in reasons.pop("ribbon.png")
     assert not reasons
     assert all(image.hint for image in catalog.rejected)
     assert catalog.ignored == ("notes.txt",)

@@ -16,6 +16,7 @@ class Verdict(Word):
     UNREADABLE = "unreadable"
     TOO_SMALL = "too-small"
     TOO_LARGE = "too-large"
+    TOO_NARROW = "too-narrow"
 
 
 class Registration(Word):

@@ -1,0 +1,117 @@
+"""Limits of an image, checked on what its header declares before any pixel is decoded.
+
+Two sizes matter. *Shape*: pycolmap crashes on images that are much longer than wide, because its reduced
+copy of them has no width. *Memory*: a file of one megabyte can declare a gigabyte of pixels.
+"""
+
+from PIL import Image
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.records import Record
+
+MAX_PIXELS = 256_000_000
+MIN_SIDE_PX = 32
+MAX_SIDE_PX = 32_768
+MAX_ASPECT_RATIO = 20.0
+
+_STORED_BYTES = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16L": 2, "I;16B": 2}
+"""Bytes per pixel in Pillow's memory; all other modes take 4, RGB too."""
+_RGB_BYTES = 4
+_COEFFICIENT_BYTES = 2
+_WEBP_BYTES = 16
+"""Bytes per pixel that the WebP decoder takes besides the image: measured 15.5."""
+_START_OF_SCAN = b"\xff\xda"
+
+
+class UnusableImageError(InvalidInputError):
+    """One image cannot be used; ``message`` is the reason, ``hint`` the remedy."""
+
+
+class TooLargeError(UnusableImageError):
+    """It has too many pixels, or would take too much memory."""
+
+
+class TooSmallError(UnusableImageError):
+    """It has too few pixels."""
+
+
+class TooNarrowError(UnusableImageError):
+    """One side is too long for the other."""
+
+
+class ImageLimits(Record):
+    """The largest and the smallest image that is decoded.
+
+    ``max_aspect_ratio`` is the long side in short sides; ``max_decoding_bytes`` bounds ``decoding_bytes``.
+    """
+
+    max_pixels: int = MAX_PIXELS
+    min_side_px: int = 1
+    max_side_px: int = MAX_SIDE_PX
+    max_aspect_ratio: float = MAX_ASPECT_RATIO
+    max_decoding_bytes: int = 10 * MAX_PIXELS
+
+    def require(self, width_px: int, height_px: int, needed_bytes: int) -> None:
+        """Raise ``UnusableImageError`` for an image of this size that takes so much memory to decode."""
+        size = f"{width_px}×{height_px} px"
+        short, long = sorted((width_px, height_px))
+        if short < self.min_side_px:
+            raise TooSmallError(
+                f"it has {size}; the shorter side needs {self.min_side_px} px.",
+                hint="Use the original photograph.",
+            )
+        if long > self.max_side_px:
+            raise TooLargeError(
+                f"it has {size}; no side may be longer than {self.max_side_px} px.",
+                hint="Scale it down, or cut it into parts that overlap.",
+            )
+        if long > self.max_aspect_ratio * short:
+            raise TooNarrowError(
+                f"it has {size}; the longer side may be {self.max_aspect_ratio:g} times the shorter one.",
+                hint="Use the photographs that it was made of, or cut it into parts that overlap.",
+            )
+        if width_px * height_px > self.max_pixels:
+            raise TooLargeError(
+                f"it has {size}, {width_px * height_px / 1e6:.4g} megapixels; "
+                f"{self.max_pixels / 1e6:g} are allowed.",
+                hint="Scale it down first.",
+            )
+        if needed_bytes > self.max_decoding_bytes:
+            raise TooLargeError(
+                f"it has {size} and would take {needed_bytes / 1e6:.0f} MB of memory to decode; "
+                f"{self.max_decoding_bytes / 1e6:.0f} MB are allowed.",
+                hint="Save it as a JPEG that is not progressive, or scale it down.",
+            )
+
+
+DEFAULT_LIMITS = ImageLimits()
+
+
+def decoding_bytes(image: Image.Image, content: bytes, *, turned: bool, converted: bool) -> int:
+    """Memory that ``pixels.decode`` takes at its peak, apart from the file's ``content``.
+
+    ``image`` is open and not decoded yet; ``converted``: its pixels are converted to RGB; ``turned``: they
+    are then turned upright.
+    """
+    stored = _STORED_BYTES.get(image.mode, 4)
+    loading = _decoder_bytes(image, content) + stored
+    converting = stored + _RGB_BYTES if converted else 0
+    turning = 2 * _RGB_BYTES if turned else 0
+    return max(loading, converting, turning) * image.width * image.height
+
+
+def _decoder_bytes(image: Image.Image, content: bytes) -> int:
+    """Bytes per pixel that the format's decoder takes besides the image."""
+    match image.format:
+        case "JPEG" | "MPO" if content.count(_START_OF_SCAN) > 1:  # it keeps all coefficients between scans
+            return _COEFFICIENT_BYTES * len(image.getbands())
+        case "WEBP":
+            return _WEBP_BYTES
+        case "TIFF":  # a strip or tile may be the whole image, as the file stores it
+            bits = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (8,))
+            return (sum(map(int, bits)) + 7) // 8
+        case _:
+            return 0
+
+
+_BITS_PER_SAMPLE = 258

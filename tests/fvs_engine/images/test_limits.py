@@ -1,0 +1,95 @@
+import io
+import re
+import struct
+import subprocess
+import sys
+import zlib
+
+import pytest
+from PIL import Image
+
+from fvs_engine.images.limits import (
+    ImageLimits,
+    TooLargeError,
+    TooNarrowError,
+    TooSmallError,
+    UnusableImageError,
+)
+from fvs_engine.images.pixels import decode
+
+LIMITS = ImageLimits(
+    max_pixels=2_000_000, min_side_px=32, max_side_px=4_000, max_aspect_ratio=20, max_decoding_bytes=8_000_000
+)
+
+
+def png_of(width: int, height: int, color_type: int = 2, bits: int = 8, rows: int = 1) -> bytes:
+    """A PNG that declares its size, and has the first ``rows`` of its pixels."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    channels = {0: 1, 2: 3, 4: 2, 6: 4}[color_type]
+    packer = zlib.compressobj(1)
+    row = b"\0" + b"\x55" * (channels * bits // 8 * width)
+    data = b"".join(packer.compress(row) for _ in range(rows)) + packer.flush()
+    header = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "numbers"),
+    [
+        (png_of(32, 31), TooSmallError, ("32×31", "32 px")),
+        (png_of(32, 1_000_000), TooLargeError, ("32×1000000", "4000 px")),
+        (png_of(1_000_000, 32), TooLargeError, ("1000000×32", "4000 px")),
+        (png_of(100, 2_001), TooNarrowError, ("100×2001", "20 times")),
+        (png_of(1_500, 1_400), TooLargeError, ("1500×1400", "2.1 megapixels", "2 are")),
+        (png_of(1_200, 1_000, color_type=6), TooLargeError, ("1200×1000", "10 MB", "8 MB")),
+        (png_of(1_200, 1_000, color_type=6, bits=16), TooLargeError, ("10 MB", "8 MB")),
+    ],
+)
+def test_the_header_is_refused_with_its_numbers(
+    content: bytes, error: type[UnusableImageError], numbers: tuple[str, ...]
+):
+    with pytest.raises(error) as caught:
+        decode(content, LIMITS)
+    assert all(number in caught.value.message for number in numbers), caught.value.message
+    assert caught.value.hint
+
+
+def test_what_is_within_the_limits_is_decoded():
+    assert decode(png_of(100, 2_000, rows=2_000), LIMITS).rgb.size == (100, 2_000)
+    assert decode(png_of(1_000, 1_000, color_type=6, rows=1_000), LIMITS).rgb.size == (1_000, 1_000)
+
+
+def test_a_progressive_jpeg_counts_its_coefficients():
+    image = Image.new("RGB", (1_000, 1_000))
+    once, often = io.BytesIO(), io.BytesIO()
+    image.save(once, "JPEG")
+    image.save(often, "JPEG", progressive=True)
+    limits = ImageLimits(max_decoding_bytes=9_000_000)
+    assert decode(once.getvalue(), limits).rgb.size == (1_000, 1_000)
+    with pytest.raises(TooLargeError, match="10 MB"):
+        decode(often.getvalue(), limits)
+
+
+_PEAK = """
+import resource, sys
+from fvs_engine.images.pixels import decode
+content = sys.stdin.buffer.read()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+decode(content)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+@pytest.mark.process
+def test_sixteen_bits_with_transparency_take_no_more_than_is_declared():
+    """Eight bytes per pixel; before the conversion in bands it took sixteen."""
+    content = png_of(4_000, 4_000, color_type=6, bits=16, rows=4_000)
+    with pytest.raises(TooLargeError) as caught:
+        decode(content, ImageLimits(max_decoding_bytes=1))
+    found = re.search(r"(\d+) MB of memory", caught.value.message)
+    assert found
+    child = subprocess.run([sys.executable, "-c", _PEAK], input=content, capture_output=True, check=True)
+    assert int(child.stdout) < 1.25e6 * int(found[1])
