@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
+from fvs_service.deletion.service import Deletions
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
@@ -20,6 +21,7 @@ from fvs_service.settings import Settings
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
+from fvs_service.storage.removals import Removals
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Storage:
     leases: Leases
     ledger: Ledger
     snapshots: Snapshots
+    removals: Removals
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Application:
     images: Images
     jobs: Jobs
     rankings: Rankings
+    deletions: Deletions
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ def open_storage(settings: Settings) -> Iterator[Storage]:
             leases=Leases(database, settings.lease_s),
             ledger=Ledger(database),
             snapshots=Snapshots(database, blobs),
+            removals=Removals(database, blobs, settings.removal_grace_s),
         )
     finally:
         database.close()
@@ -105,6 +110,7 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 jobs=jobs,
                 rankings=Rankings(storage.database, storage.blobs, storage.snapshots, runners, limits),
+                deletions=Deletions(storage.database, engine, settings.removal_grace_s),
             )
         finally:
             inspector.close()

@@ -119,6 +119,10 @@ class StaleLeaseError(ConflictError, code="stale-lease", title="Another worker h
     """Another worker has taken the lease: the operation must stop."""
 
 
+class GoneError(ServiceError, code="gone", title="It has been deleted", status=410, retryable=False):
+    """What an idempotency key created has been deleted since."""
+
+
 class PayloadTooLargeError(
     ServiceError, code="payload-too-large", title="The body is too large", status=413, retryable=False
 ):

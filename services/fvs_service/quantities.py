@@ -37,3 +37,6 @@ ImageWidth = Annotated[int, Field(strict=True, ge=32, le=MAX_SIDE_PX), WHOLE]
 """From the shortest side of an image that is accepted."""
 FocalLength = Annotated[Number, Field(ge=PLAUSIBLE_SHARE[0] * 32, le=PLAUSIBLE_SHARE[1] * MAX_SIDE_PX)]
 """In px; also limited by the image's width, see ``CameraPrior``."""
+
+Days = Annotated[Number, Field(ge=0.01, le=36_500)]
+"""From a quarter of an hour to a century."""

@@ -69,6 +69,19 @@ class WorkerSettings(Record):
     queue_poll_s: PositiveFloat = 0.15
 
 
+class Retention(Record):
+    """How long snapshots and rankings are kept, by default for ever; scenes can set each number themselves.
+
+    Of each the newest ``snapshots`` and ``rankings`` stay, and those younger than ``snapshot_days`` and
+    ``ranking_days``; with both limits, what exceeds either is deleted.
+    """
+
+    snapshots: PositiveInt | None = None
+    snapshot_days: PositiveFloat | None = None
+    rankings: PositiveInt | None = None
+    ranking_days: PositiveFloat | None = None
+
+
 class Settings(BaseSettings):
     """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
@@ -99,6 +112,11 @@ class Settings(BaseSettings):
     inspection_bytes: PositiveInt = 2048 * MEGABYTE
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
+    retention: Retention = Retention()
+    sweep_s: PositiveFloat = 10.0
+    """Between two sweeps, which apply the retention and remove what was deleted."""
+    removal_grace_s: PositiveFloat = 180.0
+    """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""
 
     @property
     def database(self) -> str:

@@ -31,7 +31,7 @@ from fvs_service.snapshots.model import (
     SnapshotMetrics,
     SnapshotView,
 )
-from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, artifact_key
+from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
 from fvs_service.telemetry import configure_logging
 from PIL import Image
 from starlette.testclient import TestClient
@@ -102,7 +102,7 @@ class ComputingRunners:
         return out.getvalue()
 
     def _gaussians(self, scene_id: str, snapshot_id: str) -> Gaussians:
-        content = self._blobs.read(artifact_key(scene_id, snapshot_id, GAUSSIANS))
+        content = self._blobs.read(find_artifact(self._blobs, scene_id, snapshot_id, GAUSSIANS))
         with contextlib.ExitStack() as stack:
             folder = stack.enter_context(_temporary_folder())
             (folder / GAUSSIANS).write_bytes(content)
@@ -176,24 +176,33 @@ class Gateway:
         scene_id: str,
         headers: Mapping[str, str] | None = None,
         alignment: Alignment | None = None,
+        seed: int | None = None,
     ) -> str:
-        """Run an update that makes a small model; returns its snapshot's id."""
+        """Run an update that makes a small model; returns its snapshot's id.
+
+        Models with the same ``seed`` are equal; without one the model differs from all others of the scene.
+        """
         job_id = self.queue(scene_id, headers=headers)
         storage, lease = self.application.storage, self.lease(scene_id)
         attempt = self.engine.submitted[f"{job_id}.1"].attempt
         job = storage.ledger.start(lease, job_id, attempt)
         assert job is not None
         with _temporary_folder() as folder:
-            made = small_model(folder, alignment or Alignment())
+            number = 5 + self._snapshots_of(scene_id, headers) if seed is None else seed
+            made = small_model(folder, alignment or Alignment(), number)
             snapshot = storage.snapshots.commit(lease, job, "snapshot", made)
         storage.ledger.succeed(lease, job_id)
         storage.leases.release(lease)
         return snapshot.id
 
+    def _snapshots_of(self, scene_id: str, headers: Mapping[str, str] | None) -> int:
+        listed = self.client.get(f"/v1/scenes/{scene_id}/snapshots", headers=headers)
+        return len(listed.json()["items"])
 
-def small_model(folder: Path, alignment: Alignment) -> NewSnapshot:
+
+def small_model(folder: Path, alignment: Alignment, seed: int = 5) -> NewSnapshot:
     """Sixty coloured Gaussians around the origin, and six cameras at a distance of 4."""
-    generator = torch.Generator().manual_seed(5)
+    generator = torch.Generator().manual_seed(seed)
     count = 60
     write_ply(
         folder / GAUSSIANS,

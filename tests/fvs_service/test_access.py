@@ -10,6 +10,8 @@ from fvs_service.principal import Scope
 
 _PUBLIC = {"/livez", "/readyz"}
 _BODIES: dict[str, Any] = {
+    "change_scene": {"name": "another"},
+    "change_snapshot": {"pinned": True},
     "create_scene": {"name": "a"},
     "check_images": {"digests": [f"sha256:{'0' * 64}"]},
     "create_job": {"kind": "update"},

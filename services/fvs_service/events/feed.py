@@ -8,7 +8,7 @@ from typing import TypeVar
 import anyio.to_thread
 
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.events.model import Event
+from fvs_service.events.model import Event, EventKind
 from fvs_service.events.repository import events_after, last_number
 from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database
@@ -62,7 +62,10 @@ class EventFeed:
                     self._changed.notify_all()
 
     async def follow(self, scene_id: str, after: int) -> AsyncIterator[Event | None]:
-        """The events of a scene after number ``after``, without end; None is a heartbeat without an event."""
+        """The events of a scene after number ``after``; None is a heartbeat without an event.
+
+        Ends only after the event that the scene was deleted.
+        """
         self._followers += 1
         try:
             while True:
@@ -71,6 +74,8 @@ class EventFeed:
                 for event in events:
                     after = event.number
                     yield event
+                    if event.kind is EventKind.SCENE_DELETED:
+                        return
                 if not events and not await self._wait(seen):
                     yield None
         finally:

@@ -10,6 +10,9 @@ class EventKind(StrEnum):
     """The kind of an event."""
 
     SCENE_CREATED = "scene.created"
+    SCENE_CHANGED = "scene.changed"
+    SCENE_DELETED = "scene.deleted"
+    """The last event of its scene: streams end after it."""
     IMAGE_RECEIVED = "image.received"
     JOB_QUEUED = "job.queued"
     JOB_STARTED = "job.started"
@@ -18,7 +21,9 @@ class EventKind(StrEnum):
     JOB_FAILED = "job.failed"
     JOB_CANCELED = "job.canceled"
     SNAPSHOT_CREATED = "snapshot.created"
+    SNAPSHOT_DELETED = "snapshot.deleted"
     RANKING_CREATED = "ranking.created"
+    RANKING_DELETED = "ranking.deleted"
 
 
 class Event(Model):

@@ -36,6 +36,7 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_service.scenes.repository import scene_of, set_origin
 from fvs_service.settings import Limits
+from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 
@@ -167,7 +168,7 @@ class Images:
 
 def blob_key(scene_id: str, digest: str) -> str:
     """The blob key of an image."""
-    return f"scenes/{scene_id}/images/{digest.removeprefix('sha256:')}"
+    return image_key(scene_id, digest.removeprefix("sha256:"))
 
 
 def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:

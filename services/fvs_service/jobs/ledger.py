@@ -69,16 +69,13 @@ class Ledger:
         """Add a warning, unless the job has it."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            warnings = repository.find_job(session, job_id).warnings
-            if sentence not in warnings:
-                repository.change(
-                    session, job_id, in_state=(JobState.RUNNING,), warnings=[*warnings, sentence]
-                )
+            add_warning(session, job_id, sentence)
 
     def cancel_requested(self, job_id: str) -> bool:
-        """Whether the job is to be canceled; cheap enough for several calls a second."""
+        """Whether the job is to be canceled or was deleted; cheap enough for several calls a second."""
         with self._database.reading() as session:
-            return bool(session.scalar(select(JobRow.cancel_requested).where(JobRow.id == job_id)))
+            wanted = session.scalar(select(JobRow.cancel_requested).where(JobRow.id == job_id))
+        return wanted is None or wanted
 
     def stage(self, job_id: str, name: str) -> Mapping[str, Any] | None:
         """The document of a finished stage; None when it is not finished."""
@@ -128,6 +125,13 @@ def record_stage(session: Session, job_id: str, name: str, document: Mapping[str
     """Record a stage as finished in the transaction of ``session``; the first record stays."""
     if session.get(JobStageRow, (job_id, name)) is None:
         session.add(JobStageRow(job_id=job_id, name=name, document=dict(document), created_at=now()))
+
+
+def add_warning(session: Session, job_id: str, sentence: str) -> None:
+    """Add a warning to a running job, unless it has it."""
+    warnings = repository.find_job(session, job_id).warnings
+    if sentence not in warnings:
+        repository.change(session, job_id, in_state=(JobState.RUNNING,), warnings=[*warnings, sentence])
 
 
 def attach_snapshot(session: Session, job_id: str, snapshot_id: str) -> None:

@@ -40,9 +40,9 @@ class Jobs:
         remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
         with self._database.writing() as session:
             scene = scene_of(session, principal, scene_id)
-            known = remembered.resource_id(session)
+            known = remembered.resource(session, lambda job: repository.job_of(session, principal, job))
             if known is not None:
-                return repository.job_of(session, principal, known)
+                return known
             if request.kind is JobKind.FINE and scene.snapshot_id is None:
                 raise ConflictError(
                     "A fine model needs the cameras of an update, and the scene has had none.",

@@ -25,11 +25,13 @@ from fvs_service.scenes.poses import WorldFrame, require_on_earth, world_poses
 from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
-from fvs_service.snapshots.repository import find_snapshot
+from fvs_service.snapshots.repository import find_snapshot, snapshot_of
 from fvs_service.snapshots.service import Snapshots
+from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 from fvs_service.storage.idempotency import IdempotencyKey
+from fvs_service.storage.removals import has_row
 
 _CACHED_SNAPSHOTS = 64
 
@@ -65,9 +67,13 @@ class Rankings:
         remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
         with self._database.reading() as session:
             scene = scene_head_of(session, principal, scene_id)
-            earlier = remembered.resource_id(session)
+            earlier = remembered.resource(
+                session, lambda made: repository.ranking_of(session, principal, made)
+            )
             if earlier is not None:
-                return repository.ranking_of(session, principal, earlier)
+                return earlier
+            if request.snapshot_id is not None:
+                snapshot_of(session, principal, request.snapshot_id)  # the cache may outlive it
         snapshot_id = request.snapshot_id or scene.snapshot_id
         if snapshot_id is None:
             raise NoSnapshotError(
@@ -81,9 +87,12 @@ class Rankings:
         with self._limit.slot(principal.tenant_id):
             ranking = self._rank(scene, snapshot, request)
         with self._database.writing() as session:
-            earlier = remembered.resource_id(session)
+            scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
+            earlier = remembered.resource(
+                session, lambda made: repository.ranking_of(session, principal, made)
+            )
             if earlier is not None:  # the same request, sent twice at once
-                return repository.ranking_of(session, principal, earlier)
+                return earlier
             repository.add_ranking(session, ranking)
             remembered.remember(session, ranking.id)
             data = {"ranking_id": ranking.id, "snapshot_id": snapshot.id, "method": request.method}
@@ -102,11 +111,12 @@ class Rankings:
         candidate = next((item for item in ranking.candidates if item.id == candidate_id), None)
         if candidate is None:
             raise NotFoundError("The ranking has no such candidate.")
-        key = f"scenes/{ranking.scene_id}/rankings/{ranking.id}/{candidate.id}/{image.value}.png"
+        key = f"{ranking_prefix(ranking.scene_id, ranking.id)}{candidate.id}/{image.value}.png"
         if self._blobs.exists(key):
             return self._blobs.read(key)
         with self._database.reading() as session:
             scene = find_scene_head(session, ranking.scene_id)
+            snapshot_of(session, principal, ranking.snapshot_id)
         frame = WorldFrame(scene.origin, ranking.alignment)
         camera = self._cameras(ranking.snapshot_id).camera.pinhole
         (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
@@ -114,6 +124,9 @@ class Rankings:
         with self._limit.slot(principal.tenant_id):
             png = self._runners.render(request)
         self._blobs.put(png, key)
+        with self._database.reading() as session:
+            if not has_row(session, key):  # deleted meanwhile
+                self._blobs.remove(key)
         return png
 
     def _rank(self, scene: SceneHead, snapshot: Snapshot, request: RankingRequest) -> Ranking:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from sqlalchemy import CursorResult, or_, select, update
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import StaleLeaseError
+from fvs_service.errors import NotFoundError, StaleLeaseError
 from fvs_service.storage.database import Database, now_ms
-from fvs_service.storage.tables import SceneLeaseRow
+from fvs_service.storage.tables import SceneLeaseRow, SceneRow
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,15 @@ class Leases:
     def acquire(self, scene_id: str, worker_id: str) -> Lease | None:
         """Acquire the lease if it is free, has expired, or is this worker's; else return None.
 
-        Every acquired lease has a new token, which makes all earlier ones stale.
+        Every acquired lease has a new token, which makes all earlier ones stale. Raises ``NotFoundError`` for
+        a deleted scene.
         """
         with self._database.writing() as session:
             expires = now_ms() + self._duration_ms
             row = session.get(SceneLeaseRow, scene_id, with_for_update=True)
             if row is None:
+                if session.get(SceneRow, scene_id) is None:
+                    raise NotFoundError("There is no such scene.")
                 session.add(
                     SceneLeaseRow(
                         scene_id=scene_id, worker_id=worker_id, endpoint=None, token=1, expires_at_ms=expires

@@ -1,13 +1,16 @@
 """Scenes: requests, settings, alignment."""
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
 from fvs_service.model import WHOLE, Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple
-from fvs_service.quantities import Altitude, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
+from fvs_service.quantities import Altitude, Days, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
+
+SceneName = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+"""A name for people; several scenes may have the same."""
 
 
 class AltitudeDatum(StrEnum):
@@ -89,6 +92,22 @@ class Policy(Model):
     """The number of images before the first update; fewer are seldom enough for a model."""
 
 
+class Retention(Model):
+    """How long snapshots and rankings are kept; numbers that are null are the service's.
+
+    A scene's current snapshot, its newest of each kind, and pinned ones always stay.
+    """
+
+    snapshots: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
+    """Keep so many snapshots, the newest ones."""
+    snapshot_days: Days | None = None
+    """Keep snapshots so long."""
+    rankings: Annotated[int, Field(strict=True, ge=1, le=1_000_000), WHOLE] | None = None
+    """Keep so many rankings, the newest ones."""
+    ranking_days: Days | None = None
+    """Keep rankings so long."""
+
+
 class SceneRequest(Model):
     """A scene to create."""
 
@@ -108,10 +127,42 @@ class SceneRequest(Model):
         }
     )
 
-    name: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+    name: SceneName
     world: World = AutomaticWorld()
     camera: CameraPrior | None = None
     policy: Policy = Policy()
+    retention: Retention = Retention()
+
+
+class SceneChange(Model):
+    """What to change of a scene; what is not given stays."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"name": "south quarry"}, {"retention": {"snapshots": 10}}]}
+    )
+
+    name: SceneName | None = None
+    policy: Policy | None = None
+    retention: Retention | None = None
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Self:
+        if not self.model_dump(exclude_none=True):
+            raise ValueError("give a name, a policy or a retention")
+        return self
+
+
+class SceneSize(Model):
+    """The disk space of a scene."""
+
+    scene_id: str
+    images_bytes: Count
+    """The original images."""
+    artifacts_bytes: Count
+    """The artifacts of its snapshots; equal ones count once."""
+    working_bytes: Count
+    """The worker's files when its last job ended; a worker makes most of them again when they are lost."""
+    total_bytes: Count
 
 
 class AlignmentStatus(StrEnum):
@@ -158,6 +209,7 @@ class Scene(Model):
     """The ENU origin; null while there is none."""
     camera: CameraPrior | None
     policy: Policy
+    retention: Retention
     images: ImageCounts
     snapshot_id: str | None
     alignment: Alignment | None

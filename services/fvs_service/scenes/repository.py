@@ -4,13 +4,22 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from pydantic import TypeAdapter
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
-from fvs_service.scenes.model import Alignment, EnuWorld, ImageCounts, Origin, Scene, SceneRequest
-from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotRow
+from fvs_service.scenes.model import (
+    Alignment,
+    EnuWorld,
+    ImageCounts,
+    Origin,
+    Scene,
+    SceneChange,
+    SceneRequest,
+    SceneSize,
+)
+from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow
 
 _ALIGNMENT = TypeAdapter(Alignment)
 _NO_SCENE = "There is no such scene."
@@ -35,6 +44,7 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
             request=request.model_dump(mode="json"),
             origin=None if origin is None else origin.model_dump(mode="json"),
             snapshot_id=None,
+            working_bytes=0,
             created_at=at,
         )
     )
@@ -75,6 +85,42 @@ def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit:
 def count_scenes(session: Session, tenant_id: str) -> int:
     """The number of a tenant's scenes."""
     return session.scalar(select(func.count()).where(SceneRow.tenant_id == tenant_id)) or 0
+
+
+def change_scene(session: Session, principal: Principal, scene_id: str, change: SceneChange) -> None:
+    """Change the settings of a scene of the principal's tenant; raises ``NotFoundError``."""
+    row = _row_of(session, principal, scene_id)
+    given = change.model_dump(mode="json", exclude_none=True)
+    row.request = {**SceneRequest.model_validate(row.request).model_dump(mode="json"), **given}
+    session.flush()
+
+
+def size_of(session: Session, scene_id: str) -> SceneSize:
+    """The disk space of a scene."""
+    stored = ImageRow.document["size_bytes"].as_integer()
+    images = session.scalar(
+        select(func.sum(stored)).where(ImageRow.scene_id == scene_id, ImageRow.verdict == "accepted")
+    )
+    blobs = (
+        select(SnapshotArtifactRow.sha256, SnapshotArtifactRow.size_bytes)
+        .where(SnapshotArtifactRow.scene_id == scene_id)
+        .distinct()
+        .subquery()
+    )
+    artifacts = session.scalar(select(func.sum(blobs.c.size_bytes)))
+    sizes = int(images or 0), int(artifacts or 0), _row(session, scene_id).working_bytes
+    return SceneSize(
+        scene_id=scene_id,
+        images_bytes=sizes[0],
+        artifacts_bytes=sizes[1],
+        working_bytes=sizes[2],
+        total_bytes=sum(sizes),
+    )
+
+
+def set_working_bytes(session: Session, scene_id: str, size: int) -> None:
+    """Record the size of a worker's files of the scene; no effect when it was deleted."""
+    session.execute(update(SceneRow).where(SceneRow.id == scene_id).values(working_bytes=size))
 
 
 def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
@@ -126,6 +172,7 @@ def _scene(session: Session, row: SceneRow) -> Scene:
         origin=_origin(row),
         camera=request.camera,
         policy=request.policy,
+        retention=request.retention,
         images=_counts(session, row.id),
         snapshot_id=row.snapshot_id,
         alignment=alignment,

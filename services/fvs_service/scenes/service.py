@@ -7,14 +7,14 @@ from fvs_service.ids import new_id
 from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes import repository
-from fvs_service.scenes.model import Scene, SceneList, SceneRequest
+from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 from fvs_service.settings import Limits
 from fvs_service.storage.database import Database
 from fvs_service.storage.idempotency import IdempotencyKey
 
 
 class Scenes:
-    """Creates and returns scenes."""
+    """Creates, changes and returns scenes."""
 
     def __init__(self, database: Database, limits: Limits) -> None:
         self._database = database
@@ -25,17 +25,19 @@ class Scenes:
         principal.require(Scope.OPERATE)
         remembered = IdempotencyKey(principal.tenant_id, key, "scenes.create", request)
         with self._database.writing() as session:
-            scene_id = remembered.resource_id(session)
-            if scene_id is None:
-                if repository.count_scenes(session, principal.tenant_id) >= self._limits.scenes_per_tenant:
-                    raise LimitExceededError(
-                        f"There are {self._limits.scenes_per_tenant} scenes, the most that are allowed.",
-                        retry_after_s=3600,
-                    )
-                scene_id = new_id("scn")
-                repository.add_scene(session, scene_id, principal.tenant_id, request, now())
-                publish(session, scene_id, EventKind.SCENE_CREATED, {"name": request.name})
-                remembered.remember(session, scene_id)
+            earlier = remembered.resource(session, lambda made: repository.scene_of(session, principal, made))
+            if earlier is not None:
+                return earlier
+            if repository.count_scenes(session, principal.tenant_id) >= self._limits.scenes_per_tenant:
+                raise LimitExceededError(
+                    f"There are {self._limits.scenes_per_tenant} scenes, the most that are allowed.",
+                    hint="Delete one that is no longer needed.",
+                    retry_after_s=3600,
+                )
+            scene_id = new_id("scn")
+            repository.add_scene(session, scene_id, principal.tenant_id, request, now())
+            publish(session, scene_id, EventKind.SCENE_CREATED, {"name": request.name})
+            remembered.remember(session, scene_id)
             return repository.scene_of(session, principal, scene_id)
 
     def get(self, principal: Principal, scene_id: str) -> Scene:
@@ -43,6 +45,22 @@ class Scenes:
         principal.require(Scope.READ, scene_id)
         with self._database.reading() as session:
             return repository.scene_of(session, principal, scene_id)
+
+    def change(self, principal: Principal, scene_id: str, change: SceneChange) -> Scene:
+        """Change a scene's name, policy or retention; raises ``NotFoundError``."""
+        principal.require(Scope.OPERATE, scene_id)
+        with self._database.writing() as session:
+            repository.change_scene(session, principal, scene_id, change)
+            data = change.model_dump(mode="json", exclude_none=True)
+            publish(session, scene_id, EventKind.SCENE_CHANGED, data)
+            return repository.scene_of(session, principal, scene_id)
+
+    def size(self, principal: Principal, scene_id: str) -> SceneSize:
+        """The disk space of a scene; raises ``NotFoundError``."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            repository.scene_head_of(session, principal, scene_id)
+            return repository.size_of(session, scene_id)
 
     def all(self, principal: Principal, page: Page) -> SceneList:
         """The tenant's scenes, the oldest first."""

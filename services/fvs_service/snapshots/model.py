@@ -3,7 +3,7 @@
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
 from fvs_service.jobs.model import JobKind
@@ -61,7 +61,17 @@ class Snapshot(Model):
     metrics: SnapshotMetrics
     alignment: Alignment
     artifacts: tuple[Artifact, ...]
+    pinned: bool = False
+    """Whether retention keeps it for ever."""
     created_at: Timestamp
+
+
+class SnapshotChange(Model):
+    """What to change of a snapshot."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"pinned": True}]})
+
+    pinned: bool
 
 
 class SnapshotList(Listing[Snapshot]):

@@ -1,12 +1,14 @@
 """Snapshots in the database."""
 
-from sqlalchemy import select
+from collections.abc import Mapping
+
+from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.snapshots.model import Snapshot
-from fvs_service.storage.tables import SceneRow, SnapshotRow
+from fvs_service.storage.tables import SceneRow, SnapshotArtifactRow, SnapshotRow
 
 
 def add_snapshot(session: Session, snapshot: Snapshot) -> None:
@@ -16,9 +18,21 @@ def add_snapshot(session: Session, snapshot: Snapshot) -> None:
             id=snapshot.id,
             scene_id=snapshot.scene_id,
             job_id=snapshot.job_id,
-            document=snapshot.model_dump(mode="json"),
+            pinned=snapshot.pinned,
+            document=snapshot.model_dump(mode="json", exclude={"pinned"}),
             created_at=snapshot.created_at,
         )
+    )
+    session.flush()
+    session.add_all(
+        SnapshotArtifactRow(
+            snapshot_id=snapshot.id,
+            name=artifact.name,
+            scene_id=snapshot.scene_id,
+            sha256=artifact.sha256,
+            size_bytes=artifact.size_bytes,
+        )
+        for artifact in snapshot.artifacts
     )
     session.flush()
 
@@ -29,7 +43,7 @@ def snapshot_of(session: Session, principal: Principal, snapshot_id: str) -> Sna
     scene = None if row is None else session.get(SceneRow, row.scene_id)
     if row is None or scene is None or not principal.owns(scene.tenant_id, scene.id):
         raise NotFoundError("There is no such snapshot.")
-    return Snapshot.model_validate(row.document)
+    return _snapshot(row)
 
 
 def find_snapshot(session: Session, snapshot_id: str) -> Snapshot:
@@ -37,7 +51,31 @@ def find_snapshot(session: Session, snapshot_id: str) -> Snapshot:
     row = session.get(SnapshotRow, snapshot_id)
     if row is None:
         raise NotFoundError("There is no such snapshot.")
-    return Snapshot.model_validate(row.document)
+    return _snapshot(row)
+
+
+def pin(session: Session, snapshot_id: str, *, pinned: bool) -> None:
+    """Have retention keep a snapshot, or not."""
+    session.execute(update(SnapshotRow).where(SnapshotRow.id == snapshot_id).values(pinned=pinned))
+
+
+def with_artifacts(session: Session, scene_id: str, wanted: Mapping[str, str]) -> Snapshot | None:
+    """The newest snapshot of a scene with all these artifacts (name → SHA-256)."""
+    same = or_(
+        *(
+            and_(SnapshotArtifactRow.name == name, SnapshotArtifactRow.sha256 == sha256)
+            for name, sha256 in wanted.items()
+        )
+    )
+    found = (
+        select(SnapshotArtifactRow.snapshot_id)
+        .where(SnapshotArtifactRow.scene_id == scene_id, same)
+        .group_by(SnapshotArtifactRow.snapshot_id)
+        .having(func.count() == len(wanted))
+        .order_by(SnapshotArtifactRow.snapshot_id.desc())
+    )
+    snapshot_id = session.scalar(found.limit(1))
+    return None if snapshot_id is None else find_snapshot(session, snapshot_id)
 
 
 def snapshots_of_scene(
@@ -50,4 +88,8 @@ def snapshots_of_scene(
         .order_by(SnapshotRow.id)
         .limit(limit)
     )
-    return tuple(Snapshot.model_validate(row.document) for row in rows)
+    return tuple(map(_snapshot, rows))
+
+
+def _snapshot(row: SnapshotRow) -> Snapshot:
+    return Snapshot.model_validate({**row.document, "pinned": row.pinned})

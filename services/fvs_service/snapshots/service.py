@@ -1,8 +1,10 @@
 """The operations on snapshots: return them, read their artifacts and, for workers, commit them."""
 
 import hashlib
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -12,7 +14,7 @@ from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.images.repository import register
-from fvs_service.jobs.ledger import attach_snapshot, record_stage
+from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_stage
 from fvs_service.jobs.model import Job, JobKind
 from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
@@ -25,22 +27,33 @@ from fvs_service.snapshots.model import (
     Artifact,
     Snapshot,
     SnapshotCameras,
+    SnapshotChange,
     SnapshotList,
     SnapshotMetrics,
 )
+from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
+from fvs_service.storage.removals import keep, lock_scene, remove_later
 from fvs_service.storage.tables import JobStageRow
 
 CAMERAS = "cameras.json"
 """The artifact with the ``SnapshotCameras``; every snapshot has it."""
 GAUSSIANS = "point_cloud.ply"
 """The artifact with the Gaussians in the layout of 3DGS; every snapshot has it."""
+METRICS = "metrics.json"
+"""The artifact with the snapshot's ``SnapshotMetrics``."""
+COLMAP = "colmap.zip"
+"""The artifact with COLMAP's binary model of the same cameras and points."""
+
+_ABOUT_THE_JOB = frozenset({METRICS, COLMAP})
+"""Artifacts that can differ between equal models."""
+_ABANDONED_AFTER = timedelta(hours=1)
 
 
 @dataclass(frozen=True)
 class NewSnapshot:
-    """A snapshot to commit: ``files`` are files on the worker's disk by artifact name; they are moved.
+    """A snapshot to commit: ``files`` are files on the worker's disk by artifact name.
 
     ``registered`` and ``unregistered`` are the digests of the images that the job processed.
     """
@@ -82,60 +95,111 @@ class Snapshots:
 
     def read(self, snapshot: Snapshot, name: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
         """The bytes of an artifact, in chunks."""
-        return self._blobs.chunks(artifact_key(snapshot.scene_id, snapshot.id, name), start, stop)
+        return self._blobs.chunks(_key(snapshot, name), start, stop)
 
     def cameras(self, snapshot: Snapshot) -> SnapshotCameras:
         """The poses of the snapshot's images."""
-        return SnapshotCameras.model_validate_json(
-            self._blobs.read(artifact_key(snapshot.scene_id, snapshot.id, CAMERAS))
-        )
+        return SnapshotCameras.model_validate_json(self._blobs.read(_key(snapshot, CAMERAS)))
+
+    def change(self, principal: Principal, snapshot_id: str, change: SnapshotChange) -> Snapshot:
+        """Pin a snapshot, or no longer; raises ``NotFoundError``."""
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            repository.snapshot_of(session, principal, snapshot_id)
+            repository.pin(session, snapshot_id, pinned=change.pinned)
+            return repository.snapshot_of(session, principal, snapshot_id)
 
     def commit(self, lease: Lease, job: Job, stage: str, made: NewSnapshot) -> Snapshot:
         """Add a snapshot and make it the scene's latest, atomically and once per job and stage.
 
         The scene keeps its present snapshot if that has more registered images: it is from an update that ran
-        while a fine model was trained, and rankings must use its images.
+        while a fine model was trained, and rankings must use its images. An update that has changed nothing
+        makes no snapshot: the earlier one with the same model is the job's.
 
-        The artifacts are stored first; the snapshot, the scene's latest snapshot, the images' registrations
-        and the stage are one transaction that the lease's token fences. Raises ``StaleLeaseError``; then
-        nothing has changed.
+        The artifacts are stored first, to be removed again unless a snapshot refers to them within an
+        hour; the snapshot, its references, the scene's latest snapshot, the images' registrations and the
+        stage are one transaction that the lease's token fences. Raises ``StaleLeaseError``; then nothing has
+        changed.
         """
         earlier = self._committed(job.id, stage)
         if earlier is not None:
             return earlier
-        snapshot_id = new_id("snp")
-        artifacts = []
-        for name, file in sorted(made.files.items()):
-            size, digest = _measure(file)
-            media_type = MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
-            artifacts.append(Artifact(name=name, media_type=media_type, size_bytes=size, sha256=digest))
-            self._blobs.adopt(file, artifact_key(lease.scene_id, snapshot_id, name))
+        artifacts = tuple(_artifact(name, file) for name, file in sorted(made.files.items()))
+        if job.kind is JobKind.UPDATE:
+            unchanged = self._commit_unchanged(lease, job, stage, made, artifacts)
+            if unchanged is not None:
+                return unchanged
         snapshot = Snapshot(
-            id=snapshot_id,
+            id=new_id("snp"),
             scene_id=lease.scene_id,
             job_id=job.id,
             kind=job.kind,
             metrics=made.metrics,
             alignment=made.alignment,
-            artifacts=tuple(artifacts),
+            artifacts=artifacts,
             created_at=now(),
         )
+        keys = self._store(lease, snapshot, made.files)
+        while not self._add(lease, job, stage, made, snapshot, keys):
+            keys = self._store(lease, snapshot, made.files)
+        return snapshot
+
+    def _store(self, lease: Lease, snapshot: Snapshot, files: Mapping[str, Path]) -> tuple[str, ...]:
+        """Store the artifacts and their list; returns the blobs' keys."""
+        stored = {_key(snapshot, name): file for name, file in files.items()}
+        manifest = manifest_key(snapshot.scene_id, snapshot.id)
         with self._database.writing() as session:
             require_lease(session, lease)
+            for key in (*stored, manifest):
+                remove_later(session, snapshot.scene_id, key, after=_ABANDONED_AFTER)
+        for key, file in stored.items():
+            self._blobs.keep(file, key)
+        digests = {artifact.name: artifact.sha256 for artifact in snapshot.artifacts}
+        self._blobs.put(json.dumps(digests).encode(), manifest)
+        return (*stored, manifest)
+
+    def _add(
+        self, lease: Lease, job: Job, stage: str, made: NewSnapshot, snapshot: Snapshot, keys: tuple[str, ...]
+    ) -> bool:
+        """Add a snapshot whose blobs are stored; False when one was removed in between, as unused."""
+        with self._database.writing() as session:
+            require_lease(session, lease)
+            lock_scene(session, lease.scene_id)
+            if not all(map(self._blobs.exists, keys)):
+                return False
             repository.add_snapshot(session, snapshot)
+            keep(session, keys)
             register(session, lease.scene_id, made.registered, made.unregistered)
             if not _is_behind(session, snapshot):
-                set_snapshot(session, lease.scene_id, snapshot_id)
-            attach_snapshot(session, job.id, snapshot_id)
-            record_stage(session, job.id, stage, {"snapshot_id": snapshot_id})
+                set_snapshot(session, lease.scene_id, snapshot.id)
+            attach_snapshot(session, job.id, snapshot.id)
+            record_stage(session, job.id, stage, {"snapshot_id": snapshot.id})
             data = {
-                "snapshot_id": snapshot_id,
+                "snapshot_id": snapshot.id,
                 "job_id": job.id,
                 "metrics": made.metrics.model_dump(mode="json"),
                 "alignment": made.alignment.model_dump(mode="json"),
             }
-            publish(session, lease.scene_id, EventKind.SNAPSHOT_CREATED, data, subject=snapshot_id)
-        return snapshot
+            publish(session, lease.scene_id, EventKind.SNAPSHOT_CREATED, data, subject=snapshot.id)
+        return True
+
+    def _commit_unchanged(
+        self, lease: Lease, job: Job, stage: str, made: NewSnapshot, artifacts: tuple[Artifact, ...]
+    ) -> Snapshot | None:
+        """Commit an update that ended with the model of an earlier snapshot, which is returned."""
+        model = {item.name: item.sha256 for item in artifacts if item.name not in _ABOUT_THE_JOB}
+        with self._database.writing() as session:
+            require_lease(session, lease)
+            earlier = repository.with_artifacts(session, lease.scene_id, model)
+            if earlier is None:
+                return None
+            register(session, lease.scene_id, made.registered, made.unregistered)
+            attach_snapshot(session, job.id, earlier.id)
+            record_stage(session, job.id, stage, {"snapshot_id": earlier.id})
+            add_warning(
+                session, job.id, f"The update changed nothing: its snapshot is the earlier {earlier.id}."
+            )
+        return earlier
 
     def _committed(self, job_id: str, stage: str) -> Snapshot | None:
         with self._database.reading() as session:
@@ -155,11 +219,21 @@ def _is_behind(session: Session, snapshot: Snapshot) -> bool:
     return repository.find_snapshot(session, present).metrics.registered > snapshot.metrics.registered
 
 
-def artifact_key(scene_id: str, snapshot_id: str, name: str) -> str:
-    """The blob key of an artifact."""
-    return f"scenes/{scene_id}/snapshots/{snapshot_id}/{name}"
+def find_artifact(blobs: Blobs, scene_id: str, snapshot_id: str, name: str) -> str:
+    """The blob key of an artifact, for runners, which do not read the database; raises ``NotFoundError``."""
+    digests = json.loads(blobs.read(manifest_key(scene_id, snapshot_id)))
+    if name not in digests:
+        raise NotFoundError("The snapshot has no such artifact.")
+    return artifact_key(scene_id, digests[name])
 
 
-def _measure(file: Path) -> tuple[int, str]:
+def _key(snapshot: Snapshot, name: str) -> str:
+    digest = next(artifact.sha256 for artifact in snapshot.artifacts if artifact.name == name)
+    return artifact_key(snapshot.scene_id, digest)
+
+
+def _artifact(name: str, file: Path) -> Artifact:
     with file.open("rb") as content:
-        return file.stat().st_size, hashlib.file_digest(content, "sha256").hexdigest()
+        digest = hashlib.file_digest(content, "sha256").hexdigest()
+    media_type = MEDIA_TYPES.get(file.suffix, "application/octet-stream")
+    return Artifact(name=name, media_type=media_type, size_bytes=file.stat().st_size, sha256=digest)

@@ -7,7 +7,9 @@ a folder on one machine, or one of the object stores that obstore supports (S3 a
 import errno
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from uuid import uuid4
 
@@ -18,15 +20,17 @@ from fvs_engine.files.atomic import flush_to_disk
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 
 _CHUNK_BYTES = 1 << 20
+_PARTIAL = ".partial"
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 @dataclass(frozen=True)
 class BlobInfo:
-    """A blob's key and size."""
+    """A blob's key, its size and when it was written."""
 
     key: str
     size_bytes: int
+    modified_at: datetime
 
 
 class Blobs:
@@ -46,21 +50,43 @@ class Blobs:
         target = self._folder / key
         with full_disk_as_error():
             if file.stat().st_dev != self._folder.stat().st_dev:
-                copied = self._folder / f".{uuid4().hex}.partial"
+                copied = self._folder / f".{uuid4().hex}{_PARTIAL}"
                 shutil.copyfile(file, copied)
                 file.unlink()
                 file = copied
-            _make_folder(target.parent)
             flush_to_disk(file)
-            file.replace(target)
+            _make_folder(target.parent)
+            try:
+                file.replace(target)
+            except FileNotFoundError:  # the folder was removed with its scene just now
+                _make_folder(target.parent)
+                file.replace(target)
             flush_to_disk(target.parent)
+
+    def keep(self, file: Path, key: str) -> None:
+        """Store the content of ``file``, which stays, under ``key``; no effect when the key is stored."""
+        if self.exists(key):
+            return
+        if self._folder is None:
+            obstore.put(self._store, key, file)
+            return
+        linked = self._folder / f".{uuid4().hex}{_PARTIAL}"
+        with full_disk_as_error():
+            try:
+                try:
+                    linked.hardlink_to(file)
+                except OSError:  # another file system, or one without hard links
+                    shutil.copyfile(file, linked)
+                self.adopt(linked, key)
+            finally:
+                linked.unlink(missing_ok=True)
 
     def put(self, content: bytes, key: str) -> None:
         """Store ``content`` under ``key``."""
         if self._folder is None:
             obstore.put(self._store, key, content)
             return
-        file = self._folder / f".{uuid4().hex}.partial"
+        file = self._folder / f".{uuid4().hex}{_PARTIAL}"
         with full_disk_as_error():
             try:
                 file.write_bytes(content)
@@ -71,7 +97,8 @@ class Blobs:
     def info(self, key: str) -> BlobInfo:
         """The blob's size; raises ``NotFoundError``."""
         try:
-            return BlobInfo(key, obstore.head(self._store, key)["size"])
+            head = obstore.head(self._store, key)
+            return BlobInfo(key, head["size"], head["last_modified"])
         except FileNotFoundError as error:
             raise NotFoundError("There is no such blob.") from error
 
@@ -95,6 +122,39 @@ class Blobs:
         except NotFoundError:
             return False
         return True
+
+    def remove(self, key: str) -> None:
+        """Remove a blob; no effect when there is none."""
+        if self._folder is not None:
+            (self._folder / key).unlink(missing_ok=True)
+            return
+        with suppress(FileNotFoundError):
+            obstore.delete(self._store, key)
+
+    def remove_below(self, prefix: str) -> None:
+        """Remove all blobs whose keys start with ``prefix``, which ends with a slash."""
+        if self._folder is not None:
+            # What is written there meanwhile stays, and is found by the next removal.
+            shutil.rmtree(self._folder / prefix, ignore_errors=True)
+            return
+        for found in self.below(prefix):
+            self.remove(found.key)
+
+    def below(self, prefix: str) -> Iterator[BlobInfo]:
+        """All blobs whose keys start with ``prefix``, which ends with a slash."""
+        for batch in obstore.list(self._store, prefix):
+            for found in batch:
+                yield BlobInfo(found["path"], found["size"], found["last_modified"])
+
+    def unfinished(self, before: datetime) -> tuple[Path, ...]:
+        """Files of writes that a crash interrupted before that time."""
+        if self._folder is None:
+            return ()
+        return tuple(
+            file
+            for file in self._folder.glob(f".*{_PARTIAL}")
+            if (written := _modified_at(file)) is not None and written < before
+        )
 
     def export(self, key: str, file: Path) -> None:
         """Make the blob available as ``file``: a hard link where possible, else a copy."""
@@ -144,6 +204,14 @@ class full_disk_as_error:  # noqa: N801 - reads as a statement: with full_disk_a
                 hint="Free some space, then send it again.",
                 retry_after_s=60,
             ) from error
+
+
+def _modified_at(file: Path) -> datetime | None:
+    """When a file was last written; None when it is gone."""
+    try:
+        return datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    except FileNotFoundError:
+        return None
 
 
 def _make_folder(folder: Path) -> None:

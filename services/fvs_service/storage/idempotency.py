@@ -1,16 +1,20 @@
 """Idempotency keys: the same request with the same key creates its resource once."""
 
 import hashlib
+from collections.abc import Callable
 from datetime import timedelta
+from typing import TypeVar
 
 from sqlalchemy import delete
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import KeyReusedError
+from fvs_service.errors import GoneError, KeyReusedError, NotFoundError
 from fvs_service.model import Model, now
 from fvs_service.storage.tables import IdempotencyRow
 
 _KEPT_FOR = timedelta(days=2)
+
+_Resource = TypeVar("_Resource")
 
 
 class IdempotencyKey:
@@ -20,6 +24,23 @@ class IdempotencyKey:
         self._tenant_id, self._key = tenant_id, key
         content = f"{operation}\n{request.model_dump_json()}"
         self._fingerprint = hashlib.sha256(content.encode()).hexdigest()
+
+    def resource(self, session: Session, find: Callable[[str], _Resource]) -> _Resource | None:
+        """The resource that this key created, found by its id; None for a new key.
+
+        Raises ``KeyReusedError`` for another request, ``GoneError`` when the resource has been deleted: a
+        late repetition must not create it again.
+        """
+        resource_id = self.resource_id(session)
+        if resource_id is None:
+            return None
+        try:
+            return find(resource_id)
+        except NotFoundError as error:
+            raise GoneError(
+                f"The request with this Idempotency-Key created {resource_id}, which has been deleted.",
+                hint="Use a new key to create another one.",
+            ) from error
 
     def resource_id(self, session: Session) -> str | None:
         """The id of the resource that this key created; raises ``KeyReusedError`` for another request."""

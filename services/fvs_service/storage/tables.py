@@ -70,6 +70,7 @@ class SceneRow(Table):
     request: Mapped[dict[str, Any]]
     origin: Mapped[dict[str, Any] | None]
     snapshot_id: Mapped[str | None] = mapped_column(String(40))
+    working_bytes: Mapped[int] = mapped_column(BigInteger)
     created_at: Mapped[datetime]
 
 
@@ -164,36 +165,51 @@ class JobStageRow(Table):
 
 
 class SnapshotRow(Table):
-    """An immutable model of a scene."""
+    """An immutable model of a scene; retention keeps those that are ``pinned``."""
 
     __tablename__ = "snapshots"
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), index=True)
+    pinned: Mapped[bool]
     document: Mapped[dict[str, Any]]
     created_at: Mapped[datetime]
 
 
+class SnapshotArtifactRow(Table):
+    """A reference of a snapshot to the blob of an artifact; equal artifacts of a scene have one blob."""
+
+    __tablename__ = "snapshot_artifacts"
+
+    snapshot_id: Mapped[str] = mapped_column(ForeignKey("snapshots.id"), primary_key=True)
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"))
+    sha256: Mapped[str] = mapped_column(String(64))
+    size_bytes: Mapped[int] = mapped_column(BigInteger)
+
+    __table_args__ = (Index("ix_snapshot_artifacts_blob", "scene_id", "sha256"),)
+
+
 class RankingRow(Table):
-    """An immutable ranking."""
+    """An immutable ranking; it can outlive its snapshot."""
 
     __tablename__ = "rankings"
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
-    snapshot_id: Mapped[str] = mapped_column(ForeignKey("snapshots.id"))
+    snapshot_id: Mapped[str] = mapped_column(String(40))
     document: Mapped[dict[str, Any]]
     created_at: Mapped[datetime]
 
 
 class EventRow(Table):
-    """An event of a scene; ``number`` increases in the order of commits."""
+    """An event of a scene; ``number`` increases in the order of commits. The last one outlives the scene."""
 
     __tablename__ = "events"
 
     number: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
-    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"))
+    scene_id: Mapped[str] = mapped_column(String(40))
     kind: Mapped[str] = mapped_column(String(32))
     subject: Mapped[str | None] = mapped_column(String(80))
     data: Mapped[dict[str, Any]]
@@ -203,3 +219,29 @@ class EventRow(Table):
         Index("ix_events_scene", "scene_id", "number"),
         {"sqlite_autoincrement": True},
     )
+
+
+class RemovalRow(Table):
+    """Blobs to remove once they are due: one, or all below a ``key`` that ends with a slash.
+
+    A row with ``removed_at`` is all that is left of a scene: workers remove its working folders.
+    """
+
+    __tablename__ = "removals"
+
+    key: Mapped[str] = mapped_column(String(255), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(String(40), index=True)
+    created_at: Mapped[datetime]
+    due_at: Mapped[datetime]
+    removed_at: Mapped[datetime | None]
+
+    __table_args__ = (Index("ix_removals_due", "removed_at", "due_at"),)
+
+
+class SweepRow(Table):
+    """When a sweep is due; the worker that postpones it does it (the database's clock, in ms since 1970)."""
+
+    __tablename__ = "sweeps"
+
+    name: Mapped[str] = mapped_column(String(32), primary_key=True)
+    due_at_ms: Mapped[int] = mapped_column(BigInteger)

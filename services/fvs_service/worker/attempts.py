@@ -63,6 +63,8 @@ class Attempts:
                 _log.warning("lease lost", job=ticket.job_id)
                 time.sleep(_PAUSE_S)
             except Exception as error:  # the runner or the database died, or there is a defect: try again
+                if isinstance(error, NotFoundError) and self._ended(ticket):
+                    return  # the scene was deleted
                 reason = str(error)
                 if not isinstance(error, RunnerGoneError | ChildDiedError):
                     reason = f"{type(error).__name__}: {error}"
@@ -92,11 +94,11 @@ class Attempts:
         return self._ended(ticket) or self._storage.ledger.cancel_requested(ticket.job_id)
 
     def _progress(self, ticket: JobTicket) -> float:
-        """The job's progress; 0 while the database is unavailable."""
+        """The job's progress; 0 while the database is unavailable, and of a deleted job."""
         try:
             with self._storage.database.reading() as session:
                 return find_job(session, ticket.job_id).progress
-        except SQLAlchemyError:
+        except (SQLAlchemyError, NotFoundError):
             return 0.0
 
     def _try(self, ticket: JobTicket, tries: Tries) -> None:

@@ -15,6 +15,7 @@ from fvs_service.worker.attempts import Attempts
 from fvs_service.worker.heartbeat import Heartbeats
 from fvs_service.worker.leased_scenes import LeasedScenes
 from fvs_service.worker.queue import Queue, take_jobs
+from fvs_service.worker.sweep import Sweeps
 
 _HEARTBEAT_S = 2.0
 _FORGET_S = 600.0
@@ -62,6 +63,8 @@ class DbosEngine:
             jobs_at_once=settings.worker.jobs_at_once,
             poll_s=settings.worker.queue_poll_s,
         )
+        sweeps = Sweeps(self._storage)
+        sweeps.start()
         _log.info("worker ready", worker=worker_id)
         try:
             self._maintain(worker_id, heartbeats, stop)
@@ -69,6 +72,7 @@ class DbosEngine:
             _log.warning("replaced by another worker", worker=worker_id)
             os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
         finally:
+            sweeps.stop()
             scenes.stop()
             stop_taking()
             self._queue.close()

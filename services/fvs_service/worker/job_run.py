@@ -1,6 +1,7 @@
 """One try of a job: its scene's runner computes, and the snapshot is committed once."""
 
 import contextlib
+import os
 import queue
 import shutil
 import threading
@@ -20,7 +21,7 @@ from fvs_service.images.repository import accepted_images
 from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind
 from fvs_service.jobs.repository import images_stage
-from fvs_service.scenes.repository import find_scene
+from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
@@ -112,8 +113,10 @@ class JobRuns:
             raise
         else:
             ledger.succeed(scene.lease, job.id)
-        outcome_folder = self._storage.settings.scenes / job.scene_id / "outcome" / job.id
-        shutil.rmtree(outcome_folder, ignore_errors=True)
+        folder = self._storage.settings.scenes / job.scene_id
+        shutil.rmtree(folder / "outcome" / job.id, ignore_errors=True)
+        with self._storage.database.writing() as session:
+            set_working_bytes(session, job.scene_id, _size_bytes(folder))
         _log.info("job ended", job=job.id)
 
     def _compute_and_commit(self, leased: LeasedScene, job: Job) -> None:
@@ -238,6 +241,16 @@ class _Responses:
             self._received.put(error)
         finally:
             self._connection.close()
+
+
+def _size_bytes(folder: Path) -> int:
+    """The size of all files in a folder; those that vanish meanwhile do not count."""
+    total = 0
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                total += Path(parent, name).lstat().st_size
+    return total
 
 
 def _request_stop(endpoint: str) -> None:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import structlog
 
 from fvs_service.application import Storage
-from fvs_service.errors import StaleLeaseError
+from fvs_service.errors import NotFoundError, StaleLeaseError
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.repository import find_scene
+from fvs_service.scenes.repository import find_scene_head
 from fvs_service.snapshots.repository import find_snapshot
 from fvs_service.worker.memory import MemoryBudget, idle_need_bytes, memory_limit_bytes
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError, call
@@ -100,7 +100,7 @@ class LeasedScenes:
         try:
             with self.with_runner(scene_id, self._idle_need(scene_id), give_up):
                 pass
-        except RunnerGoneError as error:
+        except (RunnerGoneError, NotFoundError) as error:
             _log.warning("runner did not start", scene=scene_id, reason=str(error))
 
     def drop(self, scene: LeasedScene) -> None:
@@ -137,7 +137,10 @@ class LeasedScenes:
             self._drop(scene)
             if not self._budget.reserve(scene_id, need_bytes, give_up):
                 return None
-            lease = self._acquire(scene_id, give_up)
+            try:
+                lease = self._acquire(scene_id, give_up)
+            except NotFoundError:  # the scene was deleted
+                lease = None
             if lease is None:
                 self._budget.release(scene_id)
                 return None
@@ -255,9 +258,14 @@ class LeasedScenes:
                 lock.release()
 
     def _idle_need(self, scene_id: str) -> int:
-        with self._storage.database.reading() as session:
-            snapshot_id = find_scene(session, scene_id).snapshot_id
-            gaussians = 0 if snapshot_id is None else find_snapshot(session, snapshot_id).metrics.gaussians
+        try:
+            with self._storage.database.reading() as session:
+                snapshot_id = find_scene_head(session, scene_id).snapshot_id
+                gaussians = (
+                    0 if snapshot_id is None else find_snapshot(session, snapshot_id).metrics.gaussians
+                )
+        except NotFoundError:  # the scene was deleted
+            return 0
         return idle_need_bytes(gaussians)
 
 

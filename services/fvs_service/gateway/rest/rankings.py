@@ -41,6 +41,12 @@ def get_ranking(app: App, caller: Caller, ranking_id: RankingId) -> Ranking:
     return app.rankings.get(caller, ranking_id)
 
 
+@router.delete("/rankings/{ranking_id}", status_code=204)
+def delete_ranking(app: App, caller: Caller, ranking_id: RankingId) -> None:
+    """Delete a ranking and the renders of its candidates."""
+    app.deletions.ranking(caller, ranking_id)
+
+
 @router.get(
     "/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png",
     response_class=Response,

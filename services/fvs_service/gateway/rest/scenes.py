@@ -3,7 +3,7 @@
 from fastapi import APIRouter, Response
 
 from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, Paging, SceneId, set_location
-from fvs_service.scenes.model import Scene, SceneList, SceneRequest
+from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
@@ -28,3 +28,21 @@ def list_scenes(app: App, caller: Caller, page: Paging) -> SceneList:
 def get_scene(app: App, caller: Caller, scene_id: SceneId) -> Scene:
     """Return a scene: its numbers of images, its latest snapshot and its alignment."""
     return app.scenes.get(caller, scene_id)
+
+
+@router.patch("/{scene_id}")
+def change_scene(app: App, caller: Caller, scene_id: SceneId, change: SceneChange) -> Scene:
+    """Rename a scene, or change its policy or retention."""
+    return app.scenes.change(caller, scene_id, change)
+
+
+@router.delete("/{scene_id}", status_code=204)
+def delete_scene(app: App, caller: Caller, scene_id: SceneId) -> None:
+    """Delete a scene with all that it has, for good; its running jobs stop."""
+    app.deletions.scene(caller, scene_id)
+
+
+@router.get("/{scene_id}/size")
+def get_scene_size(app: App, caller: Caller, scene_id: SceneId) -> SceneSize:
+    """Return the disk space of a scene: images, artifacts, and the worker's files."""
+    return app.scenes.size(caller, scene_id)

@@ -7,7 +7,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from fvs_service.errors import RangeError
 from fvs_service.gateway.rest.dependencies import App, Caller, Paging, SceneId, SnapshotId
-from fvs_service.snapshots.model import MEDIA_TYPES, Artifact, Snapshot, SnapshotList
+from fvs_service.snapshots.model import MEDIA_TYPES, Artifact, Snapshot, SnapshotChange, SnapshotList
 
 router = APIRouter(prefix="/v1", tags=["snapshots"])
 
@@ -30,6 +30,18 @@ def list_snapshots(app: App, caller: Caller, scene_id: SceneId, page: Paging) ->
 def get_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> Snapshot:
     """Return a snapshot with the list of its artifacts."""
     return app.storage.snapshots.get(caller, snapshot_id)
+
+
+@router.patch("/snapshots/{snapshot_id}")
+def change_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId, change: SnapshotChange) -> Snapshot:
+    """Pin a snapshot, so that retention keeps it, or unpin it."""
+    return app.storage.snapshots.change(caller, snapshot_id, change)
+
+
+@router.delete("/snapshots/{snapshot_id}", status_code=204)
+def delete_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> None:
+    """Delete a snapshot that is neither its scene's current one nor pinned; its rankings stay."""
+    app.deletions.snapshot(caller, snapshot_id)
 
 
 @router.head("/snapshots/{snapshot_id}/artifacts/{name}", include_in_schema=False)

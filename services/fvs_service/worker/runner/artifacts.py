@@ -16,11 +16,7 @@ from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image
 from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
-from fvs_service.snapshots.service import CAMERAS, GAUSSIANS
-from fvs_service.worker.runner.model_states import METRICS
-
-COLMAP = "colmap.zip"
-"""The artifact with COLMAP's binary model of the same cameras and points."""
+from fvs_service.snapshots.service import CAMERAS, COLMAP, GAUSSIANS, METRICS
 
 Array = NDArray[np.float64]
 
@@ -43,9 +39,12 @@ def write_artifacts(
     write_ply(folder / GAUSSIANS, gaussians)
     (folder / CAMERAS).write_text(_cameras(views, images, points).model_dump_json(indent=1))
     (folder / METRICS).write_text(metrics.model_dump_json(indent=1))
-    with zipfile.ZipFile(folder / COLMAP, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(folder / COLMAP, "w") as archive:
         for name in MODEL_FILES:
-            archive.write(colmap / f"{name}.bin", f"sparse/0/{name}.bin")
+            # Without the time of the file, equal models make equal archives.
+            entry = zipfile.ZipInfo(f"sparse/0/{name}.bin")
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, (colmap / f"{name}.bin").read_bytes())
     return (GAUSSIANS, CAMERAS, METRICS, COLMAP)
 
 

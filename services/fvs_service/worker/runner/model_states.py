@@ -15,11 +15,8 @@ from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
 from fvs_service.snapshots.model import SnapshotCameras, SnapshotMetrics
-from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, artifact_key
+from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, METRICS, find_artifact
 from fvs_service.storage.blobs import Blobs
-
-METRICS = "metrics.json"
-"""The artifact with the snapshot's ``SnapshotMetrics``."""
 
 _KEPT = 2
 
@@ -87,10 +84,10 @@ class ModelStates:
         cameras = SnapshotCameras.model_validate_json(self._read(snapshot_id, CAMERAS))
         with tempfile.TemporaryDirectory(prefix="fvs-") as folder:
             file = Path(folder) / GAUSSIANS
-            self._blobs.export(artifact_key(self._scene_id, snapshot_id, GAUSSIANS), file)
+            self._blobs.export(find_artifact(self._blobs, self._scene_id, snapshot_id, GAUSSIANS), file)
             gaussians = read_ply(file).to(self._rasterizer.device)
         metrics = SnapshotMetrics.model_validate_json(self._read(snapshot_id, METRICS))
         return ModelState(snapshot_id, gaussians, gaussians.sh_degree, cameras, metrics.iterations)
 
     def _read(self, snapshot_id: str, name: str) -> bytes:
-        return self._blobs.read(artifact_key(self._scene_id, snapshot_id, name))
+        return self._blobs.read(find_artifact(self._blobs, self._scene_id, snapshot_id, name))

@@ -10,8 +10,8 @@ branch_labels = None
 depends_on = None
 
 _TABLES = (
-    *("rankings", "snapshots", "job_stages", "scene_leases", "jobs", "images", "events", "scenes"),
-    *("idempotency_keys", "api_keys", "workers"),
+    *("rankings", "snapshot_artifacts", "snapshots", "job_stages", "scene_leases", "jobs", "images"),
+    *("events", "scenes", "removals", "sweeps", "idempotency_keys", "api_keys", "workers"),
 )
 
 
@@ -33,6 +33,20 @@ def _create_tables_of_the_service() -> None:
         "workers",
         sa.Column("id", sa.String(128), primary_key=True),
         sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
+    )
+    op.create_table(
+        "removals",
+        sa.Column("key", sa.String(255), primary_key=True),
+        sa.Column("scene_id", sa.String(40), nullable=False, index=True),
+        _time("created_at"),
+        _time("due_at"),
+        _time("removed_at", nullable=True),
+        sa.Index("ix_removals_due", "removed_at", "due_at"),
+    )
+    op.create_table(
+        "sweeps",
+        sa.Column("name", sa.String(32), primary_key=True),
+        sa.Column("due_at_ms", sa.BigInteger(), nullable=False),
     )
     op.create_table(
         "api_keys",
@@ -64,6 +78,7 @@ def _create_tables_of_scenes() -> None:
         sa.Column("request", sa.JSON(), nullable=False),
         sa.Column("origin", sa.JSON()),
         sa.Column("snapshot_id", sa.String(40)),
+        sa.Column("working_bytes", sa.BigInteger(), nullable=False),
         _time("created_at"),
     )
     op.create_table(
@@ -77,7 +92,7 @@ def _create_tables_of_scenes() -> None:
     op.create_table(
         "events",
         sa.Column("number", sa.Integer(), primary_key=True, autoincrement=True),
-        _reference("scene_id", "scenes"),
+        sa.Column("scene_id", sa.String(40), nullable=False),
         sa.Column("kind", sa.String(32), nullable=False),
         sa.Column("subject", sa.String(80)),
         sa.Column("data", sa.JSON(), nullable=False),
@@ -145,14 +160,24 @@ def _create_tables_of_jobs() -> None:
         sa.Column("id", sa.String(40), primary_key=True),
         _reference("scene_id", "scenes", index=True),
         _reference("job_id", "jobs", index=True),
+        sa.Column("pinned", sa.Boolean(), nullable=False),
         sa.Column("document", sa.JSON(), nullable=False),
         _time("created_at"),
+    )
+    op.create_table(
+        "snapshot_artifacts",
+        _reference("snapshot_id", "snapshots", primary_key=True),
+        sa.Column("name", sa.String(64), primary_key=True),
+        _reference("scene_id", "scenes"),
+        sa.Column("sha256", sa.String(64), nullable=False),
+        sa.Column("size_bytes", sa.BigInteger(), nullable=False),
+        sa.Index("ix_snapshot_artifacts_blob", "scene_id", "sha256"),
     )
     op.create_table(
         "rankings",
         sa.Column("id", sa.String(40), primary_key=True),
         _reference("scene_id", "scenes", index=True),
-        _reference("snapshot_id", "snapshots"),
+        sa.Column("snapshot_id", sa.String(40), nullable=False),
         sa.Column("document", sa.JSON(), nullable=False),
         _time("created_at"),
     )

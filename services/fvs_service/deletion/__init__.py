@@ -1,0 +1,1 @@
+"""Deletion: of scenes, snapshots and rankings, on request and by retention."""

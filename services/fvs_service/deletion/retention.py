@@ -1,0 +1,142 @@
+"""Retention: the snapshots and rankings that a scene no longer keeps, by number and by age."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import ColumnElement, or_, select
+from sqlalchemy.orm import Session
+
+from fvs_service import settings
+from fvs_service.deletion import rows
+from fvs_service.deletion.service import open_job_ids
+from fvs_service.model import now
+from fvs_service.scenes.model import Retention, SceneRequest
+from fvs_service.storage.database import Database
+from fvs_service.storage.removals import lock_scene
+from fvs_service.storage.tables import RankingRow, SceneRow, SnapshotRow
+
+REASON = "retention"
+"""The reason of a deletion in its event."""
+
+_RANKINGS_AT_ONCE = 500
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A snapshot as far as retention must know it."""
+
+    id: str
+    kind: str
+    job_id: str
+    pinned: bool
+    created_at: datetime
+
+
+class RetentionRules:
+    """Applies every scene's retention; numbers that a scene does not set are the service's."""
+
+    def __init__(self, database: Database, usual: settings.Retention, grace_s: float) -> None:
+        self._database = database
+        self._usual = usual
+        self._grace = timedelta(seconds=grace_s)
+
+    def apply(self) -> int:
+        """Delete what no scene keeps any longer; returns the number of snapshots and rankings."""
+        return sum(self._apply_to(scene_id, retention) for scene_id, retention in self._scenes())
+
+    def _scenes(self) -> list[tuple[str, Retention]]:
+        """The scenes whose retention has a limit."""
+        usual = self._usual.model_dump()
+        with self._database.reading() as session:
+            found = session.execute(select(SceneRow.id, SceneRow.request)).all()
+        limited = []
+        for scene_id, request in found:
+            own = SceneRequest.model_validate(request).retention.model_dump(exclude_none=True)
+            retention = Retention(**{**usual, **own})
+            if retention != Retention():
+                limited.append((scene_id, retention))
+        return limited
+
+    def _apply_to(self, scene_id: str, retention: Retention) -> int:
+        with self._database.reading() as session:
+            if not (self._snapshots(session, scene_id, retention) or _rankings(session, scene_id, retention)):
+                return 0
+        with self._database.writing() as session:  # decide again: nothing changes from here on
+            lock_scene(session, scene_id)
+            snapshots = self._snapshots(session, scene_id, retention)
+            rankings = _rankings(session, scene_id, retention)
+            for snapshot_id in snapshots:
+                rows.delete_snapshot(session, scene_id, snapshot_id, REASON, self._grace)
+            for ranking_id in rankings:
+                rows.delete_ranking(session, scene_id, ranking_id, REASON)
+        return len(snapshots) + len(rankings)
+
+    def _snapshots(self, session: Session, scene_id: str, retention: Retention) -> list[str]:
+        """The snapshots to delete.
+
+        The current one stays, the newest of each kind, pinned ones, those of jobs in progress, and one that
+        was the newest a moment ago: a ranking may be computed with it.
+        """
+        if retention.snapshots is None and retention.snapshot_days is None:
+            return []
+        snapshots = _newest_first(session, scene_id)
+        current = session.scalar(select(SceneRow.snapshot_id).where(SceneRow.id == scene_id))
+        stay = {current, *_newest_of_each_kind(snapshots)}
+        jobs = open_job_ids(session, scene_id)
+        oldest = _oldest(retention.snapshot_days)
+        deleted = []
+        newer: _Kept | None = None
+        for place, snapshot in enumerate(snapshots):
+            needed = snapshot.pinned or snapshot.id in stay or snapshot.job_id in jobs
+            recent = newer is None or newer.created_at > now() - self._grace
+            beyond = retention.snapshots is not None and place >= retention.snapshots
+            if not needed and not recent and (beyond or snapshot.created_at < oldest):
+                deleted.append(snapshot.id)
+            newer = snapshot
+        return deleted
+
+
+def _newest_first(session: Session, scene_id: str) -> list[_Kept]:
+    found = session.execute(
+        select(
+            SnapshotRow.id,
+            SnapshotRow.document["kind"].as_string(),
+            SnapshotRow.job_id,
+            SnapshotRow.pinned,
+            SnapshotRow.created_at,
+        )
+        .where(SnapshotRow.scene_id == scene_id)
+        .order_by(SnapshotRow.id.desc())
+    )
+    return [_Kept(*row) for row in found]
+
+
+def _newest_of_each_kind(snapshots: Sequence[_Kept]) -> set[str]:
+    return set({snapshot.kind: snapshot.id for snapshot in reversed(snapshots)}.values())
+
+
+def _rankings(session: Session, scene_id: str, retention: Retention) -> list[str]:
+    """Rankings to delete, a limited number at a time."""
+    beyond: list[ColumnElement[bool]] = []
+    if retention.rankings is not None:
+        last_kept = session.scalar(
+            select(RankingRow.id)
+            .where(RankingRow.scene_id == scene_id)
+            .order_by(RankingRow.id.desc())
+            .offset(retention.rankings - 1)
+            .limit(1)
+        )
+        if last_kept is not None:
+            beyond.append(RankingRow.id < last_kept)
+    if retention.ranking_days is not None:
+        beyond.append(RankingRow.created_at < _oldest(retention.ranking_days))
+    if not beyond:
+        return []
+    query = select(RankingRow.id).where(RankingRow.scene_id == scene_id, or_(*beyond))
+    return list(session.scalars(query.order_by(RankingRow.id).limit(_RANKINGS_AT_ONCE)))
+
+
+def _oldest(days: float | None) -> datetime:
+    """The time before which what was made is too old."""
+    return now() - timedelta(days=36_500 if days is None else days)

@@ -1,0 +1,86 @@
+"""The operations that delete resources."""
+
+from datetime import timedelta
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from fvs_service.deletion import rows
+from fvs_service.errors import ConflictError, UnavailableError
+from fvs_service.jobs.model import JobState
+from fvs_service.jobs.port import JobEngine, JobTicket
+from fvs_service.jobs.repository import ticket_of, to_job
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings.repository import ranking_of
+from fvs_service.scenes.repository import find_scene_head, scene_head_of
+from fvs_service.snapshots.repository import snapshot_of
+from fvs_service.storage.database import Database
+from fvs_service.storage.tables import JobRow
+
+REQUESTED = "requested"
+"""The reason of a deletion in its event."""
+
+
+class Deletions:
+    """Deletes scenes, snapshots and rankings; each is gone when the call returns."""
+
+    def __init__(self, database: Database, engine: JobEngine, grace_s: float) -> None:
+        self._database = database
+        self._engine = engine
+        self._grace = timedelta(seconds=grace_s)
+
+    def scene(self, principal: Principal, scene_id: str) -> None:
+        """Delete a scene with its images, jobs, snapshots and rankings; running jobs stop."""
+        principal.require(Scope.OPERATE, scene_id)
+        with self._database.writing() as session:
+            scene_head_of(session, principal, scene_id)
+            tickets = _queued(session, scene_id)
+            rows.delete_scene(session, scene_id)
+        for ticket in tickets:
+            try:
+                self._engine.request_cancel(ticket)
+            except UnavailableError:  # a worker that takes it finds that there is no such job
+                return
+
+    def snapshot(self, principal: Principal, snapshot_id: str) -> None:
+        """Delete a snapshot.
+
+        Raises ``ConflictError`` for a pinned one, the scene's current one, and that of a job in progress.
+        """
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            snapshot = snapshot_of(session, principal, snapshot_id)
+            if find_scene_head(session, snapshot.scene_id).snapshot_id == snapshot_id:
+                raise ConflictError(
+                    "This is the scene's current model.",
+                    hint="It can be deleted once an update has made a newer one, or with its scene.",
+                )
+            if snapshot.pinned:
+                raise ConflictError(
+                    "The snapshot is pinned.", hint='Unpin it first: PATCH {"pinned": false}.'
+                )
+            if snapshot.job_id in open_job_ids(session, snapshot.scene_id):
+                raise ConflictError("The snapshot's job has not ended.", hint="Wait, or cancel the job.")
+            rows.delete_snapshot(session, snapshot.scene_id, snapshot_id, REQUESTED, self._grace)
+
+    def ranking(self, principal: Principal, ranking_id: str) -> None:
+        """Delete a ranking with the renders of its candidates."""
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            ranking = ranking_of(session, principal, ranking_id)
+            rows.delete_ranking(session, ranking.scene_id, ranking_id, REQUESTED)
+
+
+def open_job_ids(session: Session, scene_id: str) -> frozenset[str]:
+    """The ids of a scene's jobs that have not ended."""
+    states = [state.value for state in JobState if not state.ended]
+    return frozenset(
+        session.scalars(select(JobRow.id).where(JobRow.scene_id == scene_id, JobRow.state.in_(states)))
+    )
+
+
+def _queued(session: Session, scene_id: str) -> list[JobTicket]:
+    found = session.scalars(
+        select(JobRow).where(JobRow.scene_id == scene_id, JobRow.state == JobState.QUEUED.value)
+    )
+    return [ticket_of(to_job(row)) for row in found]

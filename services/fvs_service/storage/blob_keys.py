@@ -1,0 +1,26 @@
+"""The keys of blobs: everything of a scene is below its own prefix."""
+
+
+def scene_prefix(scene_id: str) -> str:
+    """The prefix of all blobs of a scene."""
+    return f"scenes/{scene_id}/"
+
+
+def image_key(scene_id: str, sha256: str) -> str:
+    """The key of an image, by the digest of its bytes."""
+    return f"{scene_prefix(scene_id)}images/{sha256}"
+
+
+def artifact_key(scene_id: str, sha256: str) -> str:
+    """The key of an artifact, by the digest of its bytes: equal artifacts of a scene are one blob."""
+    return f"{scene_prefix(scene_id)}artifacts/{sha256}"
+
+
+def manifest_key(scene_id: str, snapshot_id: str) -> str:
+    """The key of a snapshot's list of artifacts."""
+    return f"{scene_prefix(scene_id)}snapshots/{snapshot_id}.json"
+
+
+def ranking_prefix(scene_id: str, ranking_id: str) -> str:
+    """The prefix of the renders of a ranking's candidates."""
+    return f"{scene_prefix(scene_id)}rankings/{ranking_id}/"

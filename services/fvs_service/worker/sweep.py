@@ -1,0 +1,91 @@
+"""The sweeps of a worker: they apply the retention and remove what was deleted.
+
+Of all workers one at a time removes rows and blobs; each removes the working folders on its own machine.
+"""
+
+import shutil
+import threading
+
+import structlog
+from sqlalchemy import CursorResult, update
+from sqlalchemy.exc import IntegrityError
+
+from fvs_engine.errors import OutputExistsError, StorageError
+from fvs_engine.files.lock import locked_folder
+from fvs_service.application import Storage
+from fvs_service.deletion.retention import RetentionRules
+from fvs_service.storage.database import now_ms
+from fvs_service.storage.removals import deleted_scenes
+from fvs_service.storage.tables import SweepRow
+
+_DELETION = "deletion"
+_NAMES_AT_ONCE = 500
+
+_log = structlog.get_logger()
+
+
+class Sweeps:
+    """The sweeps of one worker, in a thread of their own: a large scene takes a while to remove."""
+
+    def __init__(self, storage: Storage) -> None:
+        self._storage = storage
+        settings = storage.settings
+        self._retention = RetentionRules(storage.database, settings.retention, settings.removal_grace_s)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Sweep regularly from now on."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Start no further sweep; one that is under way may be interrupted at any point."""
+        self._stop.set()
+
+    def sweep(self) -> None:
+        """Do what is due."""
+        self.remove_working_folders()
+        if self._is_mine():
+            deleted, removed = self._retention.apply(), self._storage.removals.run()
+            if deleted or removed:
+                _log.info("swept", deleted=deleted, removed=removed)
+
+    def remove_working_folders(self) -> None:
+        """Remove the working folders of deleted scenes from this machine."""
+        folder = self._storage.settings.scenes
+        names = [found.name for found in folder.iterdir()] if folder.is_dir() else []
+        for start in range(0, len(names), _NAMES_AT_ONCE):
+            with self._storage.database.reading() as session:
+                deleted = deleted_scenes(session, names[start : start + _NAMES_AT_ONCE])
+            for name in deleted:
+                try:
+                    with locked_folder(folder / name):
+                        shutil.rmtree(folder / name, ignore_errors=True)
+                except (OutputExistsError, StorageError):  # its runner is about to end
+                    continue
+                _log.info("working folder removed", scene=name)
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._storage.settings.sweep_s):
+            try:
+                self.sweep()
+            except Exception:  # the next sweep does what this one did not
+                _log.exception("sweep failed")
+
+    def _is_mine(self) -> bool:
+        """Whether the sweep of rows and blobs is due and this worker's; others wait for the next one."""
+        due = now_ms() + round(self._storage.settings.sweep_s * 1000)
+        try:
+            with self._storage.database.writing() as session:
+                if session.get(SweepRow, _DELETION) is None:
+                    session.add(SweepRow(name=_DELETION, due_at_ms=due))
+                    return True
+                taken = session.execute(
+                    update(SweepRow)
+                    .where(SweepRow.name == _DELETION, SweepRow.due_at_ms <= now_ms())
+                    .values(due_at_ms=due)
+                    .execution_options(synchronize_session=False)
+                )
+                return isinstance(taken, CursorResult) and taken.rowcount == 1
+        except IntegrityError:  # another worker's first sweep
+            return False
