@@ -7,11 +7,11 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
-from fvs_service import settings
 from fvs_service.deletion import rows
 from fvs_service.deletion.service import open_job_ids
 from fvs_service.model import now
-from fvs_service.scenes.model import Retention, SceneRequest
+from fvs_service.scenes.model import SceneRequest
+from fvs_service.settings import Retention
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import lock_scene
 from fvs_service.storage.tables import RankingRow, SceneRow, SnapshotRow
@@ -36,7 +36,7 @@ class _Kept:
 class RetentionRules:
     """Applies every scene's retention; numbers that a scene does not set are the service's."""
 
-    def __init__(self, database: Database, usual: settings.Retention, grace_s: float) -> None:
+    def __init__(self, database: Database, usual: Retention, grace_s: float) -> None:
         self._database = database
         self._usual = usual
         self._grace = timedelta(seconds=grace_s)
