@@ -110,7 +110,7 @@ class Keys:
                     "The API key is unknown, expired or revoked.",
                     hint="List keys with fvs keys list --root …, or create one with fvs keys create.",
                 )
-            return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id)
+            return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id, row.id)
 
 
 def _hash(secret: str) -> str:

@@ -1,32 +1,49 @@
 """Limits on what a tenant may do at the same time."""
 
+import math
 import threading
-from collections import Counter
+import time
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from fvs_service.errors import LimitExceededError
 
+_WEIGHT = 0.3
+"""Of the newest duration in the moving average."""
+_LONGEST_WAIT_S = 60.0
+
 
 class ConcurrencyLimit:
-    """Allows each tenant ``limit`` operations at a time in this process; ``what`` names them in messages."""
+    """Allows each tenant ``limit`` operations at a time in this process; ``what`` names them in messages.
+
+    ``Retry-After`` is when the oldest of them should end, by the average time that they take.
+    """
 
     def __init__(self, what: str, limit: int) -> None:
         self._what, self._limit = what, limit
         self._lock = threading.Lock()
-        self._used: Counter[str] = Counter()
+        self._started: defaultdict[str, dict[object, float]] = defaultdict(dict)
+        self._average_s = 0.0
 
     @contextmanager
     def slot(self, tenant_id: str) -> Iterator[None]:
         """Occupy one of the tenant's slots for the block; raises ``LimitExceededError`` when none is free."""
+        operation, started = object(), time.monotonic()
         with self._lock:
-            if self._used[tenant_id] >= self._limit:
+            theirs = self._started[tenant_id]
+            if len(theirs) >= self._limit:
+                left_s = min(theirs.values()) + self._average_s - started
                 raise LimitExceededError(
-                    f"{self._limit} {self._what} are open, and no more are allowed at once.", retry_after_s=1
+                    f"{self._limit} {self._what} are open, and no more are allowed at once.",
+                    retry_after_s=max(1, math.ceil(min(left_s, _LONGEST_WAIT_S))),
                 )
-            self._used[tenant_id] += 1
+            theirs[operation] = started
         try:
             yield
         finally:
             with self._lock:
-                self._used[tenant_id] -= 1
+                took_s = time.monotonic() - theirs.pop(operation)
+                self._average_s += _WEIGHT * (took_s - self._average_s)
+                if not theirs:
+                    self._started.pop(tenant_id, None)

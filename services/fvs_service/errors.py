@@ -189,8 +189,32 @@ class UnavailableError(
     """No worker, queue or database is available now."""
 
 
+class DeadlineError(
+    ServiceError,
+    code="deadline-exceeded",
+    title="The answer took longer than the client waits",
+    status=504,
+    retryable=False,
+):
+    """The time that the client waits for the answer is over; what was computed for it has stopped."""
+
+
+class ClientGoneError(
+    ServiceError, code="client-gone", title="The client has closed the connection", status=499
+):
+    """The client hung up before its answer; nobody receives this one."""
+
+
 class OutOfSpaceError(ServiceError, code="out-of-space", title="There is no room left", status=507):
     """The disk is full."""
+
+
+def deadline_passed(timeout_s: float) -> DeadlineError:
+    """The error for a request that could not be answered within ``timeout_s``."""
+    return DeadlineError(
+        f"There was no answer within {timeout_s:g} s.",
+        hint="Ask for fewer candidates or wait longer (X-Timeout-S).",
+    )
 
 
 _OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (

@@ -23,11 +23,15 @@ ALL_SCOPES = frozenset(Scope)
 
 @dataclass(frozen=True)
 class Principal:
-    """An authenticated caller; ``scene_id`` restricts a device's key to its scene."""
+    """An authenticated caller; ``scene_id`` restricts a device's key to its scene.
+
+    ``key_id`` is empty for the local user, who needs no key.
+    """
 
     tenant_id: str
     scopes: frozenset[Scope]
     scene_id: str | None = None
+    key_id: str = ""
 
     def owns(self, tenant_id: str, scene_id: str) -> bool:
         """Whether a scene of a tenant is visible to the caller."""

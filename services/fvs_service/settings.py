@@ -30,6 +30,9 @@ class Limits(Record):
     open_jobs_per_tenant: PositiveInt = 32
     open_uploads_per_tenant: PositiveInt = 32
     rankings_at_once_per_tenant: PositiveInt = 64
+    rankings_queued_per_scene: PositiveInt = 64
+    rankings_queued_per_key: PositiveInt = 32
+    ranking_timeout_s: PositiveFloat = 180.0
     event_streams_per_tenant: PositiveInt = 64
     candidates_per_ranking: PositiveInt = 2_000
     page_items: PositiveInt = 1_000

@@ -32,6 +32,22 @@ class Metrics:
             "fvs_received_bytes", "Bytes of request bodies.", registry=self.registry
         )
         self.images = Counter("fvs_images", "New images, by verdict.", ("verdict",), registry=self.registry)
+        self.rankings = Histogram(
+            "fvs_ranking_seconds",
+            "Time of scoring a ranking's candidates.",
+            ("method",),
+            buckets=_SECONDS,
+            registry=self.registry,
+        )
+        self.ranking_waits = Histogram(
+            "fvs_ranking_wait_seconds",
+            "Time that a ranking waited for others of its scene.",
+            buckets=_SECONDS,
+            registry=self.registry,
+        )
+        self.rankings_open = Gauge(
+            "fvs_rankings_open", "Rankings and renders that are waited for.", registry=self.registry
+        )
         self.streams = Gauge("fvs_event_streams", "Event streams that are open.", registry=self.registry)
 
 

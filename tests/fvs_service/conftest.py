@@ -16,12 +16,13 @@ import piexif
 import pytest
 import torch
 import uvicorn
+from anyio.to_thread import run_sync
 from fastapi import FastAPI
 from fvs_service.application import Application, Backend, Storage
 from fvs_service.errors import UnavailableError
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.jobs.port import JobTicket
-from fvs_service.rankings.port import RankedViews, RankViews, RenderView
+from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.settings import Settings
@@ -79,9 +80,18 @@ class ComputingRunners:
         self.reachable = True
         self.asked: list[RankViews] = []
 
-    def rank(self, request: RankViews) -> RankedViews:
+    async def rank(self, request: RankViews) -> RankedViews:
         self._require_reachable()
         self.asked.append(request)
+        return await run_sync(self._rank, request)
+
+    async def render(self, request: RenderView) -> bytes:
+        self._require_reachable()
+        return await run_sync(self._render, request)
+
+    async def close(self) -> None: ...
+
+    def _rank(self, request: RankViews) -> RankedViews:
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
         scores = MedianFrequency().score(gaussians, request.views, self._rasterizer)
         return RankedViews(
@@ -91,8 +101,7 @@ class ComputingRunners:
             candidates=rank(scores, request.distances),
         )
 
-    def render(self, request: RenderView) -> bytes:
-        self._require_reachable()
+    def _render(self, request: RenderView) -> bytes:
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
         with torch.no_grad():
             drawn = self._rasterizer.render(gaussians, request.view.camera, request.view.camera_from_model)
@@ -306,9 +315,9 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
     """Start a gateway on a free port of loopback, for what needs a real connection."""
     stops: list[Callable[[], None]] = []
 
-    def start(**overrides: Any) -> Gateway:
+    def start(runners: Callable[[Storage], SceneRunners] = ComputingRunners, **overrides: Any) -> Gateway:
         settings, engine = _settings(tmp_path / "service", overrides), TicketBox()
-        app = create_app(settings, Backend(engine=lambda _: engine, runners=ComputingRunners))
+        app = create_app(settings, Backend(engine=lambda _: engine, runners=runners))
         server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
         thread = threading.Thread(target=server.run)
         thread.start()

@@ -202,6 +202,14 @@ def test_what_is_wrong_with_a_ranking_is_named(
     assert field in "".join(error["field"] for error in answer.json()["errors"])
 
 
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "soon"])
+def test_a_timeout_without_sense_is_refused(gateway: Any, scene: str, value: str) -> None:
+    path, headers = f"/v1/scenes/{scene}/rankings", {"X-Timeout-S": value}
+    answer = gateway.client.post(path, json={"generator": {"kind": "orbit"}}, headers=headers)
+    assert answer.status_code == 422, answer.text
+    assert answer.json()["errors"][0]["field"].lower() == "x-timeout-s"
+
+
 def test_vehicle_poses_need_a_georeferenced_scene(gateway: Any, scene: str) -> None:
     pose = {
         "latitude_deg": 48.0,

@@ -156,6 +156,12 @@ class UnavailableError(ServiceFailedError):
     code = "unavailable"
 
 
+class DeadlineExceededError(ServiceFailedError):
+    """The answer would take longer than the client waits."""
+
+    code = "deadline-exceeded"
+
+
 class OutOfSpaceError(ServiceFailedError):
     """The service has no disk space left."""
 

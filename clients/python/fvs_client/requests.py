@@ -18,6 +18,7 @@ REQUEST_ID = "X-Request-Id"
 
 _RANKING_TIMEOUT_S = 180.0
 """Long enough to load the model of a cold scene and to score 2,000 views on a CPU."""
+_ANSWER_ARRIVES_S = 10.0
 _EVENTS_TIMEOUT_S = 40.0
 """The service sends a heartbeat every 15 s."""
 
@@ -158,10 +159,11 @@ def watch_events(scene_id: str, after: int | None, timeout_s: float | None = Non
     )
 
 
-def create_ranking(scene_id: str, ranking: RankingRequest, idempotency_key: str | None) -> Request:
-    """Create a ranking."""
-    path = f"/v1/scenes/{_part(scene_id)}/rankings"
-    return _keyed(path, ranking, idempotency_key, _RANKING_TIMEOUT_S)
+def create_ranking(
+    scene_id: str, ranking: RankingRequest, idempotency_key: str | None, timeout_s: float | None = None
+) -> Request:
+    """Create a ranking; the service computes it for at most ``timeout_s``."""
+    return _computed(_keyed(f"/v1/scenes/{_part(scene_id)}/rankings", ranking, idempotency_key), timeout_s)
 
 
 def get_ranking(ranking_id: str) -> Request:
@@ -172,7 +174,7 @@ def get_ranking(ranking_id: str) -> Request:
 def get_candidate_image(ranking_id: str, candidate_id: str, kind: str) -> Request:
     """Get the PNG of a candidate's ``render`` or ``spectrum``."""
     path = f"/v1/rankings/{_part(ranking_id)}/candidates/{_part(candidate_id)}/{kind}.png"
-    return Request("GET", path, read_timeout_s=_RANKING_TIMEOUT_S)
+    return _computed(Request("GET", path), None)
 
 
 def snapshots_of(scene_id: str) -> str:
@@ -195,16 +197,23 @@ def read_artifact(snapshot_id: str, name: str, start: int = 0, tag: str | None =
     return Request("GET", f"/v1/snapshots/{_part(snapshot_id)}/artifacts/{_part(name)}", headers=headers)
 
 
-def _keyed(
-    path: str, content: Input, idempotency_key: str | None, read_timeout_s: float | None = None
-) -> Request:
+def _computed(request: Request, timeout_s: float | None) -> Request:
+    """The request with how long the client waits, and a little longer for the answer to arrive."""
+    within_s = _RANKING_TIMEOUT_S if timeout_s is None else timeout_s
+    return replace(
+        request,
+        headers={**request.headers, "X-Timeout-S": f"{within_s:g}"},
+        read_timeout_s=within_s + _ANSWER_ARRIVES_S,
+    )
+
+
+def _keyed(path: str, content: Input, idempotency_key: str | None) -> Request:
     """A POST that creates its resource once, however often it is sent."""
     return Request(
         "POST",
         path,
         headers={"Idempotency-Key": idempotency_key or uuid.uuid4().hex},
         document=content.document(),
-        read_timeout_s=read_timeout_s,
     )
 
 

@@ -20,7 +20,16 @@ class ViewImage(StrEnum):
     SPECTRUM = "spectrum"
 
 
-class RankViews(Record):
+class Question(Record):
+    """A request about one scene. Who asks with which API key, and how long they wait, changes no answer."""
+
+    scene_id: str
+    snapshot_id: str
+    api_key: str = ""
+    timeout_s: float = 60.0
+
+
+class RankViews(Question):
     """Rank ``views``, named by candidate id, by ``method`` with the model of a scene.
 
     ``distances`` (by id, in metres) break ties. ``snapshot_id`` is the snapshot to use when ``pinned``; else
@@ -29,8 +38,6 @@ class RankViews(Record):
     """
 
     kind: Literal["rank"] = "rank"
-    scene_id: str
-    snapshot_id: str
     method: str
     views: tuple[PinholeView, ...]
     distances: Mapping[str, float] = {}
@@ -56,12 +63,10 @@ class RankedViews(Record):
     waited_s: float = 0.0
 
 
-class RenderView(Record):
+class RenderView(Question):
     """Make an image of one view of a snapshot; the result over the protocol is the PNG in base 64."""
 
     kind: Literal["render"] = "render"
-    scene_id: str
-    snapshot_id: str
     view: PinholeView
     image: ViewImage = ViewImage.RENDER
 
@@ -69,8 +74,10 @@ class RenderView(Record):
 class SceneRunners(Protocol):
     """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
-    Called from many threads at once. Both methods raise ``UnavailableError`` (with ``retry_after_s``) when no
-    runner can answer now, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
+    Equal questions at the same time are computed once. A call that is cancelled stops the computation, unless
+    others wait for it. Both methods raise ``UnavailableError`` when no runner can answer now,
+    ``LimitExceededError`` when too many ask (both with ``retry_after_s``), ``DeadlineError`` after
+    ``timeout_s``, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
     """
 
     @property
@@ -78,10 +85,14 @@ class SceneRunners(Protocol):
         """The names of the scorers and selectors that ``rank`` accepts."""
         ...
 
-    def rank(self, request: RankViews) -> RankedViews:
+    async def rank(self, request: RankViews) -> RankedViews:
         """Rank views; the result has every id of the request exactly once."""
         ...
 
-    def render(self, request: RenderView) -> bytes:
+    async def render(self, request: RenderView) -> bytes:
         """A PNG of the view."""
+        ...
+
+    async def close(self) -> None:
+        """Close all connections; to be called on the event loop of the calls."""
         ...

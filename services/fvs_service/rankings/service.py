@@ -1,10 +1,13 @@
-"""Rankings of candidates. They are never queued: the scene's runner scores them at once."""
+"""Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from anyio.to_thread import run_sync
 from numpy.typing import NDArray
+from sqlalchemy.orm import Session
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
@@ -22,7 +25,7 @@ from fvs_service.rankings.model import RankedCandidate, Ranking, RankingRequest
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.scenes.poses import WorldFrame, require_on_earth, world_poses
-from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
+from fvs_service.scenes.repository import find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
 from fvs_service.snapshots.repository import find_snapshot, snapshot_of
@@ -34,6 +37,18 @@ from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import has_row
 
 _CACHED_SNAPSHOTS = 64
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What is known of a ranking before its candidates are scored: their poses and distances by id."""
+
+    snapshot: Snapshot
+    frame: WorldFrame
+    poses: Mapping[str, RigidTransform]
+    distances: Mapping[str, float]
+    excluded: Mapping[str, engine.RankedCandidate]
+    question: RankViews
 
 
 class Rankings:
@@ -59,17 +74,61 @@ class Rankings:
         """The names of all scorers and selectors."""
         return self._runners.methods
 
-    def create(
-        self, principal: Principal, scene_id: str, request: RankingRequest, key: str | None = None
+    async def create(
+        self,
+        principal: Principal,
+        scene_id: str,
+        request: RankingRequest,
+        timeout_s: float,
+        key: str | None = None,
     ) -> Ranking:
-        """Rank the request's candidates with the newest state of the model, or with one of its snapshots."""
+        """Rank the request's candidates with the newest state of the model, or with one of its snapshots.
+
+        Cancelling it stops the computation. Raises ``DeadlineError`` when it takes longer than ``timeout_s``.
+        """
         principal.require(Scope.OPERATE, scene_id)
-        remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
+        with self._limit.slot(principal.tenant_id):
+            operation = f"rankings.create {scene_id}"
+            remembered = await run_sync(IdempotencyKey, principal.tenant_id, key, operation, request)
+            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, remembered)
+            if isinstance(prepared, Ranking):
+                return prepared
+            question = prepared.question
+            result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
+            return await run_sync(self._finish, principal, request, prepared, result, remembered)
+
+    def get(self, principal: Principal, ranking_id: str) -> Ranking:
+        """One ranking; raises ``NotFoundError``."""
+        principal.require(Scope.READ, principal.scene_id)
+        with self._database.reading() as session:
+            return repository.ranking_of(session, principal, ranking_id)
+
+    async def render(
+        self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float
+    ) -> bytes:
+        """A PNG of a candidate's view, or of its spectrum; made once."""
+        with self._limit.slot(principal.tenant_id):
+            prepared = await run_sync(
+                self._prepare_render, principal, ranking_id, candidate_id, image, timeout_s
+            )
+            if isinstance(prepared, bytes):
+                return prepared
+            png = await self._runners.render(prepared)
+            await run_sync(self._keep_render, png, _render_key(ranking_id, candidate_id, prepared))
+            return png
+
+    def _prepare(
+        self,
+        principal: Principal,
+        scene_id: str,
+        request: RankingRequest,
+        timeout_s: float,
+        remembered: IdempotencyKey,
+    ) -> _Prepared | Ranking:
+        """What to ask the runner, or the ranking that was made with the same idempotency key."""
         with self._database.reading() as session:
             scene = scene_head_of(session, principal, scene_id)
-            earlier = remembered.resource(
-                session, lambda made: repository.ranking_of(session, principal, made)
-            )
+            earlier = self._earlier(session, principal, remembered)
             if earlier is not None:
                 return earlier
             if request.snapshot_id is not None:
@@ -84,52 +143,6 @@ class Rankings:
         if snapshot.scene_id != scene_id:
             raise NotFoundError("There is no such snapshot.")
         self._require_method(request.method)
-        with self._limit.slot(principal.tenant_id):
-            ranking = self._rank(scene, snapshot, request)
-        with self._database.writing() as session:
-            scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
-            earlier = remembered.resource(
-                session, lambda made: repository.ranking_of(session, principal, made)
-            )
-            if earlier is not None:  # the same request, sent twice at once
-                return earlier
-            repository.add_ranking(session, ranking)
-            remembered.remember(session, ranking.id)
-            data = {"ranking_id": ranking.id, "snapshot_id": snapshot.id, "method": request.method}
-            publish(session, scene_id, EventKind.RANKING_CREATED, data)
-        return ranking
-
-    def get(self, principal: Principal, ranking_id: str) -> Ranking:
-        """One ranking; raises ``NotFoundError``."""
-        principal.require(Scope.READ, principal.scene_id)
-        with self._database.reading() as session:
-            return repository.ranking_of(session, principal, ranking_id)
-
-    def render(self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage) -> bytes:
-        """A PNG of a candidate's view, or of its spectrum; made once."""
-        ranking = self.get(principal, ranking_id)
-        candidate = next((item for item in ranking.candidates if item.id == candidate_id), None)
-        if candidate is None:
-            raise NotFoundError("The ranking has no such candidate.")
-        key = f"{ranking_prefix(ranking.scene_id, ranking.id)}{candidate.id}/{image.value}.png"
-        if self._blobs.exists(key):
-            return self._blobs.read(key)
-        with self._database.reading() as session:
-            scene = find_scene_head(session, ranking.scene_id)
-            snapshot_of(session, principal, ranking.snapshot_id)
-        frame = WorldFrame(scene.origin, ranking.alignment)
-        camera = self._cameras(ranking.snapshot_id).camera.pinhole
-        (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
-        request = RenderView(scene_id=scene.id, snapshot_id=ranking.snapshot_id, view=view, image=image)
-        with self._limit.slot(principal.tenant_id):
-            png = self._runners.render(request)
-        self._blobs.put(png, key)
-        with self._database.reading() as session:
-            if not has_row(session, key):  # deleted meanwhile
-                self._blobs.remove(key)
-        return png
-
-    def _rank(self, scene: SceneHead, snapshot: Snapshot, request: RankingRequest) -> Ranking:
         frame = WorldFrame(scene.origin, snapshot.alignment)
         geometry = self._geometry(snapshot.id)
         current = (
@@ -141,29 +154,35 @@ class Rankings:
         distances = _distances(poses, current)
         excluded = _excluded(poses, distances, geometry, request.radius_m)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
-        result = RankedViews(
-            snapshot_id=snapshot.id,
-            iterations=snapshot.metrics.iterations,
-            gaussians=snapshot.metrics.gaussians,
-        )
-        if scored:
-            result = self._runners.rank(
-                RankViews(
-                    scene_id=scene.id,
-                    snapshot_id=snapshot.id,
-                    method=request.method,
-                    views=frame.views(scored, self._cameras(snapshot.id).camera.pinhole),
-                    distances={name: distances[name] for name in scored if name in distances},
-                    pinned=request.snapshot_id is not None,
-                    budget=request.budget,
-                    seed=request.seed,
-                )
-            )
-        first = (*result.candidates, *excluded.values())[: request.top_k]
-        shown = world_poses([poses[candidate.name] for candidate in first])
-        return Ranking(
-            id=new_id("rnk"),
+        question = RankViews(
             scene_id=scene.id,
+            snapshot_id=snapshot.id,
+            api_key=principal.key_id,
+            timeout_s=timeout_s,
+            method=request.method,
+            views=frame.views(scored, self._cameras(snapshot.id).camera.pinhole),
+            distances={name: distances[name] for name in scored if name in distances},
+            pinned=request.snapshot_id is not None,
+            budget=request.budget,
+            seed=request.seed,
+        )
+        return _Prepared(snapshot, frame, poses, distances, excluded, question)
+
+    def _finish(
+        self,
+        principal: Principal,
+        request: RankingRequest,
+        prepared: _Prepared,
+        result: RankedViews,
+        remembered: IdempotencyKey,
+    ) -> Ranking:
+        """Keep the ranking that the runner's result makes."""
+        scene_id, snapshot = prepared.snapshot.scene_id, prepared.snapshot
+        first = (*result.candidates, *prepared.excluded.values())[: request.top_k]
+        shown = world_poses([prepared.poses[candidate.name] for candidate in first])
+        ranking = Ranking(
+            id=new_id("rnk"),
+            scene_id=scene_id,
             snapshot_id=result.snapshot_id,
             request=request,
             alignment=snapshot.alignment,
@@ -171,11 +190,56 @@ class Rankings:
             gaussians=result.gaussians,
             fallback=result.fallback,
             candidates=tuple(map(RankedCandidate.of, first, shown)),
-            total=len(poses),
+            total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,
             created_at=now(),
         )
+        with self._database.writing() as session:
+            scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
+            earlier = self._earlier(session, principal, remembered)
+            if earlier is not None:  # the same request, sent twice at once
+                return earlier
+            repository.add_ranking(session, ranking)
+            remembered.remember(session, ranking.id)
+            data = {"ranking_id": ranking.id, "snapshot_id": snapshot.id, "method": request.method}
+            publish(session, scene_id, EventKind.RANKING_CREATED, data)
+        return ranking
+
+    def _prepare_render(
+        self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float
+    ) -> RenderView | bytes:
+        """What to ask the runner; the PNG, if it was made before."""
+        ranking = self.get(principal, ranking_id)
+        candidate = next((item for item in ranking.candidates if item.id == candidate_id), None)
+        if candidate is None:
+            raise NotFoundError("The ranking has no such candidate.")
+        with self._database.reading() as session:
+            scene = find_scene_head(session, ranking.scene_id)
+            snapshot_of(session, principal, ranking.snapshot_id)
+        frame = WorldFrame(scene.origin, ranking.alignment)
+        camera = self._cameras(ranking.snapshot_id).camera.pinhole
+        (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
+        question = RenderView(
+            scene_id=scene.id,
+            snapshot_id=ranking.snapshot_id,
+            api_key=principal.key_id,
+            timeout_s=timeout_s,
+            view=view,
+            image=image,
+        )
+        key = _render_key(ranking_id, candidate_id, question)
+        return self._blobs.read(key) if self._blobs.exists(key) else question
+
+    def _keep_render(self, png: bytes, key: str) -> None:
+        self._blobs.put(png, key)
+        with self._database.reading() as session:
+            if not has_row(session, key):  # deleted meanwhile
+                self._blobs.remove(key)
+
+    def _earlier(self, session: Session, principal: Principal, key: IdempotencyKey) -> Ranking | None:
+        """The ranking that an earlier request with the same idempotency key made."""
+        return key.resource(session, lambda made: repository.ranking_of(session, principal, made))
 
     def _poses(
         self,
@@ -212,6 +276,16 @@ class Rankings:
     def _find(self, snapshot_id: str) -> Snapshot:
         with self._database.reading() as session:
             return find_snapshot(session, snapshot_id)
+
+
+def _unscored(snapshot: Snapshot) -> RankedViews:
+    """The result when no candidate is to be scored."""
+    metrics = snapshot.metrics
+    return RankedViews(snapshot_id=snapshot.id, iterations=metrics.iterations, gaussians=metrics.gaussians)
+
+
+def _render_key(ranking_id: str, candidate_id: str, question: RenderView) -> str:
+    return f"{ranking_prefix(question.scene_id, ranking_id)}{candidate_id}/{question.image.value}.png"
 
 
 def _distances(poses: Mapping[str, RigidTransform], current: NDArray[np.float64] | None) -> dict[str, float]:

@@ -65,7 +65,7 @@ class _JobFailedError(Exception):
 
     def __init__(self, failure: Failure, stage: str | None) -> None:
         super().__init__(failure.message)
-        self.error = JobError(**failure.model_dump(), stage=stage)
+        self.error = JobError(**failure.model_dump(exclude={"retry_after_s"}), stage=stage)
 
 
 class JobRuns:

@@ -1,37 +1,32 @@
 """The gateway's client of the runners: finds a scene's runner by its lease and connects to it directly."""
 
+import asyncio
 import base64
 import math
-import threading
 import time
-from collections import defaultdict
-from typing import Any, get_args
+from collections.abc import Callable
+from typing import Any, TypeVar, get_args
+
+from anyio.to_thread import run_sync
 
 from fvs_engine.choices import Method
-from fvs_engine.records import Record
 from fvs_service.application import Storage
-from fvs_service.errors import UnavailableError
+from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView
-from fvs_service.worker.protocol.connection import (
-    Connection,
-    RunnerError,
-    RunnerGoneError,
-    connect,
-    result_of,
-)
+from fvs_service.worker.protocol.async_connection import AsyncConnections, result_of
+from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.worker.protocol.messages import error_of
 from fvs_service.worker.queue import Queue
 
 METHODS: tuple[str, ...] = get_args(Method)
 """The names of the engine's selectors; importing the selectors themselves would import torch."""
 
-_CONNECT_S = 2.0
-_RESPONSE_S = 120.0
 _START_S = 45.0
 """How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
 _START_AGAIN_S = 2.0
 _POLL_S = 0.1
-_KEPT_CONNECTIONS = 8
+
+T = TypeVar("T")
 
 
 class LeasedRunners:
@@ -42,85 +37,54 @@ class LeasedRunners:
     def __init__(self, storage: Storage) -> None:
         self._leases = storage.leases
         self._queue = Queue(storage.settings.queue)
-        self._connections = _ConnectionPool()
+        self._connections = AsyncConnections()
 
-    def rank(self, request: RankViews) -> RankedViews:
+    async def rank(self, request: RankViews) -> RankedViews:
         """See ``SceneRunners``."""
-        return RankedViews.model_validate(self._call(request.scene_id, request))
+        return await self._ask(request, RankedViews.model_validate)
 
-    def render(self, request: RenderView) -> bytes:
+    async def render(self, request: RenderView) -> bytes:
         """See ``SceneRunners``."""
-        return base64.b64decode(self._call(request.scene_id, request))
+        return await self._ask(request, base64.b64decode)
 
-    def _call(self, scene_id: str, request: Record) -> Any:
-        """The scene's runner's result; tries again when the runner died or moved, starts one if need be."""
-        until = time.monotonic() + _START_S
+    async def close(self) -> None:
+        """See ``SceneRunners``."""
+        self._connections.close()
+        await asyncio.sleep(0)  # the event loop closes them in its next round
+
+    async def _ask(self, request: RankViews | RenderView, parse: Callable[[Any], T]) -> T:
+        """The scene's runner's answer. Large messages are written and read in a thread, not on the loop."""
+        until = time.monotonic() + request.timeout_s
+        try:
+            async with asyncio.timeout(request.timeout_s):
+                response = await self._call(request, until)
+        except TimeoutError as error:
+            raise deadline_passed(request.timeout_s) from error
+        try:
+            return await run_sync(lambda: parse(result_of(response)))
+        except RunnerError as error:
+            raise error_of(error.failure) from error
+
+    async def _call(self, request: RankViews | RenderView, until: float) -> bytes:
+        """The runner's response; tries again when the runner died or moved, starts one if need be."""
+        give_up = time.monotonic() + _START_S
         started = -math.inf
         while True:
-            holder = self._leases.holder(scene_id)
+            holder = await run_sync(self._leases.holder, request.scene_id)
             if holder is not None and holder.endpoint is not None:
+                left_s = max(0.0, until - time.monotonic())
+                line = await run_sync(request.model_copy(update={"timeout_s": left_s}).model_dump_json)
                 try:
-                    return self._connections.call(holder.endpoint, request)
-                except RunnerError as error:
-                    raise error_of(error.failure) from error
+                    return await self._connections.call(holder.endpoint, line.encode())
                 except RunnerGoneError:
                     pass  # the lease of a dead runner lasts a while longer
             if time.monotonic() - started > _START_AGAIN_S:
-                self._queue.start_runner(scene_id)
+                await run_sync(self._queue.start_runner, request.scene_id)
                 started = time.monotonic()
-            if time.monotonic() > until:
+            if time.monotonic() > give_up:
                 raise UnavailableError(
                     "No worker has loaded the scene's model.",
                     hint="Try again soon: it is being loaded, or waits for memory.",
                     retry_after_s=10,
                 )
-            time.sleep(_POLL_S)
-
-
-class _ConnectionPool:
-    """Connections that are kept for the next request; each serves one request at a time."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._free: defaultdict[str, list[Connection]] = defaultdict(list)
-
-    def call(self, endpoint: str, request: Record) -> Any:
-        """The result over a kept connection, or over a new one if there is none or it was cut."""
-        kept = self._take(endpoint)
-        if kept is not None:
-            try:
-                return self._use(endpoint, kept, request)
-            except RunnerGoneError:
-                self._forget(endpoint)
-        return self._use(endpoint, connect(endpoint, _CONNECT_S), request)
-
-    def _use(self, endpoint: str, connection: Connection, request: Record) -> Any:
-        try:
-            connection.set_timeout(_RESPONSE_S)
-            result = result_of(connection, request)
-        except RunnerError:
-            self._keep(endpoint, connection)
-            raise
-        except BaseException:
-            connection.close()
-            raise
-        self._keep(endpoint, connection)
-        return result
-
-    def _take(self, endpoint: str) -> Connection | None:
-        with self._lock:
-            free = self._free.get(endpoint)
-            return free.pop() if free else None
-
-    def _keep(self, endpoint: str, connection: Connection) -> None:
-        with self._lock:
-            if len(self._free[endpoint]) < _KEPT_CONNECTIONS:
-                self._free[endpoint].append(connection)
-                return
-        connection.close()
-
-    def _forget(self, endpoint: str) -> None:
-        with self._lock:
-            dead = self._free.pop(endpoint, [])
-        for connection in dead:
-            connection.close()
+            await asyncio.sleep(_POLL_S)

@@ -1,65 +1,237 @@
 import threading
 import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import pytest
+from fvs_service.errors import DeadlineError, LimitExceededError
 from fvs_service.worker.protocol.messages import StageProgress
 from fvs_service.worker.runner.job_monitor import JobMonitor
-from fvs_service.worker.runner.request_queue import RequestQueue
+from fvs_service.worker.runner.pace import Pace
+from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
 
 from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+
+SOON_S = 10.0
 
 
-def test_training_waits_for_a_request() -> None:
-    requests, went_on = RequestQueue(), threading.Event()
-    monitor = JobMonitor(lambda _stage: None, requests)
-    with requests.turn():
-        thread = threading.Thread(target=lambda: (monitor.check(), went_on.set()))
-        thread.start()
-        assert not went_on.wait(0.2)
-    assert went_on.wait(1)
+class Asking:
+    """Threads that ask one queue, as the runner's connections do; questions are computed view by view."""
+
+    def __init__(self, pool: ThreadPoolExecutor) -> None:
+        self.queue = RequestQueue(most=4, most_per_key=2)
+        self.computed: list[str] = []
+        self.stopped: list[str] = []
+        self.steps: dict[str, threading.Semaphore] = {}
+        self._pool = pool
+
+    def question(self, key: str, views: int = 1) -> Question:
+        steps = self.steps.setdefault(key, threading.Semaphore(0))
+
+        def compute(monitor: Monitor) -> str:
+            self.computed.append(key)
+            for done in range(views):
+                while not steps.acquire(timeout=0.005):
+                    if monitor.cancelled:
+                        self.stopped.append(key)
+                        monitor.check()
+                monitor.report("score", done + 1, views)
+            return f"answer to {key}"
+
+        return Question(key, "median-frequency", views, compute)
+
+    def ask(
+        self,
+        key: str,
+        views: int = 1,
+        api_key: str = "mine",
+        timeout_s: float = 60.0,
+        gone: Callable[[], bool] = lambda: False,
+    ) -> "Future[Any]":
+        """Ask, and return once the question is in the queue."""
+        before = self.length
+        joined = key in self.steps
+        asking = self._pool.submit(self.queue.ask, self.question(key, views), Asker(api_key, timeout_s, gone))
+        until(lambda: asking.done() or self.length > before or joined)
+        return asking
+
+    @property
+    def length(self) -> int:
+        return self.queue.status.waiting + self.queue.status.computing
+
+    def answer(self, key: str, views: int = 1) -> None:
+        self.steps[key].release(views)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + SOON_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def asking() -> Asking:
+    with ThreadPoolExecutor(16) as pool:
+        yield Asking(pool)
+
+
+def test_training_waits_for_a_question(asking: Asking) -> None:
+    monitor, went_on = JobMonitor(lambda _stage: None, asking.queue), threading.Event()
+    asked = asking.ask("a")
+    thread = threading.Thread(target=lambda: (monitor.check(), went_on.set()))
+    thread.start()
+    assert not went_on.wait(0.2)
+    asking.answer("a")
+    assert went_on.wait(SOON_S)
     thread.join()
+    assert asked.result()[0] == "answer to a"
 
 
-def test_requests_go_one_by_one_in_the_order_of_arrival() -> None:
-    requests, order, threads = RequestQueue(), [], []
-
-    def ask(number: int) -> None:
-        with requests.turn() as waited_s:
-            order.append((number, waited_s > 0.01))
-
-    with requests.turn():
-        for number in range(5):
-            threads.append(threading.Thread(target=ask, args=(number,)))
-            threads[-1].start()
-            while requests._arrived < number + 2:
-                time.sleep(0.001)
-        time.sleep(0.02)
-        assert not order
-    for thread in threads:
-        thread.join()
-    assert order == [(number, True) for number in range(5)]
+def test_questions_without_end_do_not_stop_training(asking: Asking) -> None:
+    asking.ask("a")
+    began = time.monotonic()
+    JobMonitor(lambda _stage: None, asking.queue).check()
+    assert 1 < time.monotonic() - began < SOON_S
+    asking.answer("a")
 
 
-def test_a_request_that_fails_lets_the_next_one_go() -> None:
-    requests = RequestQueue()
-    with pytest.raises(KeyError), requests.turn():
-        raise KeyError
-    with requests.turn() as waited_s:
-        assert waited_s < 1
+def test_questions_are_computed_one_by_one_in_the_order_of_arrival(asking: Asking) -> None:
+    asked = [asking.ask(key, api_key=key) for key in "abc"]
+    until(lambda: asking.computed == ["a"])
+    assert asking.queue.status.waiting == 2
+    for key in "abc":
+        asking.answer(key)
+    assert [one.result()[0] for one in asked] == ["answer to a", "answer to b", "answer to c"]
+    assert asking.computed == ["a", "b", "c"]
+    assert all(one.result()[1] > 0 for one in asked[1:])
 
 
-def test_requests_without_end_do_not_stop_training() -> None:
-    requests = RequestQueue()
-    with requests.turn():
-        began = time.monotonic()
-        JobMonitor(lambda _stage: None, requests).check()
-        assert time.monotonic() - began < 5
+def test_a_question_that_fails_lets_the_next_one_go(asking: Asking) -> None:
+    def fail(_monitor: Monitor) -> None:
+        raise KeyError("no such thing")
+
+    with pytest.raises(KeyError):
+        asking.queue.ask(Question("bad", "fisher", 1, fail), Asker("mine", 60.0, lambda: False))
+    asking.steps["a"] = threading.Semaphore(1)
+    assert asking.ask("a").result()[0] == "answer to a"
+
+
+def test_the_same_question_is_computed_once_for_all_who_ask_it(asking: Asking) -> None:
+    asked = [asking.ask("a", api_key=str(number)) for number in range(8)]
+    assert asking.length == 1
+    asking.answer("a")
+    assert {one.result()[0] for one in asked} == {"answer to a"}
+    assert asking.computed == ["a"]
+
+
+def test_a_computation_stops_only_when_all_who_asked_are_gone(asking: Asking) -> None:
+    gone = [threading.Event(), threading.Event()]
+    asked = [asking.ask("a", views=100, gone=one.is_set) for one in gone]
+    until(lambda: asking.computed == ["a"])
+    gone[0].set()
+    with pytest.raises(AskerGoneError):
+        asked[0].result(SOON_S)
+    asking.answer("a")
+    time.sleep(0.05)
+    assert not asking.stopped
+    gone[1].set()
+    with pytest.raises(AskerGoneError):
+        asked[1].result(SOON_S)
+    until(lambda: asking.stopped == ["a"] and asking.length == 0)
+
+
+def test_a_question_that_waits_is_dropped_with_its_asker(asking: Asking) -> None:
+    gone = threading.Event()
+    first, second = asking.ask("a"), asking.ask("b", gone=gone.is_set)
+    gone.set()
+    with pytest.raises(AskerGoneError):
+        second.result(SOON_S)
+    assert asking.length == 1
+    asking.answer("a")
+    first.result(SOON_S)
+    assert asking.computed == ["a"]
+
+
+def test_a_question_is_dropped_at_its_deadline(asking: Asking) -> None:
+    asked = [asking.ask("a", views=100, timeout_s=0.3), asking.ask("b", timeout_s=0.3)]
+    for one in asked:
+        with pytest.raises(DeadlineError):
+            one.result(SOON_S)
+    until(lambda: asking.stopped == ["a"] and asking.length == 0)
+    assert asking.computed == ["a"]
+
+
+def test_who_asks_again_after_hanging_up_gets_a_computation_that_is_not_stopped(asking: Asking) -> None:
+    gone = threading.Event()
+    first = asking.ask("a", gone=gone.is_set)
+    until(lambda: asking.computed == ["a"])
+    gone.set()
+    with pytest.raises(AskerGoneError):
+        first.result(SOON_S)
+    again = asking.ask("a")
+    until(lambda: asking.computed == ["a", "a"])
+    asking.answer("a")
+    assert again.result(SOON_S)[0] == "answer to a"
+
+
+def test_the_queue_is_bounded_per_key_and_per_scene(asking: Asking) -> None:
+    asked = [asking.ask(f"{key}{number}", api_key=key) for key in "xy" for number in range(2)]
+    for key, message in (("x", "The scene has 4"), ("z", "The scene has 4")):
+        with pytest.raises(LimitExceededError, match=message):
+            asking.ask("more", api_key=key).result(SOON_S)
+    for number in range(2):
+        asking.answer(f"x{number}")
+        asked[number].result(SOON_S)
+    with pytest.raises(LimitExceededError, match="This API key has 2") as refused:
+        asking.ask("more", api_key="y").result(SOON_S)
+    assert refused.value.retry_after_s >= 1
+    asking.answer("y0")
+    asking.answer("y1")
+
+
+def test_retry_after_is_when_the_queue_has_room_again(asking: Asking) -> None:
+    asking.queue._pace.add("median-frequency", 1, 10.0)  # 10 s per view
+    asked = [asking.ask(key, views=2) for key in "ab"]
+    until(lambda: asking.computed == ["a"])
+    with pytest.raises(LimitExceededError) as refused:
+        asking.ask("c").result(SOON_S)
+    assert 15 <= refused.value.retry_after_s <= 20  # until "a" is answered
+    with pytest.raises(LimitExceededError, match="too long for an answer within 30 s") as refused:
+        asking.ask("d", api_key="other", views=1, timeout_s=30.0).result(SOON_S)
+    assert 15 <= refused.value.retry_after_s <= 20  # 40 s for those before, 10 s for it
+    assert asking.length == 2
+    for key in "ab":
+        asking.answer(key, 2)
+    for one in asked:
+        one.result(SOON_S)
+
+
+def test_a_question_that_takes_long_is_computed_when_nobody_waits_before_it(asking: Asking) -> None:
+    asking.queue._pace.add("median-frequency", 1, 1000.0)
+    asking.steps["a"] = threading.Semaphore(1)
+    assert asking.ask("a", timeout_s=60.0).result(SOON_S)[0] == "answer to a"
+
+
+def test_the_pace_is_that_of_the_same_kind() -> None:
+    pace = Pace()
+    assert pace.expected_s("fisher", 10) == 0
+    pace.add("fisher", 10, 20.0)
+    pace.add("coverage", 10, 1.0)
+    assert pace.expected_s("fisher", 5) == pytest.approx(10.0)
+    assert pace.expected_s("coverage", 5) == pytest.approx(0.5)
+    assert pace.expected_s("unknown", 5) == pytest.approx(10.0)
+    for _ in range(40):
+        pace.add("fisher", 10, 10.0)
+    assert pace.expected_s("fisher", 5) == pytest.approx(5.0, rel=1e-3)
 
 
 def test_every_step_is_seen_but_not_every_step_is_reported() -> None:
     stages: list[StageProgress] = []
     steps: list[int] = []
-    monitor = JobMonitor(stages.append, RequestQueue(), steps.append)
+    monitor = JobMonitor(stages.append, RequestQueue(1, 1), steps.append)
     for step in range(1, 101):
         monitor.report("train", step, 100, iterations_per_s=10.0)
     assert steps == list(range(1, 101))
@@ -68,7 +240,7 @@ def test_every_step_is_seen_but_not_every_step_is_reported() -> None:
 
 
 def test_a_stopped_job_stops_at_its_next_step() -> None:
-    monitor = JobMonitor(lambda _stage: None, RequestQueue())
+    monitor = JobMonitor(lambda _stage: None, RequestQueue(1, 1))
     monitor.cancel()
     with pytest.raises(Cancelled):
         monitor.check()

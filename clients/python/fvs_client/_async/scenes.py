@@ -66,13 +66,14 @@ class AsyncScene(AsyncResource, SceneData):
         snapshot_id: str | None = None,
         budget: int = 1,
         seed: int = 0,
+        timeout_s: float | None = None,
         idempotency_key: str | None = None,
     ) -> AsyncRanking:
         """Rank the views that could be photographed next; answered at once, also while a job runs.
 
         ``candidates`` are poses by candidate id, or made by a ``generator``. With ``radius_m``, only
         candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
-        scene has no model.
+        scene has no model, ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
         if isinstance(candidates, Mapping):
             candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
@@ -87,7 +88,7 @@ class AsyncScene(AsyncResource, SceneData):
             budget=budget,
             seed=seed,
         )
-        request = requests.create_ranking(self.id, ranking, idempotency_key)
+        request = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s)
         return await self._session.fetch(AsyncRanking, request)
 
     def events(self, after: int | None = 0) -> AsyncIterator[Event]:

@@ -3,6 +3,7 @@
 from fvs_client.errors import (
     ApiError,
     ConnectionFailedError,
+    DeadlineExceededError,
     FvsError,
     JobCanceledError,
     JobFailedError,
@@ -23,6 +24,7 @@ _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
     (UnauthenticatedError, 5),
     (NotFoundError, 6),
     (UnavailableError, 4),
+    (DeadlineExceededError, 4),
     (ApiError, 3),
     (ConnectionFailedError, 4),
     (JobFailedError, 7),

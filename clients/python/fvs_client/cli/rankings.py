@@ -9,7 +9,7 @@ import pydantic
 import typer
 
 from fvs_client import Ranking
-from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.options import JsonOption, SceneArgument, TimeoutOption
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.session import find_scene, service
 from fvs_client.models.rankings import (
@@ -70,6 +70,7 @@ def rank(
     renders: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
     ] = None,
+    timeout: TimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Rank candidates for the next view, best first."""
@@ -95,6 +96,7 @@ def rank(
             snapshot_id=snapshot,
             budget=budget,
             seed=seed,
+            timeout_s=timeout,
         )
         if renders is not None:
             _save_renders(ranking, renders)

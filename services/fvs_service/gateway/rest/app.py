@@ -53,6 +53,7 @@ def create_app(settings: Settings, backend: Backend) -> FastAPI:
             finally:
                 watching.cancel()
                 await asyncio.gather(watching, return_exceptions=True)
+                await application.runners.close()
 
     app = FastAPI(
         title="Frequency View Selection",

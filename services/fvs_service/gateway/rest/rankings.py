@@ -2,16 +2,18 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Request, Response
+from starlette.concurrency import run_in_threadpool
 
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
+    Counters,
     IdempotencyKey,
     RankingId,
     SceneId,
-    set_location,
 )
+from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.rankings.model import Ranking, RankingRequest
 from fvs_service.rankings.port import ViewImage
 
@@ -20,19 +22,28 @@ router = APIRouter(prefix="/v1", tags=["rankings"])
 _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
 
 
-@router.post("/scenes/{scene_id}/rankings", status_code=201)
-def create_ranking(
+@router.post("/scenes/{scene_id}/rankings", status_code=201, response_model=Ranking)
+async def create_ranking(
+    http: Request,
     app: App,
+    metrics: Counters,
     caller: Caller,
     scene_id: SceneId,
     request: RankingRequest,
-    response: Response,
+    timeout_s: TimeoutS,
     key: IdempotencyKey = None,
-) -> Ranking:
-    """Rank candidates for the next image; possible while a job runs."""
-    ranking = app.rankings.create(caller, scene_id, request, key)
-    set_location(response, f"/v1/rankings/{ranking.id}")
-    return ranking
+) -> Response:
+    """Rank candidates for the next image; possible while a job runs. Hanging up cancels it."""
+    with metrics.rankings_open.track_inprogress():
+        ranking = await while_connected(http, app.rankings.create(caller, scene_id, request, timeout_s, key))
+    metrics.rankings.labels(ranking.request.method).observe(ranking.seconds)
+    metrics.ranking_waits.observe(ranking.waited_s)
+    return Response(
+        await run_in_threadpool(ranking.model_dump_json),  # long lists would block the event loop
+        status_code=201,
+        headers={"Location": f"/v1/rankings/{ranking.id}"},
+        media_type="application/json",
+    )
 
 
 @router.get("/rankings/{ranking_id}")
@@ -52,13 +63,18 @@ def delete_ranking(app: App, caller: Caller, ranking_id: RankingId) -> None:
     response_class=Response,
     responses=_PNG,  # type: ignore[arg-type]
 )
-def render_candidate(
+async def render_candidate(
+    http: Request,
     app: App,
+    metrics: Counters,
     caller: Caller,
     ranking_id: RankingId,
     candidate_id: Annotated[str, Path(max_length=128, examples=["orbit-0000"])],
     image: ViewImage,
+    timeout_s: TimeoutS,
 ) -> Response:
     """Render a candidate's view of the ranking's snapshot, or the spectrum of it."""
-    png = app.rankings.render(caller, ranking_id, candidate_id, image)
+    rendering = app.rankings.render(caller, ranking_id, candidate_id, image, timeout_s)
+    with metrics.rankings_open.track_inprogress():
+        png = await while_connected(http, rendering)
     return Response(png, media_type="image/png")

@@ -12,7 +12,7 @@ from typing import Any
 from fvs_engine.records import Record
 from fvs_service.worker.protocol.messages import Failure
 
-_MAX_LINE_BYTES = 64_000_000
+MAX_LINE_BYTES = 64_000_000
 
 
 class RunnerError(Exception):
@@ -47,7 +47,7 @@ class Connection:
     def receive_line(self) -> bytes:
         """The next document as JSON; raises ``RunnerGoneError`` when the connection has ended."""
         try:
-            line = self._file.readline(_MAX_LINE_BYTES)
+            line = self._file.readline(MAX_LINE_BYTES)
         except OSError as error:
             raise RunnerGoneError("The connection is broken.") from error
         if not line.endswith(b"\n"):
@@ -61,6 +61,15 @@ class Connection:
     def set_timeout(self, seconds: float | None) -> None:
         """Limit each send and receive to ``seconds``; None: no limit."""
         self._connection.settimeout(seconds)
+
+    def ended(self) -> bool:
+        """Whether the other side has closed the connection; to be called while it waits for a response."""
+        try:
+            return not self._connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
 
     def close(self) -> None:
         """Close the connection."""

@@ -14,8 +14,10 @@ from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
 from fvs_service.errors import (
+    DeadlineError,
     InternalError,
     InvalidRequestError,
+    LimitExceededError,
     NotFoundError,
     OutOfSpaceError,
     ServiceError,
@@ -68,7 +70,10 @@ class YieldScene(Record):
 
 
 class Ping(Record):
-    """Return ``{"idle_s": …}``: the time since the last ranking, rendering or job ended."""
+    """Return ``{"idle_s": …, "queue": …}``.
+
+    That is the time since the last ranking, render or job, and the ``QueueStatus`` of rankings and renders.
+    """
 
     kind: Literal["ping"] = "ping"
 
@@ -108,6 +113,7 @@ class Failure(Record):
     message: str
     hint: str
     retryable: bool
+    retry_after_s: int | None = None
 
 
 def failure_of(error: Exception) -> Failure:
@@ -115,15 +121,34 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, EngineError):
         error = from_engine(error)
     if isinstance(error, ServiceError):
-        return Failure(code=error.code, message=error.message, hint=error.hint, retryable=error.retryable)
+        return Failure(
+            code=error.code,
+            message=error.message,
+            hint=error.hint,
+            retryable=error.retryable,
+            retry_after_s=error.retry_after_s,
+        )
     return Failure(
         code=InternalError.code, message=f"{type(error).__name__}: {error}", hint="", retryable=True
     )
 
 
-_KINDS = {kind.code: kind for kind in (InvalidRequestError, NotFoundError, OutOfSpaceError, UnavailableError)}
+_KINDS = {
+    kind.code: kind
+    for kind in (
+        DeadlineError,
+        InvalidRequestError,
+        LimitExceededError,
+        NotFoundError,
+        OutOfSpaceError,
+        UnavailableError,
+    )
+}
 
 
 def error_of(failure: Failure) -> ServiceError:
     """The service's error for a failed request."""
-    return _KINDS.get(failure.code, InternalError)(failure.message, hint=failure.hint)
+    kind: type[ServiceError] = _KINDS.get(failure.code, InternalError)
+    error = kind(failure.message, hint=failure.hint)
+    error.retry_after_s = failure.retry_after_s
+    return error

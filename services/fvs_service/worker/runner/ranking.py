@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from PIL import Image
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.contact_sheet import log_magnitude
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
@@ -15,8 +16,10 @@ from fvs_service.rankings.port import RankedViews, RankViews, RenderView, ViewIm
 from fvs_service.worker.runner.model_states import ModelState
 
 
-def rank_views(request: RankViews, state: ModelState, rasterizer: Rasterizer) -> RankedViews:
-    """Rank the request's views; raises ``InvalidInputError`` for an unknown method."""
+def rank_views(
+    request: RankViews, state: ModelState, rasterizer: Rasterizer, monitor: Monitor
+) -> RankedViews:
+    """Rank the request's views; raises ``InvalidInputError`` for an unknown method, ``Cancelled``."""
     names = (*(view.name for view in state.visited), *sorted(view.name for view in request.views))
     context = SelectionContext(
         gaussians=state.gaussians,
@@ -30,7 +33,7 @@ def rank_views(request: RankViews, state: ModelState, rasterizer: Rasterizer) ->
         step=0,
     )
     started = time.perf_counter()
-    selection = select(context, create_selector(request.method), request.distances)
+    selection = select(context, create_selector(request.method), request.distances, monitor)
     return RankedViews(
         snapshot_id=state.snapshot_id,
         iterations=state.iterations,

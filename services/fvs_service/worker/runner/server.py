@@ -6,10 +6,12 @@ import logging
 import socket
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fvs_engine.errors import Cancelled, EngineError
+from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
 from fvs_service.rankings.port import RankViews, RenderView
@@ -29,8 +31,10 @@ from fvs_service.worker.protocol.messages import (
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.ranking import rank_views, render_view
-from fvs_service.worker.runner.request_queue import RequestQueue
+from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
 from fvs_service.worker.runner.scene_jobs import SceneJobs
+
+QuestionT = TypeVar("QuestionT", RankViews, RenderView)
 
 _log = logging.getLogger(__name__)
 _BACKLOG = 128
@@ -48,7 +52,8 @@ class RunnerServer:
         self._rasterizer = create_rasterizer(settings.worker.backend)
         self._states = ModelStates(scene_id, blobs, self._rasterizer)
         self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._states)
-        self._requests = RequestQueue()
+        limits = settings.limits
+        self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
         self._job_running = threading.Lock()
         self._monitor: JobMonitor | None = None
         self._worker: Connection | None = None
@@ -79,7 +84,7 @@ class RunnerServer:
                 return
             while True:
                 self._respond(connection, REQUEST.validate_json(connection.receive_line()))
-        except RunnerGoneError:
+        except (RunnerGoneError, AskerGoneError):
             pass
         except Exception:
             _log.exception("A request cannot be read.")
@@ -89,7 +94,7 @@ class RunnerServer:
     def _respond(self, connection: Connection, request: Request) -> None:
         try:
             response = {"result": self._result(connection, request)}
-        except RunnerGoneError:
+        except (RunnerGoneError, AskerGoneError):
             raise
         except Exception as error:
             if not isinstance(error, EngineError | ServiceError):
@@ -103,16 +108,12 @@ class RunnerServer:
     def _result(self, connection: Connection, request: Request) -> Any:
         match request:
             case RankViews():
-                self._used = time.monotonic()
-                with self._requests.turn() as waited_s:
-                    find = self._states.of_snapshot if request.pinned else self._states.newest
-                    ranked = rank_views(request, find(request.snapshot_id), self._rasterizer)
-                return {**ranked.model_dump(mode="json"), "waited_s": waited_s}
+                ranked, waited_s = self._ask(
+                    connection, request, request.method, len(request.views), self._rank
+                )
+                return {**ranked, "waited_s": waited_s}
             case RenderView():
-                self._used = time.monotonic()
-                with self._requests.turn():
-                    state = self._states.of_snapshot(request.snapshot_id)
-                    return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
+                return self._ask(connection, request, request.kind, 1, self._render)[0]
             case RunJob():
                 return self._run_job(connection, request)
             case CancelJob():
@@ -128,7 +129,35 @@ class RunnerServer:
                     raise ConflictError("A job is running.")
                 return None  # the lock stays acquired, so that no other job starts
             case Ping():
-                return {"idle_s": 0.0 if self._job_running.locked() else time.monotonic() - self._used}
+                queue = self._requests.status
+                busy = self._job_running.locked() or queue.waiting or queue.computing
+                idle_s = 0.0 if busy else time.monotonic() - self._used
+                return {"idle_s": idle_s, "queue": queue.model_dump()}
+
+    def _ask(
+        self,
+        connection: Connection,
+        request: QuestionT,
+        kind: str,
+        views: int,
+        compute: Callable[[QuestionT, Monitor], Any],
+    ) -> tuple[Any, float]:
+        """The answer to a question in its turn, and the seconds that it waited."""
+        self._used = time.monotonic()
+        key = request.model_dump_json(exclude={"api_key", "timeout_s"})
+        question = Question(key, kind, views, lambda monitor: compute(request, monitor))
+        return self._requests.ask(question, Asker(request.api_key, request.timeout_s, connection.ended))
+
+    def _rank(self, request: RankViews, monitor: Monitor) -> Any:
+        find = self._states.of_snapshot if request.pinned else self._states.newest
+        state = find(request.snapshot_id)
+        monitor.check()
+        return rank_views(request, state, self._rasterizer, monitor).model_dump(mode="json")
+
+    def _render(self, request: RenderView, monitor: Monitor) -> str:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
 
     def _run_job(self, connection: Connection, request: RunJob) -> Any:
         if not self._job_running.acquire(blocking=False):

@@ -1,0 +1,56 @@
+"""How long a client waits for an answer that is computed: ``X-Timeout-S``, and until it hangs up."""
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Depends, Header, Request
+
+from fvs_service.errors import ClientGoneError
+from fvs_service.gateway.rest.dependencies import App
+
+T = TypeVar("T")
+
+
+def _timeout_s(
+    app: App,
+    timeout_s: Annotated[
+        float | None,
+        Header(
+            alias="X-Timeout-S",
+            gt=0,
+            le=86_400,
+            allow_inf_nan=False,
+            description="How long the client waits for the answer; nothing is computed for longer. "
+            "The capabilities have the most, and the default: `limits.ranking_timeout_s`.",
+        ),
+    ] = None,
+) -> float:
+    most = app.storage.settings.limits.ranking_timeout_s
+    return most if timeout_s is None else min(timeout_s, most)
+
+
+TimeoutS = Annotated[float, Depends(_timeout_s)]
+
+
+async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """The result of ``work``, which is cancelled when the client hangs up; then raises ``ClientGoneError``.
+
+    The body of the request must have been read.
+    """
+    working = asyncio.ensure_future(work)
+    watching = asyncio.ensure_future(_hung_up(request))
+    try:
+        await asyncio.wait((working, watching), return_when=asyncio.FIRST_COMPLETED)
+        if not working.done():
+            raise ClientGoneError("The client hung up before the answer.")
+        return working.result()
+    finally:
+        for task in (working, watching):
+            task.cancel()
+        await asyncio.gather(working, watching, return_exceptions=True)
+
+
+async def _hung_up(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,95 @@
+"""Connections to a runner from an event loop: cancelling a request closes its connection."""
+
+import asyncio
+import contextlib
+import json
+from collections import defaultdict
+from typing import Any
+
+from fvs_service.worker.protocol.connection import MAX_LINE_BYTES, RunnerError, RunnerGoneError
+from fvs_service.worker.protocol.messages import Failure
+
+_CONNECT_S = 2.0
+_KEPT_CONNECTIONS = 8
+
+
+class AsyncConnection:
+    """A connection of one event loop, for one request at a time."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+
+    async def call(self, request: bytes) -> bytes:
+        """The response to a request, both as JSON; raises ``RunnerGoneError``."""
+        try:
+            self._writer.write(request + b"\n")
+            await self._writer.drain()
+            line = await self._reader.readline()
+        except (OSError, ValueError) as error:  # ValueError: a line that is too long
+            raise RunnerGoneError("The connection is broken.") from error
+        if not line.endswith(b"\n"):
+            raise RunnerGoneError("The other side has closed the connection.")
+        return line
+
+    def close(self) -> None:
+        """Close the connection at once: the runner then drops the request, unless others wait for it."""
+        self._writer.transport.abort()
+
+
+async def connect(endpoint: str) -> AsyncConnection:
+    """Connect to a runner; ``endpoint`` is ``host:port/secret``. Raises ``RunnerGoneError``."""
+    address, secret = endpoint.split("/", 1)
+    host, port = address.rsplit(":", 1)
+    try:
+        async with asyncio.timeout(_CONNECT_S):
+            reader, writer = await asyncio.open_connection(host, int(port), limit=MAX_LINE_BYTES)
+    except OSError as error:  # TimeoutError is one
+        raise RunnerGoneError(f"No runner listens at {address}.") from error
+    writer.write(json.dumps({"secret": secret}).encode() + b"\n")
+    return AsyncConnection(reader, writer)
+
+
+class AsyncConnections:
+    """Connections that are kept for the next request."""
+
+    def __init__(self) -> None:
+        self._free: defaultdict[str, list[AsyncConnection]] = defaultdict(list)
+
+    async def call(self, endpoint: str, request: bytes) -> bytes:
+        """The response over a kept connection, or over a new one if there is none or it was cut.
+
+        Raises ``RunnerGoneError``.
+        """
+        if kept := self._free[endpoint]:
+            with contextlib.suppress(RunnerGoneError):
+                return await self._use(endpoint, kept.pop(), request)
+            for connection in self._free.pop(endpoint, ()):
+                connection.close()
+        return await self._use(endpoint, await connect(endpoint), request)
+
+    def close(self) -> None:
+        """Close all connections that are kept."""
+        for connections in self._free.values():
+            for connection in connections:
+                connection.close()
+        self._free.clear()
+
+    async def _use(self, endpoint: str, connection: AsyncConnection, request: bytes) -> bytes:
+        try:
+            response = await connection.call(request)
+        except BaseException:  # cancelled, too: the runner notices that nobody waits any longer
+            connection.close()
+            raise
+        if len(self._free[endpoint]) < _KEPT_CONNECTIONS:
+            self._free[endpoint].append(connection)
+        else:
+            connection.close()
+        return response
+
+
+def result_of(response: bytes) -> Any:
+    """The result in a response; raises ``RunnerError`` when it is an error."""
+    document = json.loads(response)
+    if "error" in document:
+        raise RunnerError(Failure.model_validate(document["error"]))
+    return document["result"]
