@@ -151,8 +151,16 @@ def architecture() -> str:
     d.text(400, 492, "--root", anchor="start", weight="600", size=15)
     d.text(462, 492, "what is on disk", anchor="start", size=13, color=GREY)
     d.box(310, 505, 150, 95, "blobs/", "images, snapshots'", "artifacts, renders", fill=AMBER)
-    d.box(475, 505, 155, 95, "fvs.sqlite3", "scenes, jobs, keys,", "rankings, leases", fill=AMBER)
-    d.box(645, 505, 135, 95, "queue.sqlite3", "the job queue", fill=AMBER)
+    d.box(
+        475,
+        505,
+        305,
+        95,
+        "fvs.sqlite3",
+        "scenes, jobs and their queue, keys,",
+        "rankings, leases",
+        fill=AMBER,
+    )
     d.box(795, 505, 165, 95, "scenes/<id>/", "features, matches,", "checkpoint", fill=AMBER)
     d.arrow((370, 385), (370, 505), both=True)
     d.text(378, 440, "bytes first,", "then rows", size=12, anchor="start")

@@ -11,7 +11,7 @@ from fvs_service.images.inspector import Inspector
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
 from fvs_service.jobs.ledger import Ledger
-from fvs_service.jobs.port import JobEngine
+from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
@@ -34,6 +34,7 @@ class Storage:
     keys: Keys
     leases: Leases
     ledger: Ledger
+    queue: JobQueue
     snapshots: Snapshots
     removals: Removals
 
@@ -43,7 +44,6 @@ class Application:
     """The storage and all services, for a gateway."""
 
     storage: Storage
-    engine: JobEngine
     runners: SceneRunners
     staging: StagingArea
     upload_limit: ConcurrencyLimit
@@ -54,12 +54,8 @@ class Application:
     deletions: Deletions
 
 
-@dataclass(frozen=True)
-class Backend:
-    """How to make the job engine and the client of the runners for a storage."""
-
-    engine: Callable[[Storage], JobEngine]
-    runners: Callable[[Storage], SceneRunners]
+MakeRunners = Callable[[Storage], SceneRunners]
+"""Makes the client of the runners for a storage."""
 
 
 @contextmanager
@@ -77,6 +73,11 @@ def open_storage(settings: Settings) -> Iterator[Storage]:
             keys=Keys(database, required=settings.keys_required),
             leases=Leases(database, settings.lease_s),
             ledger=Ledger(database),
+            queue=JobQueue(
+                database,
+                jobs_per_tenant=settings.limits.running_jobs_per_tenant,
+                turn_s=settings.worker.turn_s,
+            ),
             snapshots=Snapshots(database, blobs),
             removals=Removals(database, blobs, settings.removal_grace_s),
         )
@@ -85,11 +86,10 @@ def open_storage(settings: Settings) -> Iterator[Storage]:
 
 
 @contextmanager
-def open_application(settings: Settings, backend: Backend) -> Iterator[Application]:
+def open_application(settings: Settings, make_runners: MakeRunners) -> Iterator[Application]:
     """Open the storage and the services on top of it."""
     limits = settings.limits
     with open_storage(settings) as storage:
-        engine, runners = backend.engine(storage), backend.runners(storage)
         inspector = Inspector(
             limits.of_images,
             children=settings.inspectors,
@@ -97,10 +97,10 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
             memory_bytes=settings.inspection_bytes,
         )
         try:
-            jobs = Jobs(storage.database, engine, limits)
+            jobs = Jobs(storage.database, storage.queue, limits)
+            runners = make_runners(storage)
             yield Application(
                 storage=storage,
-                engine=engine,
                 runners=runners,
                 staging=StagingArea(
                     settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
@@ -110,7 +110,7 @@ def open_application(settings: Settings, backend: Backend) -> Iterator[Applicati
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 jobs=jobs,
                 rankings=Rankings(storage.database, storage.blobs, storage.snapshots, runners, limits),
-                deletions=Deletions(storage.database, engine, settings.removal_grace_s),
+                deletions=Deletions(storage.database, settings.removal_grace_s),
             )
         finally:
             inspector.close()

@@ -28,6 +28,7 @@ class Limits(Record):
     images_per_scene: PositiveInt = 10_000
     scenes_per_tenant: PositiveInt = 1_000
     open_jobs_per_tenant: PositiveInt = 32
+    running_jobs_per_tenant: PositiveInt = 8
     open_uploads_per_tenant: PositiveInt = 32
     rankings_at_once_per_tenant: PositiveInt = 64
     rankings_queued_per_scene: PositiveInt = 64
@@ -53,13 +54,17 @@ class WorkerSettings(Record):
     """How workers share the machine, and the defaults of jobs.
 
     ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of the machine's
-    memory; jobs that do not fit wait. ``threads`` is per job, by default all cores. A runner that is idle for
-    ``idle_s`` ends.
+    memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more than the reserve,
+    and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting jobs of tenants with
+    fewer running ones. ``threads`` is per job, by default all cores. A runner that is idle for ``idle_s``
+    ends.
     """
 
     count: PositiveInt = 1
     jobs_at_once: PositiveInt = 1
+    turn_s: PositiveFloat = 30.0
     memory_bytes: PositiveInt | None = None
+    start_bytes: int = Field(default=100 * MEGABYTE, ge=0)
     idle_s: PositiveFloat = 600.0
     threads: PositiveInt | None = None
     backend: str = "auto"
@@ -125,13 +130,6 @@ class Settings(BaseSettings):
     def database(self) -> str:
         """The database's URL for SQLAlchemy."""
         return self.database_url or f"sqlite:///{self.root.absolute() / 'fvs.sqlite3'}"
-
-    @property
-    def queue(self) -> str:
-        """The URL of the job engine's database: the same server, or an SQLite file of its own."""
-        if self.database_url and not self.database_url.startswith("sqlite"):
-            return self.database_url
-        return f"sqlite:///{self.root.absolute() / 'queue.sqlite3'}"
 
     @property
     def scenes(self) -> Path:

@@ -13,7 +13,6 @@ import httpx2
 import pytest
 import uvicorn
 from fvs_client import Client, Retries
-from fvs_service.application import Backend
 from fvs_service.gateway.rest.app import create_app
 
 _SERVICE_TESTS = Path(__file__).resolve().parent.parent / "fvs_service" / "conftest.py"
@@ -39,8 +38,7 @@ _plain_logs = _service._plain_logs
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
     settings = _service._settings(tmp_path_factory.mktemp("clients") / "service", {"event_heartbeat_s": 0.2})
-    engine = _service.TicketBox()
-    app = create_app(settings, Backend(engine=lambda _: engine, runners=_service.ComputingRunners))
+    app = create_app(settings, _service.ComputingRunners)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -49,7 +47,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
-        yield _service.Gateway(app, plain, engine, settings)
+        yield _service.Gateway(app, plain, settings)
     server.should_exit = True
     thread.join()
 

@@ -45,14 +45,14 @@ def real_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 @pytest.fixture
 def played_service(gateway: Any) -> Iterator[str]:
     """The URL of a gateway whose updates succeed at once, with a synthetic model."""
-    ended, played = threading.Event(), set(gateway.engine.submitted)
+    ended = threading.Event()
+    old = gateway.queued_jobs()
 
     def work() -> None:
         while not ended.wait(0.05):
-            for key, ticket in tuple(gateway.engine.submitted.items()):
-                if key not in played:
-                    played.add(key)
-                    gateway.model(ticket.scene_id)
+            for job_id, scene_id in gateway.queued_jobs().items():
+                if job_id not in old:
+                    gateway.model(scene_id)
 
     worker = threading.Thread(target=work)
     worker.start()

@@ -18,10 +18,11 @@ import torch
 import uvicorn
 from anyio.to_thread import run_sync
 from fastapi import FastAPI
-from fvs_service.application import Application, Backend, Storage
+from fvs_service.application import Application, Storage
 from fvs_service.errors import UnavailableError
 from fvs_service.gateway.rest.app import create_app
-from fvs_service.jobs.port import JobTicket
+from fvs_service.jobs.queue import take_job
+from fvs_service.jobs.ticket import JobTicket
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
@@ -33,8 +34,10 @@ from fvs_service.snapshots.model import (
     SnapshotView,
 )
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
+from fvs_service.storage.tables import JobRow
 from fvs_service.telemetry import configure_logging
 from PIL import Image
+from sqlalchemy import select
 from starlette.testclient import TestClient
 
 from fvs_engine.geometry import look_at, quaternion_from_matrix
@@ -44,29 +47,6 @@ from fvs_engine.splat.ply import read_ply, write_ply
 from fvs_engine.splat.raster import create_rasterizer
 
 Overrides = Mapping[str, Any]
-
-
-class TicketBox:
-    """A queue that only remembers: tests play the worker themselves."""
-
-    def __init__(self) -> None:
-        self.submitted: dict[str, JobTicket] = {}
-        self.canceled: list[JobTicket] = []
-        self.reachable = True
-
-    def submit(self, ticket: JobTicket) -> None:
-        if not self.reachable:
-            raise UnavailableError("The queue does not answer.")
-        self.submitted.setdefault(ticket.key, ticket)
-
-    def request_cancel(self, ticket: JobTicket) -> None:
-        self.canceled.append(ticket)
-
-    def run_worker(self, worker_id: str) -> None:
-        raise AssertionError(f"tests play worker {worker_id}")
-
-    def reap(self, worker_id: str) -> int:
-        raise AssertionError(f"tests play worker {worker_id}")
 
 
 class ComputingRunners:
@@ -136,7 +116,6 @@ class Gateway:
 
     app: FastAPI
     client: httpx2.Client
-    engine: TicketBox
     settings: Settings
 
     @property
@@ -174,6 +153,19 @@ class Gateway:
         assert made.status_code == 202, made.text
         return made.json()["id"]
 
+    def queued_jobs(self) -> dict[str, str]:
+        """The ids of all queued jobs, with those of their scenes."""
+        with self.application.storage.database.reading() as session:
+            query = select(JobRow.id, JobRow.scene_id).where(JobRow.state == "queued")
+            return {row.id: row.scene_id for row in session.execute(query)}
+
+    def take(self, job_id: str, worker_id: str = "tester") -> JobTicket:
+        """The ticket of a job, which is the worker's from now on."""
+        with self.application.storage.database.writing() as session:
+            ticket = take_job(session, job_id, worker_id)
+        assert ticket is not None
+        return ticket
+
     def lease(self, scene_id: str, worker_id: str = "tester") -> Lease:
         """The right to work on a scene."""
         lease = self.application.storage.leases.acquire(scene_id, worker_id)
@@ -193,8 +185,7 @@ class Gateway:
         """
         job_id = self.queue(scene_id, headers=headers)
         storage, lease = self.application.storage, self.lease(scene_id)
-        attempt = self.engine.submitted[f"{job_id}.1"].attempt
-        job = storage.ledger.start(lease, job_id, attempt)
+        job = storage.ledger.start(lease, job_id, 1)
         assert job is not None
         with _temporary_folder() as folder:
             number = 5 + self._snapshots_of(scene_id, headers) if seed is None else seed
@@ -304,10 +295,9 @@ def open_gateway(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
 
 @contextlib.contextmanager
 def _running(settings: Settings) -> Iterator[Gateway]:
-    engine = TicketBox()
-    app = create_app(settings, Backend(engine=lambda _: engine, runners=ComputingRunners))
+    app = create_app(settings, ComputingRunners)
     with TestClient(app, raise_server_exceptions=False) as client:
-        yield Gateway(app, client, engine, settings)
+        yield Gateway(app, client, settings)
 
 
 @pytest.fixture
@@ -316,8 +306,8 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
     stops: list[Callable[[], None]] = []
 
     def start(runners: Callable[[Storage], SceneRunners] = ComputingRunners, **overrides: Any) -> Gateway:
-        settings, engine = _settings(tmp_path / "service", overrides), TicketBox()
-        app = create_app(settings, Backend(engine=lambda _: engine, runners=runners))
+        settings = _settings(tmp_path / "service", overrides)
+        app = create_app(settings, runners)
         server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
         thread = threading.Thread(target=server.run)
         thread.start()
@@ -333,7 +323,7 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
             thread.join()
 
         stops.append(stop)
-        return Gateway(app, client, engine, settings)
+        return Gateway(app, client, settings)
 
     yield start
     for stop in stops:

@@ -17,14 +17,13 @@ def _events(gateway: Any, scene: str) -> list[str]:
         return [event.kind.value for event in events_after(session, scene, 0)]
 
 
-def test_a_job_is_queued_and_given_to_the_engine(gateway: Any) -> None:
+def test_a_job_is_queued_once(gateway: Any) -> None:
     scene = gateway.scene()
     answer = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
     assert answer.status_code == 202
     job = answer.json()
     assert answer.headers["location"] == f"/v1/jobs/{job['id']}"
     assert (job["state"], job["progress"], job["attempt"]) == ("queued", 0.0, 1)
-    assert gateway.engine.submitted[f"{job['id']}.1"].scene_id == scene
     again = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
     assert again.json()["id"] == job["id"]
 
@@ -39,18 +38,6 @@ def test_a_job_that_asks_for_more_than_the_one_that_waits_is_refused(gateway: An
     assert '{"kind":"update"}' in refused.json()["hint"]
     gateway.client.post(f"/v1/jobs/{waiting}:cancel")
     assert gateway.client.post(path, json={"kind": "update", "iterations": 50}).status_code == 202
-
-
-def test_a_job_whose_queue_was_away_is_submitted_later(gateway: Any) -> None:
-    scene = gateway.scene()
-    gateway.engine.reachable = False
-    try:
-        job_id = gateway.queue(scene)
-        assert f"{job_id}.1" not in gateway.engine.submitted
-    finally:
-        gateway.engine.reachable = True
-    gateway.application.jobs.submit_unsubmitted()
-    assert f"{job_id}.1" in gateway.engine.submitted
 
 
 def test_progress_never_goes_back(gateway: Any) -> None:
@@ -77,7 +64,6 @@ def test_a_queued_job_is_canceled_at_once(gateway: Any) -> None:
     job_id, lease = gateway.queue(scene), gateway.lease(scene)
     answer = gateway.client.post(f"/v1/jobs/{job_id}:cancel")
     assert (answer.status_code, answer.json()["state"]) == (202, "canceled")
-    assert gateway.engine.canceled[-1].job_id == job_id
     assert gateway.application.storage.ledger.start(lease, job_id, 1) is None
 
 
@@ -89,8 +75,6 @@ def test_a_running_job_learns_that_it_should_stop(gateway: Any) -> None:
     assert not ledger.cancel_requested(job_id)
     assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "running"
     assert ledger.cancel_requested(job_id)
-    # Its ticket may wait in the queue again, after its worker died: without it nobody would end the job.
-    assert job_id not in [ticket.job_id for ticket in gateway.engine.canceled]
     ledger.cancel(lease, job_id)
     assert _job(gateway, job_id)["state"] == "canceled"
     assert gateway.client.post(f"/v1/jobs/{job_id}:cancel").json()["state"] == "canceled"
@@ -111,7 +95,6 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     assert retried.status_code == 202
     job = retried.json()
     assert (job["state"], job["attempt"], job["error"], job["progress"]) == ("queued", 2, None, 0.0)
-    assert f"{job_id}.2" in gateway.engine.submitted
     assert ledger.stage(job_id, "features") == {"images": 3}
     assert ledger.start(lease, job_id, 1) is None
     assert ledger.start(lease, job_id, 2).attempt == 2

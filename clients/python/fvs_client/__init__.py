@@ -44,7 +44,7 @@ from fvs_client.errors import (
 )
 from fvs_client.models.events import Event, EventKind
 from fvs_client.models.images import DigestAnswer, Image, ImageMetadata, Prior, Registration, Verdict
-from fvs_client.models.jobs import JobFailure, JobKind, JobState
+from fvs_client.models.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -133,6 +133,7 @@ __all__ = [
     "JobFailure",
     "JobKind",
     "JobState",
+    "JobWaiting",
     "LimitExceededError",
     "Limits",
     "LocalWorld",
@@ -168,6 +169,7 @@ __all__ = [
     "UploadedFile",
     "VehiclePose",
     "Verdict",
+    "WaitReason",
     "WaitTimeoutError",
     "World",
 ]

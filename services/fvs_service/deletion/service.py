@@ -6,10 +6,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from fvs_service.deletion import rows
-from fvs_service.errors import ConflictError, UnavailableError
+from fvs_service.errors import ConflictError
 from fvs_service.jobs.model import JobState
-from fvs_service.jobs.port import JobEngine, JobTicket
-from fvs_service.jobs.repository import ticket_of, to_job
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.repository import ranking_of
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
@@ -24,9 +22,8 @@ REQUESTED = "requested"
 class Deletions:
     """Deletes scenes, snapshots and rankings; each is gone when the call returns."""
 
-    def __init__(self, database: Database, engine: JobEngine, grace_s: float) -> None:
+    def __init__(self, database: Database, grace_s: float) -> None:
         self._database = database
-        self._engine = engine
         self._grace = timedelta(seconds=grace_s)
 
     def scene(self, principal: Principal, scene_id: str) -> None:
@@ -34,13 +31,7 @@ class Deletions:
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing() as session:
             scene_head_of(session, principal, scene_id)
-            tickets = _queued(session, scene_id)
             rows.delete_scene(session, scene_id)
-        for ticket in tickets:
-            try:
-                self._engine.request_cancel(ticket)
-            except UnavailableError:  # a worker that takes it finds that there is no such job
-                return
 
     def snapshot(self, principal: Principal, snapshot_id: str) -> None:
         """Delete a snapshot.
@@ -77,10 +68,3 @@ def open_job_ids(session: Session, scene_id: str) -> frozenset[str]:
     return frozenset(
         session.scalars(select(JobRow.id).where(JobRow.scene_id == scene_id, JobRow.state.in_(states)))
     )
-
-
-def _queued(session: Session, scene_id: str) -> list[JobTicket]:
-    found = session.scalars(
-        select(JobRow).where(JobRow.scene_id == scene_id, JobRow.state == JobState.QUEUED.value)
-    )
-    return [ticket_of(to_job(row)) for row in found]

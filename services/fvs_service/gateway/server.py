@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import uvicorn
 
-from fvs_service.application import Backend, open_storage
+from fvs_service.application import MakeRunners, open_storage
 from fvs_service.errors import ForbiddenError
 from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
@@ -16,7 +16,7 @@ _STOP_WITHIN_S = 5
 
 
 def run_gateway(
-    settings: Settings, backend: Backend, *, announce: Callable[[str], object] = lambda _: None
+    settings: Settings, make_runners: MakeRunners, *, announce: Callable[[str], object] = lambda _: None
 ) -> None:
     """Serve until SIGINT or SIGTERM; calls ``announce`` with the URL once requests are served.
 
@@ -24,7 +24,7 @@ def run_gateway(
     """
     require_protection(settings)
     config = uvicorn.Config(
-        create_app(settings, backend),
+        create_app(settings, make_runners),
         host=settings.host,
         port=settings.port,
         http=http_protocol(settings.upload_idle_s),

@@ -115,7 +115,6 @@ class Images:
             publish(session, scene_id, EventKind.IMAGE_RECEIVED, data, subject=image.digest)
             session.flush()
             self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
-        self._jobs.submit_unsubmitted()
         return image, True
 
     def get(self, principal: Principal, scene_id: str, digest: str) -> Image:

@@ -36,7 +36,12 @@ class Ledger:
             if job.state is JobState.RUNNING:
                 return job
             started = repository.change(
-                session, job_id, in_state=(JobState.QUEUED,), state=JobState.RUNNING.value, started_at=now()
+                session,
+                job_id,
+                in_state=(JobState.QUEUED,),
+                state=JobState.RUNNING.value,
+                worker_id=lease.worker_id,
+                started_at=now(),
             )
             publish(session, lease.scene_id, EventKind.JOB_STARTED, {"job_id": job_id, "attempt": attempt})
             return started
@@ -112,6 +117,7 @@ class Ledger:
                 eta_s=None,
                 finished_at=now(),
                 cancel_requested=False,
+                worker_id=None,
                 **values,
             )
             if job is not None:  # else it has ended before: the step ran twice

@@ -67,6 +67,35 @@ class JobError(Model):
     stage: str | None
 
 
+class WaitReason(StrEnum):
+    """Why a job waits."""
+
+    QUEUE = "queue"
+    """Other jobs go first."""
+    SCENE = "scene"
+    """Another job of the scene goes first: updates before fine models."""
+    TENANT_LIMIT = "tenant-limit"
+    """The tenant has as many jobs running as it may."""
+    MEMORY = "memory"
+    """The workers' memory is in use."""
+    DISK = "disk"
+    """The workers' disks are full up to the reserve."""
+    NO_WORKER = "no-worker"
+    """No worker lives."""
+
+
+class Waiting(Model):
+    """Why a job does not run now, and when it may: it is queued, or pauses for others."""
+
+    place: Count
+    """Its place in the line of all jobs that wait; the first is 1."""
+    reason: WaitReason
+    message: str
+    """The reason as a sentence."""
+    eta_s: Number | None
+    """An estimate of the time until its turn; null when nothing is known yet."""
+
+
 class Job(Model):
     """A job and its progress."""
 
@@ -79,6 +108,9 @@ class Job(Model):
     progress: Annotated[Number, Field(ge=0, le=1)]
     """Of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None
+    """An estimate of the time that it still has to run."""
+    waiting: Waiting | None = None
+    """Why it does not run now; null while it runs, and when it has ended."""
     attempt: Count
     cancel_requested: bool
     warnings: tuple[str, ...]

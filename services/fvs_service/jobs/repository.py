@@ -3,13 +3,14 @@
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
-from fvs_service.jobs.port import JobTicket
+from fvs_service.model import now
 from fvs_service.principal import Principal
+from fvs_service.storage.database import now_ms
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
@@ -18,7 +19,7 @@ _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 def add_job(
     session: Session, job_id: str, scene_id: str, tenant_id: str, request: JobRequest, at: datetime
 ) -> Job:
-    """Add a job, queued and not yet submitted."""
+    """Add a job, queued."""
     row = JobRow(
         id=job_id,
         scene_id=scene_id,
@@ -30,7 +31,11 @@ def add_job(
         progress=0.0,
         eta_s=None,
         attempt=1,
-        submitted=False,
+        worker_id=None,
+        taken_at_ms=0,
+        waiting_since_ms=now_ms(),
+        obstacle=None,
+        not_before_ms=0,
         cancel_requested=False,
         warnings=[],
         error=None,
@@ -110,14 +115,6 @@ def open_jobs(session: Session, tenant_id: str) -> int:
     return session.scalar(query) or 0
 
 
-def unsubmitted(session: Session) -> tuple[JobTicket, ...]:
-    """The queued attempts that the job engine does not have yet."""
-    rows = session.scalars(
-        select(JobRow).where(JobRow.state == JobState.QUEUED.value, JobRow.submitted.is_(False))
-    )
-    return tuple(ticket_of(to_job(row)) for row in rows)
-
-
 def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **values: Any) -> Job | None:
     """Change a job that is in one of the states; None if it is in another."""
     states = [state.value for state in in_state]
@@ -131,18 +128,28 @@ def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **v
     return None if row is None else to_job(row)
 
 
-def mark_submitted(session: Session, ticket: JobTicket) -> None:
-    """Record that the job engine has this attempt."""
-    session.execute(
+def cancel_idle(session: Session, job_id: str) -> Job | None:
+    """Cancel a job for which no worker computes; None when one does, or the job has ended."""
+    row = session.scalar(
         update(JobRow)
-        .where(JobRow.id == ticket.job_id, JobRow.attempt == ticket.attempt)
-        .values(submitted=True)
+        .where(
+            JobRow.id == job_id,
+            or_(
+                JobRow.state == JobState.QUEUED.value,
+                and_(JobRow.state == JobState.RUNNING.value, JobRow.worker_id.is_(None)),
+            ),
+        )
+        .values(
+            state=JobState.CANCELED.value,
+            finished_at=now(),
+            worker_id=None,
+            eta_s=None,
+            cancel_requested=False,
+        )
+        .returning(JobRow)
+        .execution_options(populate_existing=True)
     )
-
-
-def ticket_of(job: Job) -> JobTicket:
-    """The ticket of a job's attempt."""
-    return JobTicket(job.id, job.scene_id, job.kind, job.attempt)
+    return None if row is None else to_job(row)
 
 
 def to_job(row: JobRow) -> Job:

@@ -2,33 +2,30 @@
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import ConflictError, LimitExceededError, UnavailableError
+from fvs_service.errors import ConflictError, LimitExceededError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
 from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
-from fvs_service.jobs.port import JobEngine
+from fvs_service.jobs.queue import JobQueue
+from fvs_service.jobs.waiting import with_waiting
 from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
 
 
 class Jobs:
-    """Queues, returns, cancels and retries jobs.
+    """Queues, returns, cancels and retries jobs; their rows are the queue."""
 
-    A job is first committed and then submitted to the job engine; after a crash in between
-    ``submit_unsubmitted`` submits it.
-    """
-
-    def __init__(self, database: Database, engine: JobEngine, limits: Limits) -> None:
+    def __init__(self, database: Database, queue: JobQueue, limits: Limits) -> None:
         self._database = database
-        self._engine = engine
+        self._queue = queue
         self._limits = limits
 
     def create(self, principal: Principal, scene_id: str, request: JobRequest, key: str | None = None) -> Job:
@@ -42,22 +39,21 @@ class Jobs:
             scene = scene_of(session, principal, scene_id)
             known = remembered.resource(session, lambda job: repository.job_of(session, principal, job))
             if known is not None:
-                return known
+                return self._with_waiting(session, known)
             if request.kind is JobKind.FINE and scene.snapshot_id is None:
                 raise ConflictError(
                     "A fine model needs the cameras of an update, and the scene has had none.",
                     hint='Run an update first (fvs-client update, a job {"kind": "update"}).',
                 )
-            job = self._queue(session, principal.tenant_id, scene, request)
+            job = self._add(session, principal.tenant_id, scene, request)
             remembered.remember(session, job.id)
-        self.submit_unsubmitted()
-        return job
+            return self._with_waiting(session, job)
 
     def get(self, principal: Principal, job_id: str) -> Job:
         """One job; raises ``NotFoundError``."""
         principal.require(Scope.READ, principal.scene_id)
         with self._database.reading() as session:
-            return repository.job_of(session, principal, job_id)
+            return self._with_waiting(session, repository.job_of(session, principal, job_id))
 
     def of_scene(self, principal: Principal, scene_id: str, page: Page) -> JobList:
         """The jobs of a scene, the oldest first."""
@@ -65,30 +61,22 @@ class Jobs:
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             jobs = repository.jobs_of_scene(session, scene_id, page.after, page.limit + 1)
+            jobs = with_waiting(session, self._queue, jobs)
         return JobList.of(jobs, page.limit, lambda job: job.id)
 
     def cancel(self, principal: Principal, job_id: str) -> Job:
-        """Cancel a job: at once while it is queued, at its next step while it runs."""
+        """Cancel a job: at once while it waits, at its next step while it runs."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
             job = repository.job_of(session, principal, job_id)
-            stopped = repository.change(
-                session,
-                job_id,
-                in_state=(JobState.QUEUED,),
-                state=JobState.CANCELED.value,
-                finished_at=now(),
-            )
+            stopped = repository.cancel_idle(session, job_id)
             if stopped is None:
-                # A running job's ticket stays: should its worker die, another one takes the ticket and
-                # records the job as canceled.
                 changed = repository.change(
                     session, job_id, in_state=(JobState.RUNNING,), cancel_requested=True
                 )
                 return changed or job
             publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
-        self._engine.request_cancel(repository.ticket_of(stopped))
-        return stopped
+            return stopped
 
     def retry(self, principal: Principal, job_id: str) -> Job:
         """Queue a failed or canceled job again; its finished stages are not repeated."""
@@ -109,7 +97,9 @@ class Jobs:
                 in_state=(JobState.FAILED, JobState.CANCELED),
                 state=JobState.QUEUED.value,
                 attempt=JobRow.attempt + 1,
-                submitted=False,
+                waiting_since_ms=now_ms(),
+                obstacle=None,
+                not_before_ms=0,
                 progress=0.0,
                 eta_s=None,
                 error=None,
@@ -119,34 +109,24 @@ class Jobs:
             )
             data = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
             publish(session, job.scene_id, EventKind.JOB_QUEUED, data)
-        self.submit_unsubmitted()
-        return again or job
+            return self._with_waiting(session, again or job)
 
     def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
         """Queue an update if the scene's policy requires one for its images.
 
-        Called in the transaction that adds an image; ``submit_unsubmitted`` must follow it.
+        Called in the transaction that adds an image.
         """
         policy, counts = scene.policy, scene.images
         if policy.trigger is Trigger.ON_REQUEST or counts.accepted < policy.first:
             return
         due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k
         if counts.pending >= due and repository.unprocessed_images(session, scene.id) >= due:
-            self._queue(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
+            self._add(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
 
-    def submit_unsubmitted(self) -> None:
-        """Submit the queued jobs that the job engine lacks; while it is unavailable they stay queued."""
-        with self._database.reading() as session:
-            tickets = repository.unsubmitted(session)
-        for ticket in tickets:
-            try:
-                self._engine.submit(ticket)
-            except UnavailableError:
-                return
-            with self._database.writing() as session:
-                repository.mark_submitted(session, ticket)
+    def _with_waiting(self, session: Session, job: Job) -> Job:
+        return with_waiting(session, self._queue, (job,))[0]
 
-    def _queue(
+    def _add(
         self, session: Session, tenant_id: str, scene: Scene, request: JobRequest, *, limited: bool = True
     ) -> Job:
         queued = repository.queued_job(session, scene.id, request.kind)

@@ -9,10 +9,10 @@ import sys
 
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.records import Record
-from fvs_service.application import Backend, open_storage
+from fvs_service.application import open_storage
 from fvs_service.settings import Settings
 from fvs_service.telemetry import configure_logging
-from fvs_service.worker.engine import DbosEngine
+from fvs_service.worker.process import run_worker
 from fvs_service.worker.runners import LeasedRunners
 
 GATEWAY, WORKER = "gateway", "worker"
@@ -42,13 +42,12 @@ def main() -> None:
 def _run_gateway(order: ProcessOrder) -> None:
     from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
 
-    backend = Backend(engine=DbosEngine, runners=LeasedRunners)
-    run_gateway(order.settings, backend, announce=lambda url: print(url, flush=True))  # noqa: T201
+    run_gateway(order.settings, LeasedRunners, announce=lambda url: print(url, flush=True))  # noqa: T201
 
 
 def _run_worker(order: ProcessOrder) -> None:
     with open_storage(order.settings) as storage:
-        DbosEngine(storage).run_worker(order.name)
+        run_worker(storage, order.name)
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them
 
 

@@ -23,7 +23,6 @@ from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection
 from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
 from fvs_service.settings import Settings
-from fvs_service.worker.queue import prepare
 
 _POLL_S = 0.1
 _START_S = 60.0
@@ -69,7 +68,7 @@ class Supervisor:
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: self._stop.set())
             with open_storage(self._settings):
-                prepare(self._settings.queue)
+                pass  # the processes meet a database that is migrated
             try:
                 announce(self._start_gateway())
                 for worker in self._workers:

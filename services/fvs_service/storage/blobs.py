@@ -180,9 +180,14 @@ class Blobs:
                 partial.unlink(missing_ok=True)
 
 
+def free_bytes(folder: Path) -> int:
+    """The room left on the disk of ``folder`` in bytes."""
+    return shutil.disk_usage(folder).free
+
+
 def require_room(folder: Path, size_bytes: int, reserve_bytes: int) -> None:
     """Raise ``OutOfSpaceError`` unless ``size_bytes`` fit and ``reserve_bytes`` stay free."""
-    free = shutil.disk_usage(folder).free
+    free = free_bytes(folder)
     if free < size_bytes + reserve_bytes:
         raise OutOfSpaceError(
             f"The disk has {free // 1_000_000} MB left, and {reserve_bytes // 1_000_000} MB are kept free.",

@@ -87,12 +87,34 @@ class SceneLeaseRow(Table):
 
 
 class WorkerRow(Table):
-    """A worker's heartbeat; the worker is dead after ``expires_at_ms`` (the database's clock)."""
+    """A worker's heartbeat; the worker is dead after ``expires_at_ms`` (the database's clock).
+
+    ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room.
+    """
 
     __tablename__ = "workers"
 
     id: Mapped[str] = mapped_column(String(128), primary_key=True)
     expires_at_ms: Mapped[int] = mapped_column(BigInteger)
+    slots: Mapped[int]
+    disk_full: Mapped[bool]
+
+
+class TenantRow(Table):
+    """When the last turn of one of a tenant's jobs began (the database's clock)."""
+
+    __tablename__ = "tenants"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    served_at_ms: Mapped[int] = mapped_column(BigInteger)
+
+
+class RunnerRequestRow(Table):
+    """A scene whose runner a worker is to start."""
+
+    __tablename__ = "runner_requests"
+
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), primary_key=True)
 
 
 class ImageRow(Table):
@@ -118,7 +140,12 @@ class ImageRow(Table):
 
 
 class JobRow(Table):
-    """A job; ``submitted``: the job engine has it. Rows without it are submitted again."""
+    """A job. While it is queued or running, it waits, or is in a turn on the worker ``worker_id``.
+
+    ``taken_at_ms``: when its last turn began; ``waiting_since_ms``: since when it waits, or waited before its
+    turn; ``obstacle``: what it lacked then, not to be tried again before ``not_before_ms`` (the database's
+    clock).
+    """
 
     __tablename__ = "jobs"
 
@@ -132,7 +159,11 @@ class JobRow(Table):
     progress: Mapped[float]
     eta_s: Mapped[float | None]
     attempt: Mapped[int] = mapped_column(Integer)
-    submitted: Mapped[bool]
+    worker_id: Mapped[str | None] = mapped_column(String(128), index=True)
+    taken_at_ms: Mapped[int] = mapped_column(BigInteger)
+    waiting_since_ms: Mapped[int] = mapped_column(BigInteger)
+    obstacle: Mapped[str | None] = mapped_column(String(16))
+    not_before_ms: Mapped[int] = mapped_column(BigInteger)
     cancel_requested: Mapped[bool]
     warnings: Mapped[list[Any]]
     error: Mapped[dict[str, Any] | None]
@@ -149,6 +180,13 @@ class JobRow(Table):
             unique=True,
             sqlite_where=text("state = 'queued'"),
             postgresql_where=text("state = 'queued'"),
+        ),
+        Index(
+            "ix_jobs_one_in_turn",
+            "scene_id",
+            unique=True,
+            sqlite_where=text("worker_id IS NOT NULL"),
+            postgresql_where=text("worker_id IS NOT NULL"),
         ),
     )
 

@@ -20,24 +20,27 @@ class Heartbeats:
         self._database = database
         self._duration_ms = round(_MISSED * lease_s * 1000)
 
-    def beat(self, worker_id: str) -> bool:
-        """Record that this worker lives; False when it was unknown, or was declared dead."""
+    def beat(self, worker_id: str, *, slots: int = 1, disk_full: bool = False) -> bool:
+        """Record that this worker lives; False when it was unknown, or was declared dead.
+
+        ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room.
+        """
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(
                 update(WorkerRow)
                 .where(WorkerRow.id == worker_id)
-                .values(expires_at_ms=until)
+                .values(expires_at_ms=until, slots=slots, disk_full=disk_full)
                 .returning(WorkerRow.id)
             )
             if known is None:
-                session.add(WorkerRow(id=worker_id, expires_at_ms=until))
+                session.add(WorkerRow(id=worker_id, expires_at_ms=until, slots=slots, disk_full=disk_full))
         return known is not None
 
     def claim_dead(self, worker_id: str) -> tuple[str, ...]:
         """The ids of dead workers; each goes to one caller only, unless that one dies too.
 
-        The caller requeues their jobs and then calls ``forget``.
+        The caller puts back their jobs and then calls ``forget``.
         """
         with self._database.reading() as session:
             dead = session.scalars(
@@ -55,6 +58,6 @@ class Heartbeats:
             return tuple(claimed)
 
     def forget(self, worker_id: str) -> None:
-        """Delete a dead worker whose jobs are queued again."""
+        """Delete a dead worker whose jobs were put back."""
         with self._database.writing() as session:
             session.execute(delete(WorkerRow).where(WorkerRow.id == worker_id))

@@ -12,14 +12,15 @@ from typing import Any
 
 import structlog
 
-from fvs_engine.errors import EngineError, ProcessDiedError
+from fvs_engine.errors import Cancelled, EngineError, ProcessDiedError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.files.storage import DiskFullError
 from fvs_service.application import Storage
-from fvs_service.errors import ServiceError, StaleLeaseError
+from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError
 from fvs_service.images.model import Image
 from fvs_service.images.repository import accepted_images
 from fvs_service.images.service import with_original_names
-from fvs_service.jobs.model import Job, JobError, JobKind
+from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
@@ -34,7 +35,7 @@ from fvs_service.worker.protocol.connection import (
     exchange,
 )
 from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
-from fvs_service.worker.scene_slots import SceneSlots
+from fvs_service.worker.room import Room
 
 ALIGNMENT = "alignment.json"
 """The artifact with the snapshot's ``Alignment``."""
@@ -43,13 +44,22 @@ _SNAPSHOT_STAGE = "snapshot"
 _POLL_S = 0.2
 _CONNECT_S = 5.0
 _STOP_S = 1.0
-"""A runner that does not stop its job within this time is killed. With the polling it stays under 2 s."""
+"""A runner that does not stop a canceled job within this time is killed: under 2 s with the polling."""
+_SAVE_S = 60.0
+"""A runner that pauses its job saves a checkpoint, within this time."""
+_LOOK_EVERY_S = 0.5
+_RESUMABLE = ("train",)
+"""Stages that go on from where they were stopped; others start again."""
 
 _log = structlog.get_logger()
 
 
 class JobPausedError(Exception):
-    """The job continues later: an update of the scene goes first."""
+    """The job's turn has ended and it continues later; ``obstacle`` is what it lacks, if anything."""
+
+    def __init__(self, obstacle: WaitReason | None = None) -> None:
+        super().__init__()
+        self.obstacle = obstacle
 
 
 class ChildDiedError(Exception):
@@ -71,10 +81,10 @@ class _JobFailedError(Exception):
 class JobRuns:
     """Runs jobs from their start to their end in the database."""
 
-    def __init__(self, storage: Storage, scenes: LeasedScenes, slots: SceneSlots) -> None:
+    def __init__(self, storage: Storage, scenes: LeasedScenes, room: Room) -> None:
         self._storage = storage
         self._scenes = scenes
-        self._slots = slots
+        self._room = room
 
     def run(self, scene: LeasedScene, job: Job) -> None:
         """Run a started job and record its end.
@@ -93,11 +103,10 @@ class JobRuns:
         except StaleLeaseError:
             self._scenes.drop(scene)
             raise
-        except ChildDiedError:
+        except (ChildDiedError, JobPausedError):
             raise  # the runner itself lives, and keeps its model
-        except JobPausedError:
-            if not self._slots.update_waits(job.scene_id):  # the update is another worker's
-                self._scenes.drop(scene)
+        except OutOfSpaceError:
+            self._scenes.drop(scene)
             raise
         except (ServiceError, EngineError) as error:
             failure = JobError(
@@ -153,48 +162,42 @@ class JobRuns:
         """Have the runner run the job; records its progress and warnings, and cancels or pauses it."""
         responses = _Responses(scene.endpoint, request)
         progress = JobProgress(job.kind)
+        stop = _Stop(self._storage, self._room, scene, job)
         stage: str | None = None
-        stop: type[_CanceledError] | type[JobPausedError] | None = None
-        stop_requested = 0.0
-        wanted = False
         while True:
             document = responses.next(_POLL_S)
-            if stop is None or stop is JobPausedError:
-                if self._storage.ledger.cancel_requested(job.id):
-                    stop = _CanceledError
-                elif job.kind is JobKind.FINE and (wanted or self._slots.update_waits(job.scene_id)):
-                    stop = JobPausedError
-                if stop is not None and not stop_requested:
-                    stop_requested = time.monotonic()
-                    _request_stop(scene.endpoint)
-            if stop is not None and time.monotonic() - stop_requested > _STOP_S:
-                scene.child.kill()  # the lease stays, so that the job's end can be recorded
-                raise stop
             match document:
-                case None:
-                    continue
-                case {"wanted": _}:
-                    wanted = True
                 case {"progress": dict(reported)}:
                     found = StageProgress.model_validate(reported)
-                    stage, eta_s = found.stage, progress.add(found)
-                    self._storage.ledger.report(scene.lease, job.id, stage, progress.reached, eta_s)
+                    eta_s = progress.add(found)
+                    self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
+                    stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
+                    stage = found.stage
                 case {"warning": str(sentence)}:
                     named = with_original_names(sentence, request.images)
                     self._storage.ledger.warn(scene.lease, job.id, named)
                 case {"result": dict(outcome)}:
                     return JobOutcome.model_validate(outcome)
                 case Failure():
-                    if stop is not None and document.code in ("cancelled", ProcessDiedError.code):
-                        raise stop
-                    if self._scenes.stopping:
-                        raise RunnerGoneError(document.message)  # the next worker continues
-                    if document.code == ProcessDiedError.code:
-                        raise ChildDiedError(document.message)
-                    named = with_original_names(document.message, request.images)
-                    raise _JobFailedError(document.model_copy(update={"message": named}), stage)
+                    raise self._end_of(document, stop, stage, request)
+                case None:
+                    pass
                 case _:
-                    raise stop or RunnerGoneError("The runner died.")
+                    raise stop.reason or RunnerGoneError("The runner died.")
+            stop.check()
+
+    def _end_of(self, failure: Failure, stop: "_Stop", stage: str | None, request: RunJob) -> Exception:
+        """What a runner's failure means for the job."""
+        if stop.reason is not None and failure.code in (Cancelled.code, ProcessDiedError.code):
+            return stop.reason
+        if self._scenes.stopping:
+            return RunnerGoneError(failure.message)  # the next worker continues
+        if failure.code in (DiskFullError.code, OutOfSpaceError.code):
+            return JobPausedError(WaitReason.DISK)
+        if failure.code == ProcessDiedError.code:
+            return ChildDiedError(failure.message)
+        named = with_original_names(failure.message, request.images)
+        return _JobFailedError(failure.model_copy(update={"message": named}), stage)
 
     def _commit(
         self, leased: LeasedScene, job: Job, outcome: JobOutcome, images: Mapping[str, Image]
@@ -213,6 +216,56 @@ class JobRuns:
             unregistered=outcome.unregistered if updating else (),
         )
         self._storage.snapshots.commit(leased.lease, job, _SNAPSHOT_STAGE, made)
+
+
+class _Stop:
+    """Why and since when a running job is being stopped, if it is.
+
+    It is canceled by its flag, and paused when the disk comes to the reserve or when its turn ends. A turn
+    ends only where little work is lost, and once the job has come farther than in its earlier turns: else it
+    might never get past a long stage.
+    """
+
+    def __init__(self, storage: Storage, room: Room, scene: LeasedScene, job: Job) -> None:
+        self._storage = storage
+        self._room = room
+        self._scene = scene
+        self._job = job
+        self._turn_may_end = False
+        self._looked = time.monotonic()
+        self._since = 0.0
+        self.reason: _CanceledError | JobPausedError | None = None
+
+    def came_to(self, progress: float, *, stage: str, new_stage: bool) -> None:
+        """Take note of the job's progress; the moment at which a stage begins is a good one to stop at."""
+        self._turn_may_end = progress > self._job.progress and (new_stage or stage in _RESUMABLE)
+        if new_stage:
+            self._looked = 0.0
+
+    def check(self) -> None:
+        """Stop the job when there is a reason to; raises the reason when the runner does not stop in time."""
+        found = self._new_reason()
+        if found is not None:
+            self.reason, self._since = found, time.monotonic()
+            _request_stop(self._scene.endpoint)
+        patience_s = _SAVE_S if isinstance(self.reason, JobPausedError) else _STOP_S
+        if self.reason is not None and time.monotonic() - self._since > patience_s:
+            self._scene.child.kill()  # the lease stays, so that the job's end can be recorded
+            raise self.reason
+
+    def _new_reason(self) -> "_CanceledError | JobPausedError | None":
+        if isinstance(self.reason, _CanceledError):
+            return None
+        if self._storage.ledger.cancel_requested(self._job.id):
+            return _CanceledError()
+        if self.reason is not None or time.monotonic() - self._looked < _LOOK_EVERY_S:
+            return None
+        self._looked = time.monotonic()
+        if self._room.used_up:
+            return JobPausedError(WaitReason.DISK)
+        if self._storage.queue.must_pause(self._job.id, turn_may_end=self._turn_may_end):
+            return JobPausedError()
+        return None
 
 
 class _Responses:

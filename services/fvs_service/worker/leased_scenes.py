@@ -1,5 +1,6 @@
 """The scenes that one worker has leased: their leases, their runners, and the memory that they share."""
 
+import math
 import threading
 import time
 from collections import defaultdict
@@ -27,6 +28,10 @@ _START_PATIENCE_S = 60.0
 """The request that needed the runner has failed by then."""
 
 _log = structlog.get_logger()
+
+
+class NoMemoryError(Exception):
+    """The memory of the worker is in use by other scenes."""
 
 
 @dataclass
@@ -60,14 +65,20 @@ class LeasedScenes:
 
     @contextmanager
     def with_runner(
-        self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]
+        self,
+        scene_id: str,
+        need_bytes: int,
+        give_up: Callable[[], bool],
+        memory_patience_s: float = math.inf,
     ) -> Iterator[LeasedScene | None]:
         """The scene with its runner for the block; None when ``give_up`` returned True before.
 
-        Waits for memory, and for another worker to yield the scene. Raises ``RunnerGoneError`` when the
-        runner does not start.
+        Waits for memory, and for another worker to yield the scene. Raises ``NoMemoryError`` when that much
+        memory is in use for longer than ``memory_patience_s``, ``RunnerGoneError`` when the runner does not
+        start.
         """
-        scene = self._take(scene_id, need_bytes, lambda: give_up() or self._stopping.is_set())
+        memory_until = time.monotonic() + memory_patience_s
+        scene = self._take(scene_id, need_bytes, lambda: give_up() or self._stopping.is_set(), memory_until)
         try:
             yield scene
         finally:
@@ -123,19 +134,32 @@ class LeasedScenes:
         """Whether the worker is about to end."""
         return self._stopping.is_set()
 
-    def _take(self, scene_id: str, need_bytes: int, give_up: Callable[[], bool]) -> LeasedScene | None:
+    def _take(
+        self, scene_id: str, need_bytes: int, give_up: Callable[[], bool], memory_until: float
+    ) -> LeasedScene | None:
+        def reserve() -> bool:
+            late = time.monotonic
+            if self._budget.reserve(scene_id, need_bytes, lambda: give_up() or late() > memory_until):
+                return True
+            if not give_up():
+                raise NoMemoryError
+            return False
+
         with self._scene_locks[scene_id]:
             scene = self._scenes.get(scene_id)
             if scene is not None and scene.child.alive:
                 with self._lock:
                     scene.users += 1
-                if self._budget.reserve(scene_id, need_bytes, give_up):
-                    return scene
-                with self._lock:
-                    scene.users -= 1
-                return None
+                reserved = False
+                try:
+                    reserved = reserve()
+                finally:
+                    if not reserved:
+                        with self._lock:
+                            scene.users -= 1
+                return scene if reserved else None
             self._drop(scene)
-            if not self._budget.reserve(scene_id, need_bytes, give_up):
+            if not reserve():
                 return None
             try:
                 lease = self._acquire(scene_id, give_up)

@@ -16,7 +16,7 @@ from fvs_service.rankings.port import RankedViews, RankViews, RenderView
 from fvs_service.worker.protocol.async_connection import AsyncConnections, result_of
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.worker.protocol.messages import error_of
-from fvs_service.worker.queue import Queue
+from fvs_service.worker.runner_requests import RunnerRequests
 
 METHODS: tuple[str, ...] = get_args(Method)
 """The names of the engine's selectors; importing the selectors themselves would import torch."""
@@ -36,7 +36,7 @@ class LeasedRunners:
 
     def __init__(self, storage: Storage) -> None:
         self._leases = storage.leases
-        self._queue = Queue(storage.settings.queue)
+        self._requests = RunnerRequests(storage.database)
         self._connections = AsyncConnections()
 
     async def rank(self, request: RankViews) -> RankedViews:
@@ -79,7 +79,7 @@ class LeasedRunners:
                 except RunnerGoneError:
                     pass  # the lease of a dead runner lasts a while longer
             if time.monotonic() - started > _START_AGAIN_S:
-                await run_sync(self._queue.start_runner, request.scene_id)
+                await run_sync(self._requests.add, request.scene_id)
                 started = time.monotonic()
             if time.monotonic() > give_up:
                 raise UnavailableError(

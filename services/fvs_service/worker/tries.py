@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from fvs_engine.errors import StorageError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.records import Record
-from fvs_service.jobs.port import JobTicket
+from fvs_service.jobs.ticket import JobTicket
 
 
 class _Count(Record):
@@ -16,12 +16,14 @@ class _Count(Record):
     tries: int = 0
     reached: float = 0.0
     """The job's progress when the last try started."""
+    reason: str = "its worker died"
+    """Why the last try ended."""
 
 
 class Tries:
     """The tries of one attempt, in a file; each counts from its start unless it is excused.
 
-    When the file cannot be written nothing is counted: a full disk fails the job anyway.
+    When the file cannot be written nothing is counted: on a full disk no try starts.
     """
 
     def __init__(self, folder: Path, ticket: JobTicket) -> None:
@@ -32,6 +34,15 @@ class Tries:
         """The number of tries since the job last made progress; ``progress`` is where it is now."""
         count = self._read()
         return min(1, count.tries) if progress > count.reached else count.tries
+
+    @property
+    def reason(self) -> str:
+        """Why the last try ended."""
+        return self._read().reason
+
+    def because(self, reason: str) -> None:
+        """Record why the last try ended."""
+        self._write(self._read().model_copy(update={"reason": reason}))
 
     def start(self, progress: float) -> None:
         """Count a try that starts now."""

@@ -14,6 +14,7 @@ from fvs_service.worker import attempts
 from fvs_service.worker.attempts import MAX_TRIES, Attempts
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
+from fvs_service.worker.room import Room
 from fvs_service.worker.tries import Tries
 
 
@@ -81,11 +82,16 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
 
 
+def _attempts(gateway: Any, scenes: FakeScenes) -> Attempts:
+    storage = gateway.application.storage
+    return Attempts(storage, cast(LeasedScenes, scenes), "tester", Room(storage.settings))
+
+
 def _run(gateway: Any, scenes: FakeScenes) -> Any:
     """The job once it has been run to its end."""
     job = gateway.queue(gateway.scene())
-    ticket = gateway.engine.submitted[f"{job}.1"]
-    Attempts(gateway.application.storage, cast(LeasedScenes, scenes)).run(ticket)
+    ticket = gateway.take(job)
+    _attempts(gateway, scenes).run(ticket)
     return gateway.client.get(f"/v1/jobs/{job}").json()
 
 
@@ -123,23 +129,25 @@ def test_a_runner_that_does_not_start_is_given_up(gateway: Any) -> None:
 def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
     storage = gateway.application.storage
-    dead = gateway.lease(scene)
+    dead = gateway.lease(scene, "dead")
     storage.ledger.start(dead, job, 1)
     gateway.client.post(f"/v1/jobs/{job}:cancel")
+    storage.leases.release(dead)
     scenes = FakeScenes(gateway, None)
-    Attempts(storage, cast(LeasedScenes, scenes)).run(gateway.engine.submitted[f"{job}.1"])
+    storage.queue.put_back_all("dead")
+    _attempts(gateway, scenes).run(gateway.take(job))
     assert scenes.started == 0
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
 
 
 def test_tries_of_workers_that_died_count(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
-    ticket = gateway.engine.submitted[f"{job}.1"]
+    ticket = gateway.take(job)
     storage = gateway.application.storage
     for _ in range(MAX_TRIES):  # each started, and its worker died
         Tries(storage.settings.scenes / scene, ticket).start(0.0)
     scenes = FakeScenes(gateway, None)
-    Attempts(storage, cast(LeasedScenes, scenes)).run(ticket)
+    _attempts(gateway, scenes).run(ticket)
     assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
     assert found["error"]["message"].endswith("its worker died")

@@ -2,7 +2,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fvs_service.jobs.model import JobKind
-from fvs_service.jobs.port import JobTicket
+from fvs_service.jobs.ticket import JobTicket
 from fvs_service.worker.tries import Tries
 
 TICKET = JobTicket("job_1", "scn_1", JobKind.UPDATE, 1)

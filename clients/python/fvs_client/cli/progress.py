@@ -83,10 +83,15 @@ def describe_outcome(file: UploadedFile) -> str:
 
 def job_progress(shown: Display, job: JobData) -> None:
     """Show the progress of a job."""
-    stage = job.stage or job.state.value
-    left = "" if job.eta_s is None else f", about {_duration(job.eta_s)} left"
     details: dict[str, object] = {"state": job.state.value, "stage": job.stage, "eta_s": job.eta_s}
-    shown.show(job.progress, 1.0, f"{stage}{left}", details)
+    if job.waiting is None:
+        left = "" if job.eta_s is None else f", about {_duration(job.eta_s)} left"
+        text = f"{job.stage or job.state.value}{left}"
+    else:
+        details["waiting"] = job.waiting.model_dump(mode="json")
+        soon = "" if job.waiting.eta_s is None else f" About {_duration(job.waiting.eta_s)}."
+        text = f"waits, number {job.waiting.place} in line. {job.waiting.message}{soon}"
+    shown.show(job.progress, 1.0, text, details)
 
 
 def download_progress(shown: Display, progress: DownloadProgress) -> None:

@@ -47,6 +47,34 @@ class JobFailure(Answer):
     stage: str | None
 
 
+class WaitReason(Word):
+    """Why a job does not run now."""
+
+    QUEUE = "queue"
+    """Other jobs go first."""
+    SCENE = "scene"
+    """Another job of the scene goes first."""
+    TENANT_LIMIT = "tenant-limit"
+    """As many of the tenant's jobs run as may run at once."""
+    MEMORY = "memory"
+    """The workers' memory is in use."""
+    DISK = "disk"
+    """The service's disk is full; the job goes on when there is room."""
+    NO_WORKER = "no-worker"
+    """No worker is alive."""
+
+
+class JobWaiting(Answer):
+    """Why a job does not run now, and when it may."""
+
+    place: int
+    """Its place in the line of all jobs that wait; the first is 1."""
+    reason: WaitReason
+    message: str
+    eta_s: float | None
+    """An estimate of the time until its turn."""
+
+
 class JobData(Answer):
     """A job and its progress."""
 
@@ -58,6 +86,9 @@ class JobData(Answer):
     progress: float
     """Of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: float | None
+    """An estimate of the time that it still has to run."""
+    waiting: JobWaiting | None = None
+    """Why it does not run now: it is queued, or pauses for others."""
     attempt: int
     cancel_requested: bool
     warnings: tuple[str, ...]

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 import anyio.to_thread
 from fastapi import FastAPI
 
-from fvs_service.application import Backend, open_application
+from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.rest import (
     events,
@@ -29,16 +29,15 @@ _THREADS = 160
 """Threads of handlers that may wait at the same time, for the database or for a runner."""
 
 
-def create_app(settings: Settings, backend: Backend) -> FastAPI:
+def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     """The gateway; it opens the services when it starts and closes them when it stops."""
     metrics = Metrics()
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
-        with open_application(settings, backend) as application:
+        with open_application(settings, make_runners) as application:
             application.staging.clear()
-            application.jobs.submit_unsubmitted()
             feed = EventFeed(
                 application.storage.database,
                 application.scenes.get,

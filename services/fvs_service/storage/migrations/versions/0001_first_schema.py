@@ -11,7 +11,8 @@ depends_on = None
 
 _TABLES = (
     *("rankings", "snapshot_artifacts", "snapshots", "job_stages", "scene_leases", "jobs", "images"),
-    *("events", "scenes", "removals", "sweeps", "idempotency_keys", "api_keys", "workers"),
+    *("runner_requests", "events", "scenes", "removals", "sweeps", "idempotency_keys", "api_keys"),
+    *("tenants", "workers"),
 )
 
 
@@ -33,6 +34,13 @@ def _create_tables_of_the_service() -> None:
         "workers",
         sa.Column("id", sa.String(128), primary_key=True),
         sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
+        sa.Column("slots", sa.Integer(), nullable=False),
+        sa.Column("disk_full", sa.Boolean(), nullable=False),
+    )
+    op.create_table(
+        "tenants",
+        sa.Column("id", sa.String(64), primary_key=True),
+        sa.Column("served_at_ms", sa.BigInteger(), nullable=False),
     )
     op.create_table(
         "removals",
@@ -89,6 +97,7 @@ def _create_tables_of_scenes() -> None:
         sa.Column("token", sa.BigInteger(), nullable=False),
         sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
     )
+    op.create_table("runner_requests", _reference("scene_id", "scenes", primary_key=True))
     op.create_table(
         "events",
         sa.Column("number", sa.Integer(), primary_key=True, autoincrement=True),
@@ -118,7 +127,7 @@ def _create_tables_of_scenes() -> None:
 
 
 def _create_tables_of_jobs() -> None:
-    queued = sa.text("state = 'queued'")
+    queued, in_turn = sa.text("state = 'queued'"), sa.text("worker_id IS NOT NULL")
     op.create_table(
         "jobs",
         sa.Column("id", sa.String(40), primary_key=True),
@@ -131,7 +140,11 @@ def _create_tables_of_jobs() -> None:
         sa.Column("progress", sa.Double(), nullable=False),
         sa.Column("eta_s", sa.Double()),
         sa.Column("attempt", sa.Integer(), nullable=False),
-        sa.Column("submitted", sa.Boolean(), nullable=False),
+        sa.Column("worker_id", sa.String(128), index=True),
+        sa.Column("taken_at_ms", sa.BigInteger(), nullable=False),
+        sa.Column("waiting_since_ms", sa.BigInteger(), nullable=False),
+        sa.Column("obstacle", sa.String(16)),
+        sa.Column("not_before_ms", sa.BigInteger(), nullable=False),
         sa.Column("cancel_requested", sa.Boolean(), nullable=False),
         sa.Column("warnings", sa.JSON(), nullable=False),
         sa.Column("error", sa.JSON()),
@@ -146,6 +159,13 @@ def _create_tables_of_jobs() -> None:
             unique=True,
             sqlite_where=queued,
             postgresql_where=queued,
+        ),
+        sa.Index(
+            "ix_jobs_one_in_turn",
+            "scene_id",
+            unique=True,
+            sqlite_where=in_turn,
+            postgresql_where=in_turn,
         ),
     )
     op.create_table(

@@ -1,0 +1,191 @@
+"""The queue of jobs: their rows in the database, from which workers take them in the fair order.
+
+A job belongs to the worker in its row until that worker puts it back, or until it is put back for a worker
+that died. When workers take a job at the same time, one changes the row, and the others look again.
+"""
+
+from collections.abc import Iterable
+
+from sqlalchemy import func, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from fvs_service.jobs.model import JobKind, JobState, WaitReason
+from fvs_service.jobs.order import OpenJob, Order
+from fvs_service.jobs.ticket import JobTicket
+from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.tables import JobRow, TenantRow
+
+_OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
+_TRY_AGAIN_MS = 5_000
+
+
+class JobQueue:
+    """The queue as a worker sees it; safe to use from any thread."""
+
+    def __init__(self, database: Database, *, jobs_per_tenant: int, turn_s: float) -> None:
+        self._database = database
+        self._jobs_per_tenant = jobs_per_tenant
+        self._turn_s = turn_s
+
+    def take(self, worker_id: str) -> JobTicket | None:
+        """Take the job that is next; None when none can have a turn."""
+        with self._database.reading() as session:
+            if not _anything_waits(session):
+                return None
+        try:
+            with self._database.writing() as session:
+                chosen = self.order(session).next
+                if chosen is None or not _serve(session, chosen):
+                    return None
+                return take_job(session, chosen.id, worker_id)
+        except IntegrityError:  # another worker was faster, with another job of the scene or of a new tenant
+            return None
+
+    def taken_by(self, worker_id: str) -> tuple[JobTicket, ...]:
+        """The jobs that a worker has taken and that have not ended."""
+        query = select(JobRow).where(JobRow.worker_id == worker_id, JobRow.state.in_(_OPEN))
+        with self._database.reading() as session:
+            return tuple(map(_ticket, session.scalars(query)))
+
+    def put_back(self, ticket: JobTicket, worker_id: str, obstacle: WaitReason | None = None) -> None:
+        """Let a job wait for its next turn, unless it has ended; ``obstacle`` is what it lacked in this."""
+        values = _waiting(obstacle)
+        with self._database.writing() as session:
+            session.execute(
+                update(JobRow)
+                .where(
+                    JobRow.id == ticket.job_id,
+                    JobRow.attempt == ticket.attempt,
+                    JobRow.worker_id == worker_id,
+                )
+                .values(**values)
+            )
+
+    def put_back_all(self, worker_id: str) -> int:
+        """Let the jobs of a worker that died wait for their next turn; returns their number."""
+        with self._database.writing() as session:
+            ids = session.scalars(
+                update(JobRow)
+                .where(JobRow.worker_id == worker_id)
+                .values(**_waiting(None))
+                .returning(JobRow.id)
+            )
+            return len(ids.all())
+
+    def has(self, ticket: JobTicket, worker_id: str) -> bool:
+        """Whether the attempt has not ended and is the worker's."""
+        with self._database.reading() as session:
+            query = select(JobRow.id).where(
+                JobRow.id == ticket.job_id,
+                JobRow.attempt == ticket.attempt,
+                JobRow.worker_id == worker_id,
+                JobRow.state.in_(_OPEN),
+            )
+            return session.scalar(query) is not None
+
+    def must_pause(self, job_id: str, *, turn_may_end: bool) -> bool:
+        """Whether a job in a turn is to make room for another one, at once or because its turn is over."""
+        with self._database.reading() as session:
+            if not _anything_waits(session):
+                return False
+            order = self.order(session)
+        return any(
+            order.update_of_scene_waits(job) or (turn_may_end and order.turn_ends(job))
+            for job in order.running
+            if job.id == job_id
+        )
+
+    def order(self, session: Session) -> Order:
+        """The order of all open jobs."""
+        served = (
+            select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
+            .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(_OPEN))))
+            .group_by(JobRow.scene_id)
+            .subquery()
+        )
+        rows = session.execute(
+            select(
+                JobRow.id,
+                JobRow.tenant_id,
+                JobRow.scene_id,
+                JobRow.kind,
+                JobRow.waiting_since_ms,
+                served.c.served_ms,
+                JobRow.worker_id,
+                JobRow.taken_at_ms,
+                JobRow.cancel_requested,
+                JobRow.obstacle,
+                JobRow.not_before_ms,
+            )
+            .join(served, served.c.scene_id == JobRow.scene_id)
+            .where(JobRow.state.in_(_OPEN))
+        )
+        jobs = tuple(
+            OpenJob(
+                **{
+                    **row._asdict(),
+                    "kind": JobKind(row.kind),
+                    "obstacle": None if row.obstacle is None else WaitReason(row.obstacle),
+                }
+            )
+            for row in rows
+        )
+        tenants = _served(session, {job.tenant_id for job in jobs})
+        return Order(
+            jobs=jobs,
+            tenants_served_ms=tenants,
+            limit=self._jobs_per_tenant,
+            turn_ms=round(1000 * self._turn_s),
+            now_ms=session.scalar(select(now_ms())) or 0,
+        )
+
+
+def take_job(session: Session, job_id: str, worker_id: str) -> JobTicket | None:
+    """Begin a job's turn on a worker; None when another worker has it, or it has ended."""
+    row = session.scalar(
+        update(JobRow)
+        .where(JobRow.id == job_id, JobRow.worker_id.is_(None), JobRow.state.in_(_OPEN))
+        .values(worker_id=worker_id, taken_at_ms=now_ms(), obstacle=None)
+        .returning(JobRow)
+    )
+    return None if row is None else _ticket(row)
+
+
+def _anything_waits(session: Session) -> bool:
+    query = select(JobRow.id).where(JobRow.state.in_(_OPEN), JobRow.worker_id.is_(None)).limit(1)
+    return session.scalar(query) is not None
+
+
+def _serve(session: Session, job: OpenJob) -> bool:
+    """Record that the tenant gets a turn now; False when another worker has just given it one."""
+    row = session.get(TenantRow, job.tenant_id)
+    if row is None:
+        session.add(TenantRow(id=job.tenant_id, served_at_ms=now_ms()))
+        return True
+    changed = session.scalar(
+        update(TenantRow)
+        .where(TenantRow.id == job.tenant_id, TenantRow.served_at_ms == row.served_at_ms)
+        .values(served_at_ms=now_ms())
+        .returning(TenantRow.id)
+        .execution_options(synchronize_session=False)
+    )
+    return changed is not None
+
+
+def _served(session: Session, tenants: Iterable[str]) -> dict[str, int]:
+    rows = session.scalars(select(TenantRow).where(TenantRow.id.in_(list(tenants))))
+    return {row.id: row.served_at_ms for row in rows}
+
+
+def _waiting(obstacle: WaitReason | None) -> dict[str, object]:
+    return {
+        "worker_id": None,
+        "waiting_since_ms": now_ms(),
+        "obstacle": None if obstacle is None else obstacle.value,
+        "not_before_ms": 0 if obstacle is None else now_ms() + _TRY_AGAIN_MS,
+    }
+
+
+def _ticket(row: JobRow) -> JobTicket:
+    return JobTicket(row.id, row.scene_id, JobKind(row.kind), row.attempt)

@@ -1,0 +1,118 @@
+"""Why jobs wait, and for how long: what the queue and the workers say of those that are not in a turn."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from fvs_service.jobs.model import Job, JobKind, JobState, Waiting, WaitReason
+from fvs_service.jobs.order import OpenJob, Order, Place
+from fvs_service.jobs.queue import JobQueue
+from fvs_service.storage.database import now_ms
+from fvs_service.storage.tables import JobRow, WorkerRow
+
+_RECENT = 20
+"""So many jobs that have ended say how long a job takes."""
+
+_MESSAGES = {
+    WaitReason.SCENE: "Another job of the scene goes first; updates go before fine models.",
+    WaitReason.TENANT_LIMIT: "As many of your jobs run as may run at once.",
+    WaitReason.MEMORY: "The workers' memory is in use.",
+    WaitReason.DISK: "The service's disk is full; the job goes on when there is room.",
+    WaitReason.NO_WORKER: "No worker is alive.",
+}
+
+
+_BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
+
+
+@dataclass(frozen=True)
+class Workers:
+    """The workers that live: how many jobs they run at once, all of them and those with room for any."""
+
+    slots: int
+    slots_with_room: int
+
+
+def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tuple[Job, ...]:
+    """The jobs, those that wait with the reason."""
+    if all(job.state.ended for job in jobs):
+        return tuple(jobs)
+    order = queue.order(session)
+    places = {place.job.id: place for place in order.line}
+    workers = _workers(session)
+    usual_s = {kind: _usual_s(session, kind) for kind in JobKind}
+    return tuple(
+        job.model_copy(update={"waiting": why_it_waits(places[job.id], order, workers, usual_s)})
+        if job.id in places
+        else job
+        for job in jobs
+    )
+
+
+def why_it_waits(
+    place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
+) -> Waiting:
+    """The reason for a place in the line; ``usual_s`` is how long jobs take."""
+    if workers.slots == 0:
+        reason, message = WaitReason.NO_WORKER, _MESSAGES[WaitReason.NO_WORKER]
+    elif place.obstacle is not None:
+        reason, message = place.obstacle, _MESSAGES[place.obstacle]
+    elif workers.slots_with_room == 0:
+        reason, message = WaitReason.DISK, _MESSAGES[WaitReason.DISK]
+    else:
+        reason, message = (
+            WaitReason.QUEUE,
+            _BEFORE.get(place.number - 1, f"{place.number - 1} jobs go first."),
+        )
+    return Waiting(
+        place=place.number, reason=reason, message=message, eta_s=_eta_s(place, order, workers, usual_s)
+    )
+
+
+def _eta_s(
+    place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
+) -> float | None:
+    """The time until the turn: what runs now and what goes first, at most a turn each, on all workers."""
+    if workers.slots_with_room == 0:
+        return None
+    turn_s = order.turn_ms / 1000
+    total_s = 0.0
+    for job in (*order.running, *(before.job for before in order.line[: place.number - 1])):
+        usual = usual_s[job.kind]
+        if usual is None:
+            return None
+        ran_s = (order.now_ms - job.taken_at_ms) / 1000 if job.worker_id is not None else 0.0
+        makes_room = job.tenant_id != place.job.tenant_id or _is_fine_before_update(job, place.job)
+        total_s += max(0.0, (min(usual, turn_s) if makes_room else usual) - ran_s)
+    return total_s / workers.slots_with_room
+
+
+def _is_fine_before_update(job: OpenJob, other: OpenJob) -> bool:
+    return job.kind is JobKind.FINE and other.kind is JobKind.UPDATE
+
+
+def _workers(session: Session) -> Workers:
+    alive = session.scalars(select(WorkerRow).where(WorkerRow.expires_at_ms > now_ms())).all()
+    return Workers(
+        slots=sum(worker.slots for worker in alive),
+        slots_with_room=sum(worker.slots for worker in alive if not worker.disk_full),
+    )
+
+
+def _usual_s(session: Session, kind: JobKind) -> float | None:
+    """The median time of the latest jobs that succeeded; None before the first."""
+    rows = session.execute(
+        select(JobRow.started_at, JobRow.finished_at)
+        .where(JobRow.kind == kind.value, JobRow.state == JobState.SUCCEEDED.value)
+        .order_by(JobRow.id.desc())
+        .limit(_RECENT)
+    )
+    took = [
+        (row.finished_at - row.started_at).total_seconds()
+        for row in rows
+        if row.started_at is not None and row.finished_at is not None
+    ]
+    return median(took) if took else None

@@ -1,0 +1,119 @@
+"""The dispatcher of a worker: it takes jobs while slots are free, and runs each in a thread of its own."""
+
+import threading
+from collections.abc import Callable
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from fvs_service.errors import ServiceError
+from fvs_service.jobs.model import WaitReason
+from fvs_service.jobs.queue import JobQueue
+from fvs_service.jobs.ticket import JobTicket
+from fvs_service.worker.runner_requests import RunnerRequests
+
+_RUNNERS_AT_ONCE = 4
+
+_log = structlog.get_logger()
+
+RunJob = Callable[[JobTicket], WaitReason | None]
+"""Runs a job's turn; returns what the job lacked for going on, if anything."""
+
+
+class Dispatcher:
+    """Runs the jobs of a worker and starts the runners that rankings need, until it is stopped.
+
+    The jobs that the worker has taken and does not run are run first: those of its predecessor of the same
+    name, and those that could not be put back because the database was unavailable. ``has_room`` says whether
+    a job may start now.
+    """
+
+    def __init__(
+        self,
+        worker_id: str,
+        queue: JobQueue,
+        requests: RunnerRequests,
+        run_job: RunJob,
+        start_runner: Callable[[str], None],
+        *,
+        slots: int,
+        poll_s: float,
+        has_room: Callable[[], bool],
+    ) -> None:
+        self._worker_id = worker_id
+        self._queue = queue
+        self._requests = requests
+        self._run_job = run_job
+        self._start_runner = start_runner
+        self._slots = slots
+        self._poll_s = poll_s
+        self._has_room = has_room
+        self._lock = threading.Lock()
+        self._running: set[str] = set()
+        self._starting = 0
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._dispatch, daemon=True)
+
+    def start(self) -> None:
+        """Start to take jobs."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more jobs; those that run go on."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _dispatch(self) -> None:
+        while not self._stopping.wait(self._poll_s):
+            try:
+                self._dispatch_jobs()
+                self._dispatch_runner()
+            except (SQLAlchemyError, ServiceError) as error:
+                _log.warning("no jobs can be taken", reason=type(error).__name__)
+
+    def _dispatch_jobs(self) -> None:
+        for ticket in self._queue.taken_by(self._worker_id):
+            self._begin(ticket)
+        while len(self._running) < self._slots and self._has_room():
+            taken = self._queue.take(self._worker_id)
+            if taken is None:
+                return
+            self._begin(taken)
+
+    def _begin(self, ticket: JobTicket) -> None:
+        with self._lock:
+            if ticket.key in self._running:
+                return
+            self._running.add(ticket.key)
+        threading.Thread(target=self._run, args=(ticket,), daemon=True, name=ticket.key).start()
+
+    def _run(self, ticket: JobTicket) -> None:
+        try:
+            obstacle = self._run_job(ticket)
+            if not self._stopping.is_set():  # else the next process of this worker resumes the job
+                self._queue.put_back(ticket, self._worker_id, obstacle)
+        except (SQLAlchemyError, ServiceError) as error:
+            _log.warning("the job cannot be put back yet", job=ticket.job_id, reason=type(error).__name__)
+        except Exception:
+            _log.exception("a job's turn failed", job=ticket.job_id)
+        finally:
+            with self._lock:
+                self._running.discard(ticket.key)
+
+    def _dispatch_runner(self) -> None:
+        if self._starting >= _RUNNERS_AT_ONCE:
+            return
+        scene_id = self._requests.take()
+        if scene_id is not None:
+            with self._lock:
+                self._starting += 1
+            threading.Thread(target=self._start, args=(scene_id,), daemon=True).start()
+
+    def _start(self, scene_id: str) -> None:
+        try:
+            self._start_runner(scene_id)
+        except Exception:
+            _log.exception("a runner cannot be started", scene=scene_id)
+        finally:
+            with self._lock:
+                self._starting -= 1

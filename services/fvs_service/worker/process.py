@@ -1,0 +1,80 @@
+"""A worker's process: it takes jobs until it is stopped, and shows that it lives."""
+
+import os
+import signal
+import threading
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from fvs_service.application import Storage
+from fvs_service.errors import ServiceError
+from fvs_service.worker.attempts import Attempts
+from fvs_service.worker.dispatcher import Dispatcher
+from fvs_service.worker.heartbeat import Heartbeats
+from fvs_service.worker.leased_scenes import LeasedScenes
+from fvs_service.worker.room import Room
+from fvs_service.worker.runner_requests import RunnerRequests
+from fvs_service.worker.sweep import Sweeps
+
+_HEARTBEAT_S = 2.0
+_EXIT_REPLACED = 5
+
+_log = structlog.get_logger()
+
+
+class _ReplacedError(Exception):
+    """Another worker has declared this one dead and put its jobs back."""
+
+
+def run_worker(storage: Storage, worker_id: str) -> None:
+    """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    settings = storage.settings
+    room = Room(settings)
+    # First of all: else others might put back the jobs that this worker is about to resume.
+    heartbeats = Heartbeats(storage.database, settings.lease_s)
+    heartbeats.beat(worker_id, slots=settings.worker.jobs_at_once)
+    scenes = LeasedScenes(storage, worker_id)
+    attempts = Attempts(storage, scenes, worker_id, room)
+    dispatcher = Dispatcher(
+        worker_id,
+        storage.queue,
+        RunnerRequests(storage.database),
+        attempts.run,
+        scenes.start_runner,
+        slots=settings.worker.jobs_at_once,
+        poll_s=settings.worker.queue_poll_s,
+        has_room=lambda: not room.short,
+    )
+    sweeps = Sweeps(storage)
+    dispatcher.start()
+    sweeps.start()
+    _log.info("worker ready", worker=worker_id)
+    try:
+        while not stop.wait(_HEARTBEAT_S):
+            _maintain(storage, worker_id, heartbeats, room)
+    except _ReplacedError:
+        _log.warning("replaced by another worker", worker=worker_id)
+        os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
+    finally:
+        sweeps.stop()
+        dispatcher.stop()
+        scenes.stop()
+
+
+def _maintain(storage: Storage, worker_id: str, heartbeats: Heartbeats, room: Room) -> None:
+    """Send a heartbeat, and put back the jobs of dead workers.
+
+    Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
+    """
+    try:
+        if not heartbeats.beat(worker_id, slots=storage.settings.worker.jobs_at_once, disk_full=room.short):
+            raise _ReplacedError
+        for dead in heartbeats.claim_dead(worker_id):
+            _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
+            heartbeats.forget(dead)
+    except (SQLAlchemyError, ServiceError) as error:
+        _log.warning("database unavailable", reason=type(error).__name__)

@@ -1,0 +1,138 @@
+"""The queue in the database, with two workers, and what waiting jobs say."""
+
+import threading
+from typing import Any
+
+import pytest
+from fvs_service.jobs.model import WaitReason
+from fvs_service.jobs.queue import JobQueue
+from fvs_service.storage.tables import JobRow, WorkerRow
+from fvs_service.worker.heartbeat import Heartbeats
+from sqlalchemy import update
+
+
+@pytest.fixture
+def gateway(open_gateway: Any) -> Any:
+    """A gateway of one's own: all its jobs are in one line."""
+    return open_gateway(limits={"running_jobs_per_tenant": 2}, require_keys=True)
+
+
+def _queue(gateway: Any) -> JobQueue:
+    return gateway.application.storage.queue
+
+
+def _jobs(gateway: Any, tenant: str, count: int) -> list[str]:
+    headers = gateway.key(tenant)
+    return [gateway.queue(gateway.scene(headers), headers=headers) for _ in range(count)]
+
+
+def _waiting(gateway: Any, tenant: str, job_id: str) -> Any:
+    return gateway.client.get(f"/v1/jobs/{job_id}", headers=gateway.key(tenant)).json()["waiting"]
+
+
+def test_jobs_are_taken_once_in_the_fair_order(gateway: Any) -> None:
+    a, b = _jobs(gateway, "a", 3), _jobs(gateway, "b", 1)
+    queue = _queue(gateway)
+    taken = [queue.take(f"worker-{number}") for number in range(4)]
+    assert [ticket.job_id for ticket in taken if ticket] == [a[0], b[0], a[1]]  # a has no more than two
+    assert queue.taken_by("worker-1") == (taken[1],)
+    queue.put_back(taken[0], "worker-1")  # not its own
+    assert queue.take("worker-1") is None
+    queue.put_back(taken[0], "worker-0")
+    next_one = queue.take("worker-1")
+    assert next_one is not None
+    assert next_one.job_id == a[2]  # its scene has not been served yet
+
+
+def test_workers_that_look_at_once_never_get_the_same_job(gateway: Any) -> None:
+    wanted = {*_jobs(gateway, "a", 2), *_jobs(gateway, "b", 2), *_jobs(gateway, "c", 2)}
+    queue, found, ready = _queue(gateway), [], threading.Barrier(4)
+
+    def work(worker_id: str) -> None:
+        ready.wait()
+        for _ in range(6):
+            ticket = queue.take(worker_id)
+            if ticket is not None:
+                found.append(ticket.job_id)
+
+    threads = [threading.Thread(target=work, args=(f"worker-{number}",)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(found) == sorted(wanted)
+
+
+def test_the_jobs_of_a_dead_worker_wait_again(gateway: Any) -> None:
+    (job,) = _jobs(gateway, "a", 1)
+    queue = _queue(gateway)
+    ticket = queue.take("dead")
+    assert ticket is not None
+    assert queue.put_back_all("dead") == 1
+    assert not queue.has(ticket, "dead")
+    again = queue.take("alive")
+    assert again == ticket
+    assert queue.has(ticket, "alive")
+    assert again.job_id == job
+
+
+def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> None:
+    (job,) = _jobs(gateway, "a", 1)
+    queue = _queue(gateway)
+    Heartbeats(gateway.application.storage.database, 20).beat("worker-0", slots=1)
+    ticket = queue.take("worker-0")
+    assert ticket is not None
+    assert _waiting(gateway, "a", job) is None
+    queue.put_back(ticket, "worker-0", WaitReason.DISK)
+    assert queue.take("worker-0") is None
+    waiting = _waiting(gateway, "a", job)
+    assert (waiting["place"], waiting["reason"]) == (1, "disk")
+    with gateway.application.storage.database.writing() as session:
+        session.execute(update(JobRow).values(not_before_ms=1))  # later
+    assert queue.take("worker-0") == ticket
+
+
+def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
+    a, b = _jobs(gateway, "a", 3), _jobs(gateway, "b", 1)
+    assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
+    heartbeats = Heartbeats(gateway.application.storage.database, 20)
+    heartbeats.beat("worker-0", slots=1)
+    places = [_waiting(gateway, "a", job)["place"] for job in a] + [_waiting(gateway, "b", b[0])["place"]]
+    assert sorted(places) == [1, 2, 3, 4]
+    assert _waiting(gateway, "a", a[2])["reason"] == "tenant-limit"
+    behind = _waiting(gateway, "b", b[0])
+    assert (behind["place"], behind["reason"]) == (2, "queue")
+    assert behind["message"] == "1 job goes first."
+    heartbeats.beat("worker-0", slots=1, disk_full=True)
+    assert _waiting(gateway, "b", b[0])["reason"] == "disk"
+    with gateway.application.storage.database.writing() as session:
+        session.execute(update(WorkerRow).values(expires_at_ms=1))
+    assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
+
+
+def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None:
+    headers = gateway.key("a")
+    scene = gateway.scene(headers)
+    job = gateway.queue(scene, headers=headers)
+    queue, storage = _queue(gateway), gateway.application.storage
+    ticket = queue.take("worker-0")
+    assert ticket is not None
+    lease = gateway.lease(scene, "worker-0")
+    storage.ledger.start(lease, job, 1)
+    storage.ledger.report(lease, job, "train", 0.5)
+    queue.put_back(ticket, "worker-0")
+    paused = gateway.client.get(f"/v1/jobs/{job}", headers=headers).json()
+    assert (paused["state"], paused["progress"], paused["waiting"]["place"]) == ("running", 0.5, 1)
+    canceled = gateway.client.post(f"/v1/jobs/{job}:cancel", headers=headers).json()
+    assert (canceled["state"], canceled["waiting"]) == ("canceled", None)
+    assert queue.take("worker-0") is None
+
+
+def test_a_waiting_job_estimates_when_it_has_its_turn(gateway: Any) -> None:
+    headers = gateway.key("a")
+    heartbeats = Heartbeats(gateway.application.storage.database, 20)
+    heartbeats.beat("worker-0", slots=1)
+    first, second = _jobs(gateway, "a", 2)
+    assert _waiting(gateway, "a", second)["eta_s"] is None  # nothing has ended yet
+    gateway.model(gateway.scene(headers), headers)
+    assert 0 <= _waiting(gateway, "a", first)["eta_s"] <= _waiting(gateway, "a", second)["eta_s"] < 60
