@@ -233,3 +233,31 @@ class _like:  # noqa: N801 - reads as a word in comparisons
 
     def __hash__(self) -> int:
         return hash((self._start, self._end))
+
+
+def test_scenes_of_one_name_are_told_apart_changed_and_deleted(
+    run: Run, gateway: Any, tmp_path: Path
+) -> None:
+    name = f"twin {tmp_path.name}"
+    first, second = (run("scenes", "create", name).stdout.strip() for _ in range(2))
+    refused = run("scenes", "show", name, expect=2).output
+    assert first in refused
+    assert second in refused
+    run("scenes", "change", second, "--name", f"{name} 2", "--snapshots", "1")
+    assert f"{second}  {name} 2" in run("scenes", "show", f"{name} 2").stdout
+    run("scenes", "change", second, expect=2)
+    made = [gateway.model(second) for _ in range(2)]
+    run("snapshots", "pin", made[0])
+    listed = run("snapshots", "list", second).stdout.splitlines()
+    assert listed[1].split()[-1] == "pinned"
+    assert listed[2].split()[-1] == "current"
+    run("snapshots", "delete", made[0], "--yes", expect=3)
+    run("snapshots", "unpin", made[0])
+    run("snapshots", "delete", made[0], "--yes")
+    run("snapshots", "delete", made[0], "--yes", expect=6)
+    ranking = json.loads(run("rank", second, "--json").stdout)["id"]
+    run("rankings", "delete", ranking, "--yes")
+    assert "Nothing was deleted" in run("scenes", "delete", name, expect=2).output
+    run("scenes", "delete", name, "--yes")
+    run("scenes", "show", first, expect=6)
+    run("scenes", "delete", second, "-y")

@@ -20,6 +20,7 @@ from fvs_client import (
     LocalWorld,
     Orbit,
     Policy,
+    Retention,
     Retries,
     Trigger,
 )
@@ -130,7 +131,31 @@ def rankings(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(client.snapshots.get, "snp_none")
 
 
-SCENARIOS = (scenes, images, jobs, rankings)
+def deletions(surface: Surface) -> Iterator[Any]:
+    client, do = surface.client, surface.do
+    scene = do(client.scenes.create, "quarry", retention=Retention(snapshots=3))
+    yield scene
+    yield do(scene.change, name="pit", retention=Retention(snapshot_days=2.5))
+    yield surface.attempt(scene.change)
+    for _ in range(2):
+        surface.gateway.model(scene.id)
+    first, second = surface.items(scene.snapshots.list(), None)
+    yield do(first.pin).pinned
+    yield surface.attempt(first.delete)
+    yield do(first.unpin).pinned
+    yield do(first.delete)
+    yield surface.attempt(second.delete)
+    yield do(surface.items(scene.jobs.list(), None)[0].snapshot)
+    ranking = do(scene.rank, generator=Orbit(count=5))
+    yield do(ranking.delete)
+    yield surface.attempt(client.rankings.get, ranking.id)
+    yield do(scene.size)
+    yield do(scene.delete)
+    yield surface.attempt(scene.refresh)
+    yield surface.attempt(scene.delete)
+
+
+SCENARIOS = (scenes, images, jobs, rankings, deletions)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.__name__)

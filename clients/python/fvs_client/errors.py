@@ -114,6 +114,12 @@ class NoSnapshotError(ConflictError):
     code = "no-snapshot"
 
 
+class GoneError(ApiError):
+    """What this idempotency key created has been deleted since."""
+
+    code = "gone"
+
+
 class PayloadTooLargeError(ApiError):
     """The body is larger than the limit."""
 
@@ -220,6 +226,7 @@ _BY_STATUS: Mapping[int, type[ApiError]] = {
     403: ForbiddenError,
     404: NotFoundError,
     409: ConflictError,
+    410: GoneError,
     413: PayloadTooLargeError,
     422: InvalidRequestError,
     429: LimitExceededError,

@@ -12,7 +12,7 @@ from fvs_client.models.base import Input
 from fvs_client.models.images import ImageMetadata
 from fvs_client.models.jobs import JobRequest
 from fvs_client.models.rankings import RankingRequest
-from fvs_client.models.scenes import SceneRequest
+from fvs_client.models.scenes import SceneChange, SceneRequest
 
 REQUEST_ID = "X-Request-Id"
 
@@ -86,6 +86,36 @@ def create_scene(scene: SceneRequest, idempotency_key: str | None) -> Request:
 def get_scene(scene_id: str) -> Request:
     """Get a scene."""
     return Request("GET", f"/v1/scenes/{_part(scene_id)}")
+
+
+def change_scene(scene_id: str, change: SceneChange) -> Request:
+    """Change a scene."""
+    return Request("PATCH", f"/v1/scenes/{_part(scene_id)}", document=change.document())
+
+
+def delete_scene(scene_id: str) -> Request:
+    """Delete a scene."""
+    return Request("DELETE", f"/v1/scenes/{_part(scene_id)}")
+
+
+def get_scene_size(scene_id: str) -> Request:
+    """Get the disk space of a scene."""
+    return Request("GET", f"/v1/scenes/{_part(scene_id)}/size")
+
+
+def change_snapshot(snapshot_id: str, *, pinned: bool) -> Request:
+    """Pin or unpin a snapshot."""
+    return Request("PATCH", f"/v1/snapshots/{_part(snapshot_id)}", document={"pinned": pinned})
+
+
+def delete_snapshot(snapshot_id: str) -> Request:
+    """Delete a snapshot."""
+    return Request("DELETE", f"/v1/snapshots/{_part(snapshot_id)}")
+
+
+def delete_ranking(ranking_id: str) -> Request:
+    """Delete a ranking."""
+    return Request("DELETE", f"/v1/rankings/{_part(ranking_id)}")
 
 
 def list_of(path: str, after: str | None, limit: int | None) -> Request:

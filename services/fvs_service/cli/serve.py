@@ -14,20 +14,23 @@ if TYPE_CHECKING:
 
 keys = typer.Typer(help="API keys of the service.", no_args_is_help=True)
 
-_Root = Annotated[
+RootOption = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Folder of the service's data.", show_default="fvs-service"),
 ]
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Add ``serve`` and ``keys`` to the program ``fvs`` (entry point ``fvs.commands``)."""
+    """Add ``serve``, ``keys`` and ``doctor`` to the program ``fvs`` (entry point ``fvs.commands``)."""
+    from fvs_service.cli.doctor import doctor
+
     app.command()(serve)
+    app.command()(doctor)
     app.add_typer(keys, name="keys")
 
 
 def serve(
-    root: _Root = None,
+    root: RootOption = None,
     host: Annotated[
         str | None,
         typer.Option(
@@ -48,7 +51,7 @@ def serve(
     from fvs_service.telemetry import configure_logging
 
     configure_logging(machine=log_json)
-    settings = _settings(root=root, host=host, port=port)
+    settings = settings_of(root=root, host=host, port=port)
     if workers is not None:
         shared = settings.worker.model_copy(update={"count": workers})
         settings = settings.model_copy(update={"worker": shared})
@@ -70,12 +73,12 @@ def create_key(
     days: Annotated[
         int | None, typer.Option(min=1, help="Days until the key expires.", show_default="never")
     ] = None,
-    root: _Root = None,
+    root: RootOption = None,
 ) -> None:
     """Create a key and print it. It cannot be shown again."""
     from fvs_service.application import open_storage
 
-    with open_storage(_settings(root=root)) as storage:
+    with open_storage(settings_of(root=root)) as storage:
         key = storage.keys.create(
             name,
             tenant_id=tenant,
@@ -87,11 +90,11 @@ def create_key(
 
 
 @keys.command("list")
-def list_keys(root: _Root = None) -> None:
+def list_keys(root: RootOption = None) -> None:
     """List the keys, without their secrets."""
     from fvs_service.application import open_storage
 
-    settings = _settings(root=root)
+    settings = settings_of(root=root)
     with open_storage(settings) as storage:
         found = storage.keys.all()
         if not found:
@@ -107,19 +110,20 @@ def list_keys(root: _Root = None) -> None:
 
 
 @keys.command("revoke")
-def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: _Root = None) -> None:
+def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: RootOption = None) -> None:
     """Revoke a key at once."""
     from fvs_service.application import open_storage
     from fvs_service.errors import ServiceError
 
-    with open_storage(_settings(root=root)) as storage:
+    with open_storage(settings_of(root=root)) as storage:
         try:
             storage.keys.revoke(key_id)
         except ServiceError as error:
             raise typer.BadParameter(f"{error.message} {error.hint}") from error
 
 
-def _settings(**given: object) -> "Settings":
+def settings_of(**given: object) -> "Settings":
+    """The settings from the environment and the given ones; ends the program when they are not valid."""
     from pydantic import ValidationError
 
     from fvs_service.settings import Settings

@@ -9,11 +9,11 @@ from fvs_client._async.concurrency import sleep
 from fvs_client._async.session import AsyncSession
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import FvsError
-from fvs_client.models.events import Event
+from fvs_client.models.events import Event, EventKind
 
 
 async def follow(session: AsyncSession, scene_id: str, after: int | None) -> AsyncIterator[Event]:
-    """A scene's events after number ``after`` (None: only new ones), without end.
+    """A scene's events after number ``after`` (None: only new ones), until the scene is deleted.
 
     Resumes a broken stream after the last event, so that no event is lost or repeated. Raises when this fails
     as often in a row as the session's retries allow.
@@ -26,7 +26,10 @@ async def follow(session: AsyncSession, scene_id: str, after: int | None) -> Asy
                     failures = 0
                     after = event_number(message, after)
                     if message.data:
-                        yield parse_event(message)
+                        event = parse_event(message)
+                        yield event
+                        if event.kind is EventKind.SCENE_DELETED:
+                            return
             pause = session.retries.first_s  # the service closed the stream: it stops or restarts
         except FvsError as error:
             failures += 1

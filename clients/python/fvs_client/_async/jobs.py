@@ -7,6 +7,7 @@ from fvs_client import requests
 from fvs_client._async import waiting
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshot
+from fvs_client.errors import NotFoundError
 from fvs_client.models.jobs import JobData, JobKind, JobRequest
 
 
@@ -35,10 +36,13 @@ class AsyncJob(AsyncResource, JobData):
         return await self._session.fetch(type(self), requests.retry_job(self.id))
 
     async def snapshot(self) -> AsyncSnapshot | None:
-        """Get the latest snapshot of this job."""
+        """Get the latest snapshot of this job; None without one, also when it has been deleted."""
         if self.snapshot_id is None:
             return None
-        return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(self.snapshot_id))
+        try:
+            return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(self.snapshot_id))
+        except NotFoundError:
+            return None
 
 
 class AsyncJobs:

@@ -16,6 +16,10 @@ class AsyncRanking(AsyncResource, RankingData):
         """Get the spectrum of a candidate's render, as PNG."""
         return await self._image(candidate, "spectrum")
 
+    async def delete(self) -> None:
+        """Delete the ranking with its renders."""
+        await self._session.content(requests.delete_ranking(self.id))
+
     async def _image(self, candidate: RankedCandidate | str, kind: str) -> bytes:
         candidate_id = candidate if isinstance(candidate, str) else candidate.id
         return await self._session.content(requests.get_candidate_image(self.id, candidate_id, kind))

@@ -1,4 +1,4 @@
-"""Scenes: create, get and list them; update and rank one."""
+"""Scenes: create, get, list, change and delete them; update and rank one."""
 
 from collections.abc import AsyncIterator, Iterable, Mapping
 from typing import Self
@@ -13,7 +13,17 @@ from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
 from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
-from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneData, SceneRequest, World
+from fvs_client.models.scenes import (
+    AutomaticWorld,
+    CameraPrior,
+    Policy,
+    Retention,
+    SceneChange,
+    SceneData,
+    SceneRequest,
+    SceneSize,
+    World,
+)
 
 
 class AsyncScene(AsyncResource, SceneData):
@@ -37,6 +47,21 @@ class AsyncScene(AsyncResource, SceneData):
     async def refresh(self) -> Self:
         """Get the scene's current state."""
         return await self._session.fetch(type(self), requests.get_scene(self.id))
+
+    async def change(
+        self, *, name: str | None = None, policy: Policy | None = None, retention: Retention | None = None
+    ) -> Self:
+        """Rename the scene, or change its policy or retention; what is None stays."""
+        change = SceneChange(name=name, policy=policy, retention=retention)
+        return await self._session.fetch(type(self), requests.change_scene(self.id, change))
+
+    async def delete(self) -> None:
+        """Delete the scene with all that it has, for good; its running jobs stop."""
+        await self._session.content(requests.delete_scene(self.id))
+
+    async def size(self) -> SceneSize:
+        """Get the disk space of the scene."""
+        return await self._session.fetch(SceneSize, requests.get_scene_size(self.id))
 
     async def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> AsyncJob:
         """Queue an update: register all pending images and train the model further."""
@@ -92,7 +117,7 @@ class AsyncScene(AsyncResource, SceneData):
         return await self._session.fetch(AsyncRanking, request)
 
     def events(self, after: int | None = 0) -> AsyncIterator[Event]:
-        """The scene's events after number ``after`` (None: only new ones), without end.
+        """The scene's events after number ``after`` (None: only new ones), until the scene is deleted.
 
         Resumes after a broken connection; no event is lost or repeated.
         """
@@ -112,11 +137,16 @@ class AsyncScenes:
         world: World | None = None,
         camera: CameraPrior | None = None,
         policy: Policy | None = None,
+        retention: Retention | None = None,
         idempotency_key: str | None = None,
     ) -> AsyncScene:
         """Create a scene; by default its world comes from the GPS positions of its images."""
         scene = SceneRequest(
-            name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
+            name=name,
+            world=world or AutomaticWorld(),
+            camera=camera,
+            policy=policy or Policy(),
+            retention=retention or Retention(),
         )
         return await self._session.fetch(AsyncScene, requests.create_scene(scene, idempotency_key))
 

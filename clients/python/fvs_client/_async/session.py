@@ -13,7 +13,7 @@ from fvs_client import requests
 from fvs_client._async.concurrency import run_blocking, sleep
 from fvs_client.answers import parse, refusal
 from fvs_client.connection import Connection
-from fvs_client.errors import FvsError
+from fvs_client.errors import FvsError, NotFoundError
 from fvs_client.models.base import Answer
 from fvs_client.requests import REQUEST_ID, FileBody, Request
 from fvs_client.retries import Retries
@@ -51,6 +51,8 @@ class AsyncSession:
                 async with self.open(request) as response:
                     return await response.aread()
             except FvsError as error:
+                if attempt > 1 and request.method == "DELETE" and isinstance(error, NotFoundError):
+                    return b""  # an earlier attempt deleted it, and its answer was lost
                 pause = self.retries.pause_s(error, attempt, time.monotonic() - began)
                 if pause is None or not request.repeatable:
                     raise

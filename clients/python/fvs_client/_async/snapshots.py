@@ -3,6 +3,7 @@
 from collections.abc import AsyncIterator, Callable
 from os import PathLike
 from pathlib import Path
+from typing import Self
 
 from fvs_client import requests
 from fvs_client._async import downloading
@@ -28,6 +29,18 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
         """
         artifact, target = artifact_named(self, name), target_path(path, name)
         return await downloading.download(self._session, self.id, artifact, target, on_progress)
+
+    async def pin(self) -> Self:
+        """Have the scene's retention keep the snapshot for ever."""
+        return await self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=True))
+
+    async def unpin(self) -> Self:
+        """No longer keep the snapshot for ever."""
+        return await self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=False))
+
+    async def delete(self) -> None:
+        """Delete the snapshot; raises ``ConflictError`` for the scene's current one and a pinned one."""
+        await self._session.content(requests.delete_snapshot(self.id))
 
     async def cameras(self) -> SnapshotCameras:
         """The cameras of the registered images, in the model's frame."""

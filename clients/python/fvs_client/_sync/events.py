@@ -10,11 +10,11 @@ from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Session
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import FvsError
-from fvs_client.models.events import Event
+from fvs_client.models.events import Event, EventKind
 
 
 def follow(session: Session, scene_id: str, after: int | None) -> Iterator[Event]:
-    """A scene's events after number ``after`` (None: only new ones), without end.
+    """A scene's events after number ``after`` (None: only new ones), until the scene is deleted.
 
     Resumes a broken stream after the last event, so that no event is lost or repeated. Raises when this fails
     as often in a row as the session's retries allow.
@@ -27,7 +27,10 @@ def follow(session: Session, scene_id: str, after: int | None) -> Iterator[Event
                     failures = 0
                     after = event_number(message, after)
                     if message.data:
-                        yield parse_event(message)
+                        event = parse_event(message)
+                        yield event
+                        if event.kind is EventKind.SCENE_DELETED:
+                            return
             pause = session.retries.first_s  # the service closed the stream: it stops or restarts
         except FvsError as error:
             failures += 1

@@ -8,6 +8,7 @@ from fvs_client import requests
 from fvs_client._sync import waiting
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import Snapshot
+from fvs_client.errors import NotFoundError
 from fvs_client.models.jobs import JobData, JobKind, JobRequest
 
 
@@ -36,10 +37,13 @@ class Job(Resource, JobData):
         return self._session.fetch(type(self), requests.retry_job(self.id))
 
     def snapshot(self) -> Snapshot | None:
-        """Get the latest snapshot of this job."""
+        """Get the latest snapshot of this job; None without one, also when it has been deleted."""
         if self.snapshot_id is None:
             return None
-        return self._session.fetch(Snapshot, requests.get_snapshot(self.snapshot_id))
+        try:
+            return self._session.fetch(Snapshot, requests.get_snapshot(self.snapshot_id))
+        except NotFoundError:
+            return None
 
 
 class Jobs:

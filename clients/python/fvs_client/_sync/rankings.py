@@ -17,6 +17,10 @@ class Ranking(Resource, RankingData):
         """Get the spectrum of a candidate's render, as PNG."""
         return self._image(candidate, "spectrum")
 
+    def delete(self) -> None:
+        """Delete the ranking with its renders."""
+        self._session.content(requests.delete_ranking(self.id))
+
     def _image(self, candidate: RankedCandidate | str, kind: str) -> bytes:
         candidate_id = candidate if isinstance(candidate, str) else candidate.id
         return self._session.content(requests.get_candidate_image(self.id, candidate_id, kind))

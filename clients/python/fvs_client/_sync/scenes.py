@@ -1,5 +1,5 @@
 # Generated from _async/scenes.py by `make generate`. Do not edit.
-"""Scenes: create, get and list them; update and rank one."""
+"""Scenes: create, get, list, change and delete them; update and rank one."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Self
@@ -14,7 +14,17 @@ from fvs_client._sync.snapshots import SceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
 from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
-from fvs_client.models.scenes import AutomaticWorld, CameraPrior, Policy, SceneData, SceneRequest, World
+from fvs_client.models.scenes import (
+    AutomaticWorld,
+    CameraPrior,
+    Policy,
+    Retention,
+    SceneChange,
+    SceneData,
+    SceneRequest,
+    SceneSize,
+    World,
+)
 
 
 class Scene(Resource, SceneData):
@@ -38,6 +48,21 @@ class Scene(Resource, SceneData):
     def refresh(self) -> Self:
         """Get the scene's current state."""
         return self._session.fetch(type(self), requests.get_scene(self.id))
+
+    def change(
+        self, *, name: str | None = None, policy: Policy | None = None, retention: Retention | None = None
+    ) -> Self:
+        """Rename the scene, or change its policy or retention; what is None stays."""
+        change = SceneChange(name=name, policy=policy, retention=retention)
+        return self._session.fetch(type(self), requests.change_scene(self.id, change))
+
+    def delete(self) -> None:
+        """Delete the scene with all that it has, for good; its running jobs stop."""
+        self._session.content(requests.delete_scene(self.id))
+
+    def size(self) -> SceneSize:
+        """Get the disk space of the scene."""
+        return self._session.fetch(SceneSize, requests.get_scene_size(self.id))
 
     def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> Job:
         """Queue an update: register all pending images and train the model further."""
@@ -93,7 +118,7 @@ class Scene(Resource, SceneData):
         return self._session.fetch(Ranking, request)
 
     def events(self, after: int | None = 0) -> Iterator[Event]:
-        """The scene's events after number ``after`` (None: only new ones), without end.
+        """The scene's events after number ``after`` (None: only new ones), until the scene is deleted.
 
         Resumes after a broken connection; no event is lost or repeated.
         """
@@ -113,11 +138,16 @@ class Scenes:
         world: World | None = None,
         camera: CameraPrior | None = None,
         policy: Policy | None = None,
+        retention: Retention | None = None,
         idempotency_key: str | None = None,
     ) -> Scene:
         """Create a scene; by default its world comes from the GPS positions of its images."""
         scene = SceneRequest(
-            name=name, world=world or AutomaticWorld(), camera=camera, policy=policy or Policy()
+            name=name,
+            world=world or AutomaticWorld(),
+            camera=camera,
+            policy=policy or Policy(),
+            retention=retention or Retention(),
         )
         return self._session.fetch(Scene, requests.create_scene(scene, idempotency_key))
 

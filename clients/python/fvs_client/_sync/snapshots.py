@@ -4,6 +4,7 @@
 from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
+from typing import Self
 
 from fvs_client import requests
 from fvs_client._sync import downloading
@@ -29,6 +30,18 @@ class Snapshot(Resource, SnapshotData):
         """
         artifact, target = artifact_named(self, name), target_path(path, name)
         return downloading.download(self._session, self.id, artifact, target, on_progress)
+
+    def pin(self) -> Self:
+        """Have the scene's retention keep the snapshot for ever."""
+        return self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=True))
+
+    def unpin(self) -> Self:
+        """No longer keep the snapshot for ever."""
+        return self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=False))
+
+    def delete(self) -> None:
+        """Delete the snapshot; raises ``ConflictError`` for the scene's current one and a pinned one."""
+        self._session.content(requests.delete_snapshot(self.id))
 
     def cameras(self) -> SnapshotCameras:
         """The cameras of the registered images, in the model's frame."""

@@ -39,6 +39,8 @@ app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)
 app.command("download")(snapshots.download)
+app.add_typer(snapshots.snapshots, name="snapshots")
+app.add_typer(rankings.rankings, name="rankings")
 app.add_typer(jobs.jobs, name="jobs")
 
 

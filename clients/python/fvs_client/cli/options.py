@@ -5,10 +5,12 @@ from typing import Annotated
 import typer
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's id or name.")]
+SnapshotArgument = Annotated[str, typer.Argument(metavar="SNAPSHOT", help="A snapshot's id.")]
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A job's id.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON; progress and errors as JSON on stderr.")
 ]
+YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without asking.")]
 WaitOption = Annotated[bool, typer.Option("--wait/--no-wait", help="Wait until the job has ended.")]
 TimeoutOption = Annotated[
     float | None,

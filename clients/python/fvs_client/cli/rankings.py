@@ -9,9 +9,9 @@ import pydantic
 import typer
 
 from fvs_client import Ranking
-from fvs_client.cli.options import JsonOption, SceneArgument, TimeoutOption
+from fvs_client.cli.options import JsonOption, SceneArgument, TimeoutOption, YesOption
 from fvs_client.cli.output import print_json, print_table
-from fvs_client.cli.session import find_scene, service
+from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.rankings import (
     AroundCurrent,
     Candidate,
@@ -21,6 +21,8 @@ from fvs_client.models.rankings import (
     Orbit,
     Pose,
 )
+
+rankings = typer.Typer(help="Delete rankings.", no_args_is_help=True)
 
 T = TypeVar("T")
 
@@ -104,6 +106,20 @@ def rank(
         print_json(ranking.model_dump(mode="json"))
     else:
         _print(ranking)
+
+
+@rankings.command("delete")
+def delete(
+    context: typer.Context,
+    ranking: Annotated[str, typer.Argument(metavar="RANKING", help="A ranking's id.")],
+    yes: YesOption = False,
+) -> None:
+    """Delete a ranking with its renders."""
+    with service(context, as_json=False) as client:
+        found = client.rankings.get(ranking)
+        confirm(f"Delete the ranking {found.id}, for good?", yes=yes)
+        found.delete()
+    typer.echo(f"{found.id} deleted")
 
 
 def _print(ranking: Ranking) -> None:

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import describe_metrics, print_json, print_table
-from fvs_client.cli.session import find_scene, service
+from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -19,7 +19,9 @@ from fvs_client.models.scenes import (
     World,
 )
 
-scenes = typer.Typer(help="Create, list and show scenes (one per capture).", no_args_is_help=True)
+scenes = typer.Typer(
+    help="Create, list, show, change and delete scenes (one per capture).", no_args_is_help=True
+)
 
 
 @scenes.command("create")
@@ -103,7 +105,7 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
     """Show a scene: its image counts, world and model."""
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
-        snapshot = found.snapshots.latest()
+        snapshot, size = found.snapshots.latest(), found.size()
     if as_json:
         print_json(found.model_dump(mode="json", by_alias=True))
         return
@@ -118,8 +120,63 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
     if snapshot is not None:
         lines["model"] = f"{snapshot.id}  {snapshot.kind.value}, {describe_metrics(snapshot.metrics)}"
         lines["files"] = ", ".join(artifact.name for artifact in snapshot.artifacts)
+    lines["size"] = (
+        f"{_megabytes(size.total_bytes)}: images {_megabytes(size.images_bytes)}, "
+        f"artifacts {_megabytes(size.artifacts_bytes)}, working files {_megabytes(size.working_bytes)}"
+    )
     for name, text in lines.items():
         typer.echo(f"{name:<8}{text}")
+
+
+@scenes.command("change")
+def change(
+    context: typer.Context,
+    scene: SceneArgument,
+    name: Annotated[str | None, typer.Option(help="New name.", show_default="unchanged")] = None,
+    every: Annotated[
+        int | None, typer.Option(min=0, metavar="K", help="Update after every K images; 0: on request only.")
+    ] = None,
+    snapshots: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Keep the newest N snapshots; 0: as the service.")
+    ] = None,
+    days: Annotated[
+        float | None, typer.Option(min=0, metavar="D", help="Keep snapshots for D days; 0: as the service.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Rename a scene, or change when it is updated and how many snapshots it keeps."""
+    if name is None and every is None and snapshots is None and days is None:
+        raise typer.BadParameter("Give --name, --every, --snapshots or --days.")
+    with service(context, as_json=as_json) as client:
+        found = find_scene(client, scene)
+        policy = retention = None
+        if every is not None:
+            trigger = Trigger.EVERY_K_IMAGES if every else Trigger.ON_REQUEST
+            policy = found.policy.model_copy(update={"trigger": trigger, "k": every or found.policy.k})
+        if snapshots is not None or days is not None:
+            given = {"snapshots": snapshots, "snapshot_days": days}
+            numbers = {key: value or None for key, value in given.items() if value is not None}
+            retention = found.retention.model_copy(update=numbers)
+        changed = found.change(name=name, policy=policy, retention=retention)
+    if as_json:
+        print_json(changed.model_dump(mode="json", by_alias=True))
+    else:
+        typer.echo(f"{changed.id}  {changed.name}")
+
+
+@scenes.command("delete")
+def delete(context: typer.Context, scene: SceneArgument, yes: YesOption = False) -> None:
+    """Delete a scene with its images, jobs, snapshots and rankings, for good; running jobs stop."""
+    with service(context, as_json=False) as client:
+        found = find_scene(client, scene)
+        images = found.image_counts.received
+        confirm(f"Delete the scene {found.id} ({found.name}) with {images} images, for good?", yes=yes)
+        found.delete()
+    typer.echo(f"{found.id} deleted")
+
+
+def _megabytes(size_bytes: int) -> str:
+    return f"{size_bytes / 1e6:.1f} MB"
 
 
 def _world(scene: SceneData) -> str:

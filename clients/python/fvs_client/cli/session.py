@@ -64,6 +64,17 @@ def find_scene(client: Client, name: str) -> Scene:
     )
 
 
+def confirm(question: str, *, yes: bool) -> None:
+    """Ask whether to go on, unless the answer is given; ends the command otherwise."""
+    try:
+        agreed = yes or typer.confirm(question)
+    except typer.Abort:  # nobody is there to answer
+        agreed = False
+    if not agreed:
+        typer.echo("Nothing was deleted.", err=True)
+        raise typer.Exit(USAGE)
+
+
 def _print_error(error: FvsError, *, as_json: bool) -> None:
     code = error.problem.code if isinstance(error, ApiError) else type(error).__name__
     if isinstance(error, JobFailedError) and error.job.error is not None:

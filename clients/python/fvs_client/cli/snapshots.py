@@ -1,4 +1,4 @@
-"""``fvs-client download``."""
+"""``fvs-client download`` and ``fvs-client snapshots``."""
 
 from functools import partial
 from pathlib import Path
@@ -7,10 +7,12 @@ from typing import Annotated
 import typer
 
 from fvs_client import Client, Snapshot
-from fvs_client.cli.options import JsonOption
-from fvs_client.cli.output import print_json
+from fvs_client.cli.options import JsonOption, SceneArgument, SnapshotArgument, YesOption
+from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.progress import display, download_progress
-from fvs_client.cli.session import find_scene, service
+from fvs_client.cli.session import confirm, find_scene, service
+
+snapshots = typer.Typer(help="List, pin and delete snapshots.", no_args_is_help=True)
 
 
 def download(
@@ -39,6 +41,56 @@ def download(
     else:
         for path in paths:
             typer.echo(path)
+
+
+@snapshots.command("list")
+def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
+    """List the snapshots of a scene, oldest first."""
+    with service(context, as_json=as_json) as client:
+        found = find_scene(client, scene)
+        listed = list(found.snapshots.list())
+    if as_json:
+        print_json([item.model_dump(mode="json") for item in listed])
+        return
+    print_table(
+        ("id", "kind", "images", "Gaussians", "created", ""),
+        [
+            (
+                item.id,
+                item.kind.value,
+                str(item.metrics.registered),
+                f"{item.metrics.gaussians:,}",
+                item.created_at.strftime("%F %H:%M"),
+                " ".join(["current"] * (item.id == found.snapshot_id) + ["pinned"] * item.pinned),
+            )
+            for item in listed
+        ],
+        right_aligned=("images", "Gaussians"),
+    )
+
+
+@snapshots.command("pin")
+def pin(context: typer.Context, snapshot: SnapshotArgument) -> None:
+    """Keep a snapshot for ever, whatever the scene's retention."""
+    with service(context, as_json=False) as client:
+        typer.echo(f"{client.snapshots.get(snapshot).pin().id} pinned")
+
+
+@snapshots.command("unpin")
+def unpin(context: typer.Context, snapshot: SnapshotArgument) -> None:
+    """No longer keep a snapshot for ever."""
+    with service(context, as_json=False) as client:
+        typer.echo(f"{client.snapshots.get(snapshot).unpin().id} unpinned")
+
+
+@snapshots.command("delete")
+def delete(context: typer.Context, snapshot: SnapshotArgument, yes: YesOption = False) -> None:
+    """Delete a snapshot that is neither its scene's current one nor pinned."""
+    with service(context, as_json=False) as client:
+        found = client.snapshots.get(snapshot)
+        confirm(f"Delete the snapshot {found.id}, for good?", yes=yes)
+        found.delete()
+    typer.echo(f"{found.id} deleted")
 
 
 def _snapshot(client: Client, what: str) -> Snapshot:

@@ -9,6 +9,9 @@ class EventKind(Word):
     """What an event reports."""
 
     SCENE_CREATED = "scene.created"
+    SCENE_CHANGED = "scene.changed"
+    SCENE_DELETED = "scene.deleted"
+    """The last event of its scene."""
     IMAGE_RECEIVED = "image.received"
     JOB_QUEUED = "job.queued"
     JOB_STARTED = "job.started"
@@ -17,7 +20,9 @@ class EventKind(Word):
     JOB_FAILED = "job.failed"
     JOB_CANCELED = "job.canceled"
     SNAPSHOT_CREATED = "snapshot.created"
+    SNAPSHOT_DELETED = "snapshot.deleted"
     RANKING_CREATED = "ranking.created"
+    RANKING_DELETED = "ranking.deleted"
 
 
 class Event(Answer):

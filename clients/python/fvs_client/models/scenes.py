@@ -72,6 +72,27 @@ class Policy(Input):
     """Number of images before the first update."""
 
 
+class Retention(Input):
+    """How long snapshots and rankings are kept; what is None is as the service has it.
+
+    The current snapshot, the newest of each kind, and pinned ones always stay.
+    """
+
+    snapshots: int | None = None
+    """Number of snapshots that are kept, the newest ones."""
+    snapshot_days: float | None = None
+    rankings: int | None = None
+    ranking_days: float | None = None
+
+
+class SceneChange(Input):
+    """What to change of a scene; None: nothing."""
+
+    name: str | None = None
+    policy: Policy | None = None
+    retention: Retention | None = None
+
+
 class SceneRequest(Input):
     """Settings of a new scene."""
 
@@ -79,6 +100,18 @@ class SceneRequest(Input):
     world: World = AutomaticWorld()
     camera: CameraPrior | None = None
     policy: Policy = Policy()
+    retention: Retention = Retention()
+
+
+class SceneSize(Answer):
+    """Disk space of a scene."""
+
+    scene_id: str
+    images_bytes: int
+    artifacts_bytes: int
+    working_bytes: int
+    """The worker's files when the scene's last job ended."""
+    total_bytes: int
 
 
 class AlignmentStatus(Word):
@@ -123,6 +156,7 @@ class SceneData(Answer):
     origin: Origin | None
     camera: CameraPrior | None
     policy: Policy
+    retention: Retention = Retention()
     image_counts: ImageCounts = Field(alias="images")
     snapshot_id: str | None
     alignment: Alignment | None

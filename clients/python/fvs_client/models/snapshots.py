@@ -42,6 +42,8 @@ class SnapshotData(Answer):
     metrics: SnapshotMetrics
     alignment: Alignment
     artifacts: tuple[Artifact, ...]
+    pinned: bool = False
+    """Whether retention keeps it for ever."""
     created_at: Timestamp
 
 

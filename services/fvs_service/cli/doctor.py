@@ -1,0 +1,40 @@
+"""``fvs doctor``: finds what crashes and restored backups leave behind."""
+
+from datetime import timedelta
+from typing import Annotated
+
+import typer
+
+from fvs_service.cli.serve import RootOption, settings_of
+
+_EXIT_FOUND = 13
+
+
+def doctor(
+    mend: Annotated[
+        bool, typer.Option("--mend", help="Mend what is found, instead of only saying it.")
+    ] = False,
+    grace: Annotated[
+        float, typer.Option(min=0, metavar="S", help="Leave out files that are younger than S seconds.")
+    ] = 900.0,
+    root: RootOption = None,
+) -> None:
+    """Find blobs without rows, rows without blobs, folders of no scene, half deletions and lost jobs.
+
+    It may run beside the service. The exit status is 0 when nothing is found, 13 otherwise.
+    """
+    from fvs_service.application import open_storage
+    from fvs_service.doctor.examination import examine
+
+    with open_storage(settings_of(root=root)) as storage:
+        found = 0
+        for finding in examine(storage, timedelta(seconds=grace)):
+            found += 1
+            if mend:
+                finding.mend()
+            typer.echo(f"{finding.kind}: {finding.what} ({'did' if mend else 'would'}: {finding.remedy})")
+    typer.echo(f"{found} found{', and mended' if found and mend else ''}", err=True)
+    if found:
+        if not mend:
+            typer.echo("Run it again with --mend to mend them.", err=True)
+        raise typer.Exit(_EXIT_FOUND)

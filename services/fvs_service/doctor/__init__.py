@@ -1,0 +1,1 @@
+"""``fvs doctor``: finds what crashes, full disks and restored backups leave behind, and mends it."""

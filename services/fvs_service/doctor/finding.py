@@ -1,0 +1,16 @@
+"""A finding of the doctor."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that should not be there, or is missing; ``mend`` ends that, and may be called twice."""
+
+    kind: str
+    what: str
+    """The blob, row, file or folder."""
+    remedy: str
+    """What ``mend`` does."""
+    mend: Callable[[], object]

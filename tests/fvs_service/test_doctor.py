@@ -1,0 +1,149 @@
+"""The doctor finds what crashes leave behind, mends it, and touches nothing else."""
+
+import os
+import time
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from fvs_service.cli.serve import add_commands
+from fvs_service.doctor.examination import examine
+from fvs_service.model import now
+from fvs_service.storage.tables import JobRow, RemovalRow
+from sqlalchemy import update
+from typer import Typer
+from typer.testing import CliRunner
+
+NONE = timedelta(0)
+
+
+@pytest.fixture
+def gateway(open_gateway: Any, photograph: Any) -> Any:
+    """A gateway with a scene that has everything."""
+    gateway = open_gateway()
+    scene = gateway.scene()
+    gateway.put(scene, photograph(1))
+    gateway.model(scene)
+    ranking = gateway.client.post(
+        f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit", "count": 8}}
+    ).json()
+    gateway.client.get(f"/v1/rankings/{ranking['id']}/candidates/{ranking['candidates'][0]['id']}/render.png")
+    gateway.queue(scene)
+    (gateway.settings.scenes / scene).mkdir(parents=True)
+    return gateway
+
+
+def _kinds(gateway: Any, grace: timedelta = NONE) -> list[str]:
+    return [finding.kind for finding in examine(gateway.application.storage, grace)]
+
+
+def _mend(gateway: Any) -> None:
+    for _ in range(2):  # what a deletion leaves is removed in a second examination
+        for finding in examine(gateway.application.storage, NONE):
+            finding.mend()
+            finding.mend()
+
+
+def _scene(gateway: Any) -> str:
+    return gateway.client.get("/v1/scenes").json()["items"][0]["id"]
+
+
+def test_a_healthy_service_has_nothing(gateway: Any) -> None:
+    assert _kinds(gateway) == []
+
+
+def test_what_was_deleted_and_waits_for_its_removal_is_no_finding(gateway: Any) -> None:
+    scene = _scene(gateway)
+    first = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    gateway.model(scene)
+    assert gateway.client.delete(f"/v1/snapshots/{first}").status_code == 204
+    gateway.application.storage.removals.run()
+    assert _kinds(gateway) == []
+
+
+def test_every_orphan_is_found_and_mended(gateway: Any) -> None:
+    storage, scene = gateway.application.storage, _scene(gateway)
+    for key in (
+        *(f"scenes/{scene}/images/{'0' * 64}", f"scenes/{scene}/artifacts/{'0' * 64}"),
+        *(f"scenes/{scene}/snapshots/snp_none.json", f"scenes/{scene}/rankings/rnk_none/x/render.png"),
+        "scenes/scn_none/images/0",
+    ):
+        storage.blobs.put(b"nobody's", key)
+    (gateway.settings.root / "blobs" / ".0.partial").write_bytes(b"half")
+    (gateway.settings.scenes / "scn_none").mkdir()
+    (gateway.settings.staging / "1.upload").write_bytes(b"half")
+    with storage.database.writing() as session:
+        session.execute(update(JobRow).values(worker_id="worker-9"))
+    deleted = gateway.scene()
+    gateway.client.delete(f"/v1/scenes/{deleted}")
+    found = [
+        "half deletion",
+        *["blob without row"] * 5,
+        "unfinished write",
+        "working folder of no scene",
+        "abandoned upload",
+        "jobs of no worker",
+    ]
+    time.sleep(0.05)
+    assert _kinds(gateway) == found
+    assert _kinds(gateway, timedelta(hours=1)) == ["jobs of no worker"], "new ones may be in progress"
+    _mend(gateway)
+    assert _kinds(gateway) == []
+    assert gateway.client.get(f"/v1/scenes/{scene}").status_code == 200
+
+
+def test_a_deletion_that_waits_for_too_long_is_found(gateway: Any) -> None:
+    storage = gateway.application.storage
+    scene = gateway.scene()
+    gateway.client.delete(f"/v1/scenes/{scene}")
+    assert _kinds(gateway, timedelta(minutes=15)) == []
+    with storage.database.writing() as session:
+        session.execute(update(RemovalRow).values(due_at=now() - timedelta(hours=1)))
+    assert _kinds(gateway, timedelta(minutes=15)) == ["half deletion"]
+
+
+def test_images_without_bytes_are_forgotten_and_can_be_sent_again(gateway: Any, photograph: Any) -> None:
+    scene = _scene(gateway)
+    for file in gateway.settings.root.glob(f"blobs/scenes/{scene}/images/*"):
+        file.unlink()
+    assert gateway.put(scene, photograph(1)).status_code == 200, "the bytes are thought to be there"
+    assert _kinds(gateway) == ["image without blob"]
+    _mend(gateway)
+    assert gateway.put(scene, photograph(1)).status_code == 201
+    assert _kinds(gateway) == []
+
+
+def test_a_broken_current_snapshot_gives_way_to_the_newest_whole_one(gateway: Any) -> None:
+    scene = _scene(gateway)
+    whole = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    broken = gateway.client.get(f"/v1/snapshots/{gateway.model(scene)}").json()
+    sha256 = next(one["sha256"] for one in broken["artifacts"] if one["name"] == "point_cloud.ply")
+    gateway.application.storage.blobs.remove(f"scenes/{scene}/artifacts/{sha256}")
+    assert _kinds(gateway) == ["snapshot without blob"]
+    _mend(gateway)
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == whole
+    assert gateway.client.get(f"/v1/snapshots/{broken['id']}").status_code == 404
+    ranked = gateway.client.post(
+        f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit", "count": 8}}
+    )
+    assert ranked.status_code == 201
+    assert _kinds(gateway) == []
+
+
+def test_the_command_says_what_it_finds_and_mends_only_when_asked(gateway: Any) -> None:
+    app = Typer()
+    add_commands(app)
+
+    def run(*words: str) -> Any:
+        return CliRunner().invoke(app, ["doctor", "--root", str(gateway.settings.root), *words])
+
+    assert (run().exit_code, run().stdout) == (0, "")
+    orphan = gateway.settings.scenes / "scn_none"
+    orphan.mkdir()
+    os.utime(orphan, (1, 1))
+    for _ in range(2):
+        found = run()
+        assert (found.exit_code, orphan.exists()) == (13, True)
+        assert str(orphan) in found.stdout
+    assert run("--mend").exit_code == 13
+    assert (run().exit_code, orphan.exists()) == (0, False)
