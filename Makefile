@@ -19,6 +19,9 @@ IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
 WORKERS ?= 2
 
+# Python keeps what it compiled even where the environment forbids it: the tests start many processes.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: setup demo docs test unit check kernels generate lint test-slow coverage bench clean
 
 setup: $(INSTALLED)

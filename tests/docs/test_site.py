@@ -13,12 +13,12 @@ IMAGES = REPOSITORY / "docs" / "images"
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, built in strict mode: a broken link or reference fails."""
+    """The site, but for search and formatted signatures, in strict mode: a broken link or reference fails."""
     folder = tmp_path_factory.mktemp("site")
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(folder)],
         cwd=REPOSITORY,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "FVS_DOCS_WHOLE": "false"},
         capture_output=True,
         text=True,
         check=False,

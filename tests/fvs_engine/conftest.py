@@ -1,13 +1,20 @@
 """One reconstruction of the small photographs, shared by all tests of the engine that only look at it."""
 
-from collections.abc import Callable
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm import stages
+from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.native.jobs import find_job
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
@@ -25,6 +32,57 @@ def kermit_sfm(kermit_dir: Path, kermit_names: list[str], made_once: Callable[..
         "kermit_sfm",
         lambda folder: reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor()),
     )
+
+
+def _run_here(
+    job: str,
+    arguments: Mapping[str, Any],
+    log_file: Path,
+    monitor: Monitor,
+    *,
+    on_tick: Callable[[], None] | None = None,
+    on_event: Callable[[int], None] | None = None,
+) -> Any:
+    """Like ``run_native``, in this process: nothing can stop the job, and its output is not in the log."""
+    monitor.check()
+    log_file.parent.mkdir(parents=True, exist_ok=True)
+    order = json.loads(json.dumps(dict(arguments)))
+    try:
+        result = find_job(job)(on_event or (lambda _event: None), **order)
+    except Exception as error:
+        raise ReconstructionError(f"Stage {job!r} failed: {error}", hint="It ran in this process.") from error
+    if on_tick is not None:
+        on_tick()
+    monitor.check()
+    return json.loads(json.dumps(result))
+
+
+@contextlib.contextmanager
+def _without_children() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages, "run_native", _run_here)
+        patch.setattr(undistort, "run_native", _run_here)
+        yield
+
+
+@pytest.fixture(scope="session")
+def without_children() -> Callable[[], AbstractContextManager[None]]:
+    """Run the native jobs in this process in a ``with`` block: most take less time than a child's start."""
+    return _without_children
+
+
+@pytest.fixture
+def native_here() -> Iterator[None]:
+    """Run a test's native jobs in this process; not for tests of the child and of how it is stopped."""
+    with _without_children():
+        yield
+
+
+@pytest.fixture(scope="module")
+def all_native_here() -> Iterator[None]:
+    """``native_here`` for all tests and fixtures of a module."""
+    with _without_children():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ def test_a_decoder_that_hangs_is_killed_and_the_next_image_is_inspected(
     (tmp_path / "good.jpg").write_bytes(photograph())
     os.mkfifo(tmp_path / "hangs.jpg")
     limits = ImageLimits(max_pixels=1_000_000, min_side_px=32)
-    inspector = Inspector(limits, children=1, cpu_s=0.5, memory_bytes=2_000_000_000)
+    inspector = Inspector(limits, children=1, cpu_s=0.3, memory_bytes=2_000_000_000)
     try:
         assert inspector.inspect(tmp_path / "good.jpg").verdict is Verdict.ACCEPTED
         assert inspector.inspect(tmp_path / "hangs.jpg").verdict is Verdict.UNREADABLE

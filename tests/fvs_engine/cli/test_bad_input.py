@@ -12,7 +12,10 @@ from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 Fvs = Callable[..., Any]
+SMALL = (160, 120)
 
 
 def _noise(path: Path, seed: int, size: tuple[int, int] = (320, 240)) -> None:
@@ -67,17 +70,17 @@ def test_only_files_that_cannot_be_used(fvs: Fvs, folder: Path, out: Path) -> No
 
 
 def test_two_that_do_not_overlap(fvs: Fvs, folder: Path, out: Path) -> None:
-    _noise(folder / "here.jpg", 1)
-    _noise(folder / "there.jpg", 2)
+    _noise(folder / "here.jpg", 1, SMALL)
+    _noise(folder / "there.jpg", 2, SMALL)
     run = fvs("reconstruct", folder, "--out", out)
     _expect(run, "reconstruction-failed", "overlap")
 
 
 def test_after_a_refusal_the_remedies_need_no_other_folder(fvs: Fvs, folder: Path, out: Path) -> None:
-    _noise(folder / "here.jpg", 1)
-    _noise(folder / "there.jpg", 2)
+    _noise(folder / "here.jpg", 1, SMALL)
+    _noise(folder / "there.jpg", 2, SMALL)
     _expect(fvs("reconstruct", folder, "--out", out), "reconstruction-failed", "overlap")
-    _noise(folder / "in between.jpg", 3)
+    _noise(folder / "in between.jpg", 3, SMALL)
     run = fvs("reconstruct", folder, "--out", out, "--camera-model", "opencv", "--long-side", 300)
     _expect(run, "reconstruction-failed", "No two of the 3 images")
     (folder / "here.jpg").unlink()

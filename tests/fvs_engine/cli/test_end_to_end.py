@@ -17,6 +17,8 @@ from PIL import Image
 from fvs_engine.cli.exit_codes import EXIT_CODES
 from fvs_engine.splat.ply import read_ply
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 Fvs = Callable[..., Any]
 FvsUntil = Callable[..., tuple[int, str]]
 FvsCommand = Callable[..., list[str]]
@@ -25,9 +27,12 @@ OPTIONS = ("--iterations", 120, "--long-side", 240, "--test-every", 5)
 
 @pytest.fixture(scope="module")
 def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Kermit as a careless user would hand it over: some files of every kind, some of them bad."""
-    folder = tmp_path_factory.mktemp("photographs")
-    good = sorted(kermit_dir.iterdir())
+    """Kermit at half its size, as a careless user hands it over: files of every kind, some of them bad."""
+    folder, halved = tmp_path_factory.mktemp("photographs"), tmp_path_factory.mktemp("halved")
+    for path in kermit_dir.iterdir():
+        with Image.open(path) as image:
+            image.resize((320, 240)).save(halved / path.name, quality=95, exif=image.getexif())
+    good = sorted(halved.iterdir())
     for path in good[:6]:
         shutil.copyfile(path, folder / path.name)
     (folder / "more of them").mkdir()
@@ -46,9 +51,9 @@ def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> P
         grey = np.asarray(image.convert("L"), dtype=np.uint16) * 257
         Image.fromarray(grey).save(folder / "sixteen bits.tif")
     with Image.open(good[10]) as image:
-        image.resize((480, 360), Image.Resampling.LANCZOS).save(folder / "smaller.jpg", quality=95)
+        image.resize((240, 180), Image.Resampling.LANCZOS).save(folder / "smaller.jpg", quality=95)
     shutil.copyfile(good[0], folder / "the first again.jpg")
-    (folder / "cut off.jpg").write_bytes(good[1].read_bytes()[:20_000])
+    (folder / "cut off.jpg").write_bytes(good[1].read_bytes()[:10_000])
     (folder / "letter.jpg").write_text("Dear reader")
     (folder / "notes.txt").write_text("not a photograph, and not called one")
     return folder
@@ -203,7 +208,7 @@ def test_cameras_can_come_from_a_colmap_model(
 
 
 def test_known_intrinsics_are_kept_and_remembered(fvs: Fvs, kermit_copy: Path, tmp_path: Path) -> None:
-    for path in sorted(kermit_copy.iterdir())[6:]:
+    for path in sorted(kermit_copy.iterdir())[4:]:
         path.unlink()
     file = tmp_path / "cameras.txt"
     file.write_text("# of the photographs at twice their size\n1 PINHOLE 1280 960 1389 1389 640 480\n")
@@ -237,11 +242,11 @@ def test_a_colmap_model_of_other_photographs_is_refused(
 
 
 def test_overwrite_starts_again(fvs: Fvs, fvs_until: FvsUntil, kermit_dir: Path, out: Path) -> None:
-    """Up to a stage that takes long; that it clears the folder is what matters here."""
+    """Up to the first stage; that it clears the folder is what matters here."""
     (out / "mine.txt").write_text("stays")
     arguments = ("reconstruct", kermit_dir, "--out", out, "--overwrite")
     status, _ = fvs_until(
-        *arguments, wanted=lambda report: report.get("stage") == "matching", number=signal.SIGTERM
+        *arguments, wanted=lambda report: report.get("stage") == "features", number=signal.SIGTERM
     )
     assert status == EXIT_CODES["cancelled"]
     assert (out / "mine.txt").read_text() == "stays"

@@ -1,4 +1,5 @@
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,25 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 
 METHODS = ("farthest", "random")
+DRAW = experiment._draw
 
 
 @pytest.fixture(scope="module")
 def cpu() -> Rasterizer:
     return create_rasterizer("cpu")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_pictures() -> Iterator[None]:
+    """Drawing takes longer than all runs of a small experiment; ``with_pictures`` brings it back."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiment, "_draw", lambda *_: None)
+        yield
+
+
+@pytest.fixture
+def with_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "_draw", DRAW)
 
 
 def run(
@@ -72,6 +87,7 @@ def stop_after(count: int, *, killed: bool) -> Monitor:
     return monitor
 
 
+@pytest.mark.usefixtures("with_pictures")
 def test_runs_of_one_seed_differ_by_the_selector_alone(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path
 ) -> None:
@@ -182,6 +198,7 @@ def test_a_calibration_asked_for_later_is_made_at_every_view_count(
     assert later.rows[0].psnr_db == without.rows[0].psnr_db
 
 
+@pytest.mark.usefixtures("with_pictures")
 def test_a_run_that_fails_is_named_and_the_others_go_on(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

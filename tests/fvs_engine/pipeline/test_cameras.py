@@ -19,6 +19,8 @@ from fvs_engine.sfm.colmap.model import write_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 USED = 6
 
 
@@ -28,10 +30,13 @@ def given(kermit_sfm: SfmResult) -> tuple[AnyView, ...]:
 
 
 @pytest.fixture
-def workspace(kermit_copy: Path, tmp_path: Path) -> Workspace:
+def workspace(kermit_dir: Path, tmp_path: Path) -> Workspace:
+    """With the photographs at half their size: given cameras are scaled to them."""
     workspace = Workspace(tmp_path / "out")
-    workspace.root.mkdir()
-    kermit_copy.rename(workspace.images)
+    workspace.images.mkdir(parents=True)
+    for path in kermit_dir.iterdir():
+        with Image.open(path) as image:
+            image.resize((320, 240)).save(workspace.images / path.name, quality=95)
     return workspace
 
 

@@ -14,6 +14,8 @@ from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.sfm.settings import SfmSettings
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 SETTINGS = SfmSettings(max_features=1500)
 VISITED = ("0003.jpg", "0001.jpg", "0002.jpg")
 

@@ -2,6 +2,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from fvs_engine.geometry import robust_umeyama
@@ -11,6 +12,8 @@ from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.raster import Rasterizer
+
+pytestmark = pytest.mark.usefixtures("all_native_here")
 
 
 def test_a_scene_whose_cameras_are_found_on_the_way(

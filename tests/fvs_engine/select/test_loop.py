@@ -27,6 +27,8 @@ from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.views import TrainingView
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 SCENE = SceneSettings(poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5)
 BASE: dict[str, Any] = {"scene": SCENE, "initial": 4, "budget": 8, "nearest": 6}
 

@@ -167,16 +167,16 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 @pytest.fixture(scope="session")
 def courtyard_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Eleven photographs along an arc around the courtyard."""
+    """Nine photographs along an arc around the courtyard."""
     folder = tmp_path_factory.mktemp("courtyard")
     camera = SimulatedCamera.like_a_drone(320, 240)
-    return write_photographs(folder, courtyard(), camera, orbit(11, turns=0.44), Monitor())
+    return write_photographs(folder, courtyard(), camera, orbit(9, turns=0.36), Monitor())
 
 
 @pytest.fixture(scope="session")
 def modelled(service: Service, courtyard_photographs: list[Path]) -> str:
-    """A scene with a model of the first seven photographs; tests may rank in it, and add to it."""
+    """A scene with a model of the first five photographs; tests may rank in it, and add to it."""
     scene = service.scene()
-    service.send(scene, courtyard_photographs[:7])
+    service.send(scene, courtyard_photographs[:5])
     service.finish(service.start(scene))
     return scene

@@ -43,7 +43,7 @@ def _niceness(pid: int) -> int:
 
 def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
     snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
-    assert snapshot["metrics"]["registered"] == 7
+    assert snapshot["metrics"]["registered"] == 5
     names = {artifact["name"] for artifact in snapshot["artifacts"]}
     assert names == {"alignment.json", "cameras.json", "colmap.zip", "metrics.json", "point_cloud.ply"}
     archive = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/colmap.zip").content
@@ -105,7 +105,7 @@ def test_rankings_are_answered_while_the_model_learns(
     (gateway,) = service.processes(GATEWAY)
     assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
     # An update does not wait for a fine model, which goes on afterwards.
-    service.send(modelled, courtyard_photographs[7:9])
+    service.send(modelled, courtyard_photographs[5:7])
     updated = service.finish(service.start(modelled))
     assert service.job(fine)["state"] == "running"
     assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
@@ -122,7 +122,7 @@ def test_jobs_outlive_whatever_is_killed(
 ) -> None:
     """The short form of ``tests/faults/kill_anything.py``."""
     _, registered = _latest(service, modelled)
-    service.send(modelled, courtyard_photographs[9:])
+    service.send(modelled, courtyard_photographs[7:])
     update = service.start(modelled)
     for module in (SFM_CHILD, RUNNER):
         _kill(service, module)
@@ -160,7 +160,7 @@ def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
     service: Any, courtyard_photographs: list[Path]
 ) -> None:
     scene = service.scene()
-    service.send(scene, courtyard_photographs[:7])
+    service.send(scene, courtyard_photographs[:5])
     job = service.start(scene)
     deadline = time.monotonic() + 240
     while (found := service.job(job))["state"] in ("queued", "running"):

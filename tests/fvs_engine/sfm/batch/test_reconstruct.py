@@ -18,6 +18,20 @@ from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
 
+ONE_MAPPER = SfmSettings(both_mappers_up_to=0)
+"""The second mapper runs only where the first one's model is doubtful."""
+
+
+@pytest.fixture
+def six(kermit_dir: Path, kermit_names: list[str], tmp_path: Path) -> Path:
+    """The first six photographs at half their size, in a folder that the test may change."""
+    folder = tmp_path / "six"
+    folder.mkdir()
+    for name in kermit_names[:6]:
+        with Image.open(kermit_dir / name) as image:
+            image.resize((320, 240)).save(folder / name, quality=95, exif=image.getexif())
+    return folder
+
 
 def test_kermit_is_registered_whole_and_both_mappers_agree(kermit_sfm: SfmResult, kermit_names: list[str]):
     report = kermit_sfm.report
@@ -99,27 +113,27 @@ def keypoints(folder: Path) -> dict[int, bytes]:
 
 
 def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
-    kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+    six: Path, kermit_names: list[str], tmp_path: Path
 ):
+    folder = tmp_path / "sfm"
     for stage in ("features", "matching", "incremental mapping", "global mapping"):
-        assert cancel_in(stage, kermit_dir, kermit_names[:6], tmp_path) < 5.0
-        assert not (tmp_path / "report.json").exists()
-        assert (tmp_path / "mapping" / "incremental").exists() == (stage == "global mapping")
-    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
+        assert cancel_in(stage, six, kermit_names[:6], folder) < 5.0
+        assert not (folder / "report.json").exists()
+        assert (folder / "mapping" / "incremental").exists() == (stage == "global mapping")
+    result = reconstruct(six, kermit_names[:6], folder, SfmSettings(), Monitor())
     assert result.report.registered == 6
-    assert len(read_colmap(tmp_path / "sparse").views) == 6
+    assert len(read_colmap(folder / "sparse").views) == 6
     # What was finished before was not done again.
     assert "incremental mapping" not in result.report.seconds
     assert "matching" not in result.report.seconds
 
 
-def test_added_images_keep_the_features_of_the_old_ones(
-    kermit_dir: Path, kermit_names: list[str], tmp_path: Path
-):
-    cancel_in("matching", kermit_dir, kermit_names[:4], tmp_path)
-    before = keypoints(tmp_path)
-    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(), Monitor())
-    after = keypoints(tmp_path)
+def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names: list[str], tmp_path: Path):
+    folder = tmp_path / "sfm"
+    cancel_in("matching", six, kermit_names[:4], folder)
+    before = keypoints(folder)
+    result = reconstruct(six, kermit_names[:6], folder, ONE_MAPPER, Monitor())
+    after = keypoints(folder)
     assert len(before) == 4
     assert len(after) == 6
     assert all(after[image_id] == data for image_id, data in before.items())
@@ -132,6 +146,7 @@ def test_one_image_is_refused_by_name(kermit_dir: Path, kermit_names: list[str],
         reconstruct(kermit_dir, kermit_names[:1], tmp_path, SfmSettings(), Monitor())
 
 
+@pytest.mark.usefixtures("native_here")
 def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: Path, tmp_path: Path):
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
     with Image.open(stranger) as image:
@@ -142,6 +157,7 @@ def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: P
     assert "overlap" in caught.value.hint
 
 
+@pytest.mark.usefixtures("native_here")
 def test_an_image_of_something_else_is_left_out_and_named(
     kermit_sfm: SfmResult, kermit_copy: Path, kermit_names: list[str], data_dir: Path, tmp_path: Path
 ):
@@ -150,7 +166,7 @@ def test_an_image_of_something_else_is_left_out_and_named(
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
     with Image.open(stranger) as image:
         image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
-    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, SfmSettings(), Monitor())
+    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, ONE_MAPPER, Monitor())
     assert result.report.unregistered == ("stranger.jpg",)
     assert any("stranger.jpg" in warning for warning in result.report.warnings)
     assert result.report.registered == 11
@@ -163,6 +179,7 @@ def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
         reconstruct(tmp_path, ["wall-1.png", "wall-2.png"], tmp_path / "sfm", SfmSettings(), Monitor())
 
 
+@pytest.mark.usefixtures("native_here")
 def test_images_of_another_size_or_orientation_get_their_own_camera(
     kermit_copy: Path, kermit_names: list[str], tmp_path: Path
 ):
@@ -174,20 +191,22 @@ def test_images_of_another_size_or_orientation_get_their_own_camera(
             pixels.resize((512, 384)).save(kermit_copy / name)
         elif number % 3 == 2:
             pixels.rotate(90, expand=True).save(kermit_copy / name, quality=95)
-    result = reconstruct(kermit_copy, names, tmp_path / "sfm", SfmSettings(), Monitor())
+    result = reconstruct(kermit_copy, names, tmp_path / "sfm", ONE_MAPPER, Monitor())
     assert result.report.registered == 6
     sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
     assert sizes == {(640, 480), (512, 384), (480, 640)}
     assert len({view.camera for view in result.reconstruction.views}) == 3
 
 
-def test_known_intrinsics_stay_as_they_are(kermit_dir: Path, kermit_names: list[str], tmp_path: Path):
+@pytest.mark.usefixtures("native_here")
+def test_known_intrinsics_stay_as_they_are(six: Path, kermit_names: list[str], tmp_path: Path):
     known = KnownIntrinsics(
         model="PINHOLE", width_px=1280, height_px=960, params=(1389.0, 1389.0, 640.0, 480.0)
     )
-    result = reconstruct(kermit_dir, kermit_names[:6], tmp_path, SfmSettings(intrinsics=known), Monitor())
+    settings = SfmSettings(intrinsics=known)
+    result = reconstruct(six, kermit_names[:6], tmp_path / "sfm", settings, Monitor())
     assert {view.camera for view in result.reconstruction.views} == {
-        PinholeCamera(640, 480, 694.5, 694.5, 320.0, 240.0)
+        PinholeCamera(320, 240, 347.25, 347.25, 160.0, 120.0)
     }
 
 

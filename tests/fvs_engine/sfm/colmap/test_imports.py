@@ -174,6 +174,7 @@ def kermit_folder(kermit_sfm: SfmResult, tmp_path: Path) -> Path:
     return Path(shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm"))
 
 
+@pytest.mark.usefixtures("native_here")
 def test_given_cameras_get_points_and_do_not_move(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):
@@ -191,6 +192,7 @@ def test_given_cameras_get_points_and_do_not_move(
     assert any("gone.jpg" in warning for warning in result.report.warnings)
 
 
+@pytest.mark.usefixtures("native_here")
 def test_given_cameras_follow_resized_photographs(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):
@@ -207,6 +209,7 @@ def test_given_cameras_follow_resized_photographs(
         triangulate(Reconstruction.of_views(wide), kermit_dir, kermit_folder, SfmSettings(), Monitor())
 
 
+@pytest.mark.usefixtures("native_here")
 def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
 ):

@@ -13,6 +13,8 @@ from fvs_engine.sfm.matching.features import import_images
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 
+pytestmark = pytest.mark.usefixtures("all_native_here")
+
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405
 PRIOR = FocalPrior(focal_length_px=2001.3, width_px=1600)
 """Between two whole millimetres of a 35 mm equivalent, which is all that EXIF could hold of it."""
