@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_service.scenes.model import Alignment, AlignmentStatus
 from fvs_service.serving.running import running_service
 
 _CLIENT_TESTS = Path(__file__).resolve().parent.parent / "clients" / "conftest.py"
+ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, rms_m=0.1, inliers=6, positions=6)
 _SMALL_SERVICE = {
     "FVS_WORKER__LONG_SIDE_PX": "96",
     "FVS_WORKER__INITIAL_ITERATIONS": "30",
@@ -44,7 +46,7 @@ def real_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def played_service(gateway: Any) -> Iterator[str]:
-    """The URL of a gateway whose updates succeed at once, with a synthetic model."""
+    """The URL of a gateway whose updates succeed at once, with a synthetic model, aligned if it can be."""
     ended = threading.Event()
     old = gateway.queued_jobs()
 
@@ -52,7 +54,9 @@ def played_service(gateway: Any) -> Iterator[str]:
         while not ended.wait(0.05):
             for job_id, scene_id in gateway.queued_jobs().items():
                 if job_id not in old:
-                    gateway.model(scene_id)
+                    scene = gateway.client.get(f"/v1/scenes/{scene_id}").json()
+                    placed = scene["origin"] is not None or scene["world"]["kind"] == "local"
+                    gateway.model(scene_id, alignment=ALIGNED if placed else None)
 
     worker = threading.Thread(target=work)
     worker.start()

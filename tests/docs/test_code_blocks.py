@@ -1,8 +1,8 @@
 """Every code block of the documentation runs as it is written.
 
-A page is one test. Its blocks run in order, in one folder and one shell. The tutorials run against a real
-``fvs serve``, other pages against a gateway whose updates succeed at once. ``_SMALLER`` makes what the pages
-ask for small enough for a test. A block that cannot run says why in a comment above it:
+A page is one test. Its blocks run in order, in one folder and one shell, against a gateway whose updates
+succeed at once; tutorials that need a worker also run against a real ``fvs serve``. ``_SMALLER`` makes what
+the pages ask for small enough for a test. A block that cannot run says why in a comment above it:
 ``<!-- not run: the reason -->``.
 """
 
@@ -29,6 +29,7 @@ _BLOCK = re.compile(
     r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?^```(?P<language>[\w-]*)\n(?P<code>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+_SERVICE = "http://127.0.0.1:8000"
 _COMMANDS, _SHOWN = {"bash", "python"}, {"text", "console", "json"}
 _SMALLER = {
     "simulate yard --images 24": "simulate yard --images 6 --size 240x180",
@@ -71,8 +72,8 @@ def _runs(page: Path) -> list[Block]:
     return [block for block in _blocks(page) if block.language in _COMMANDS and block.reason is None]
 
 
-def _is_tutorial(page: Path) -> bool:
-    return page.parent.name == "tutorials"
+def _needs_a_worker(page: Path) -> bool:
+    return page.parent.name == "tutorials" and any(_SERVICE in block.code for block in _runs(page))
 
 
 def _id(page: Path) -> str:
@@ -100,19 +101,17 @@ def test_what_is_made_smaller_is_there() -> None:
     assert [phrase for phrase in _SMALLER if phrase not in code] == []
 
 
-@pytest.mark.slow  # half a minute each, against a real service
+@pytest.mark.slow  # half a minute each
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page) and _is_tutorial(page)], ids=_id)
-def test_the_blocks_of_tutorials_run(
+@pytest.mark.parametrize("page", [page for page in PAGES if _needs_a_worker(page)], ids=_id)
+def test_the_blocks_of_tutorials_run_against_a_real_service(
     page: Path, real_service: str, photographs: Path, tmp_path: Path
 ) -> None:
     _run(page, real_service, photographs, tmp_path)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page) and not _is_tutorial(page)], ids=_id)
-def test_the_blocks_of_other_pages_run(
-    page: Path, played_service: str, photographs: Path, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
+def test_the_blocks_run(page: Path, played_service: str, photographs: Path, tmp_path: Path) -> None:
     _run(page, played_service, photographs, tmp_path)
 
 
@@ -125,7 +124,7 @@ def _run(page: Path, url: str, photographs: Path, tmp_path: Path) -> None:
         code = block.code
         for phrase, smaller in _SMALLER.items():
             code = code.replace(phrase, smaller)
-        code = code.replace("http://127.0.0.1:8000", url)
+        code = code.replace(_SERVICE, url)
         script.append(f'echo "[line {block.line}]"')
         if block.language == "python":
             (tmp_path / f"line-{block.line}.py").write_text(code, encoding="utf-8")
