@@ -81,6 +81,26 @@ class ForbiddenError(
     """The key is valid but lacks the scope."""
 
 
+class ForeignOriginError(
+    ServiceError,
+    code="foreign-origin",
+    title="Pages of this origin are not allowed",
+    status=403,
+    retryable=False,
+):
+    """A browser sent the request for a page of another origin."""
+
+
+class UnknownHostError(
+    ServiceError,
+    code="unknown-host",
+    title="The service does not have this name",
+    status=421,
+    retryable=False,
+):
+    """The request's ``Host`` is not a name of the service."""
+
+
 class NotFoundError(ServiceError, code="not-found", title="Not found", status=404, retryable=False):
     """It does not exist, or belongs to another tenant: the responses are the same."""
 
@@ -98,7 +118,7 @@ class MethodNotAllowedError(
 class SlowRequestError(
     ServiceError, code="request-timeout", title="The request took too long to arrive", status=408
 ):
-    """No byte of the body arrived for too long."""
+    """The body stopped arriving, or arrived too slowly."""
 
 
 class ConflictError(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Generic, Self, TypeVar
 
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
 
 class Model(BaseModel):
@@ -36,6 +36,25 @@ Triple = tuple[Number, Number, Number]
 Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 """The SHA-256 of an image's bytes."""
 Timestamp = AwareDatetime
+
+
+def within(limit: str) -> BeforeValidator:
+    """Refuse lists longer than this one of ``Limits``, before any of their items is validated.
+
+    The limits are those of the validation's context; without it there is none. ``fail_fast`` belongs to
+    it: else every invalid item of a list becomes an error.
+    """
+
+    def check(value: object, info: ValidationInfo) -> object:
+        limits = (info.context or {}).get("limits")
+        most = None if limits is None else getattr(limits, limit)
+        if most is not None and isinstance(value, list) and len(value) > most:
+            raise ValueError(
+                f"there are {len(value)}, and {most} are allowed: split them into several requests"
+            )
+        return value
+
+    return BeforeValidator(check)
 
 
 class Page(Model):

@@ -2,14 +2,22 @@
 
 import ipaddress
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field, FilePath, PositiveFloat, PositiveInt
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BeforeValidator, Field, FilePath, PositiveFloat, PositiveInt
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 
 MEGABYTE = 1_000_000
+
+
+def _names(value: object) -> object:
+    """The names of a list with commas, as environment variables have it."""
+    return (
+        tuple(name.strip() for name in value.split(",") if name.strip()) if isinstance(value, str) else value
+    )
 
 
 class Limits(Record):
@@ -23,7 +31,7 @@ class Limits(Record):
     image_decoding_bytes: PositiveInt = 1024 * MEGABYTE
     multipart_files: PositiveInt = 200
     multipart_bytes: PositiveInt = 1024 * MEGABYTE
-    json_bytes: PositiveInt = 4 * MEGABYTE
+    json_bytes: PositiveInt = 1_500_000
     digests_per_check: PositiveInt = 10_000
     images_per_scene: PositiveInt = 10_000
     scenes_per_tenant: PositiveInt = 1_000
@@ -95,6 +103,9 @@ class Settings(BaseSettings):
 
     ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` and
     ``blobs_url`` are other places for the database and the blobs, by default SQLite and a folder in ``root``.
+    ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
+    service, and origins besides its own whose pages may use it. A body that for ``upload_grace_s`` in all has
+    arrived more slowly than ``upload_bytes_per_s`` is refused.
     """
 
     model_config = SettingsConfigDict(
@@ -115,6 +126,11 @@ class Settings(BaseSettings):
     event_poll_s: PositiveFloat = 0.2
     event_heartbeat_s: PositiveFloat = 15.0
     upload_idle_s: PositiveFloat = 30.0
+    upload_grace_s: PositiveFloat = 30.0
+    upload_bytes_per_s: PositiveFloat = 500.0
+    read_within_s: PositiveFloat = 120.0
+    allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
+    allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     inspectors: PositiveInt = 2
     inspection_s: PositiveFloat = 60.0
     inspection_bytes: PositiveInt = 2048 * MEGABYTE

@@ -1,9 +1,5 @@
-"""Structured logs, and metrics for Prometheus."""
+"""Metrics for Prometheus."""
 
-import logging
-import sys
-
-import structlog
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.gc_collector import GCCollector
 from prometheus_client.process_collector import ProcessCollector
@@ -49,29 +45,3 @@ class Metrics:
             "fvs_rankings_open", "Rankings and renders that are waited for.", registry=self.registry
         )
         self.streams = Gauge("fvs_event_streams", "Event streams that are open.", registry=self.registry)
-
-
-def configure_logging(*, machine: bool) -> None:
-    """Log to stderr: JSON lines for machines, colours on a terminal. Call once, when a program starts."""
-    console = structlog.dev.ConsoleRenderer(
-        colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
-    )
-    structlog.configure(
-        processors=[
-            structlog.contextvars.merge_contextvars,
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            *(
-                [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
-                if machine
-                else [console]
-            ),
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=_to_stderr,
-    )
-
-
-def _to_stderr(*_: object) -> structlog.PrintLogger:
-    """A logger to the current stderr: that of the start may be closed."""
-    return structlog.PrintLogger(sys.stderr)

@@ -20,9 +20,11 @@ from anyio.to_thread import run_sync
 from fastapi import FastAPI
 from fvs_service.application import Application, Storage
 from fvs_service.errors import UnavailableError
+from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.jobs.queue import take_job
 from fvs_service.jobs.ticket import JobTicket
+from fvs_service.logs import configure_logging
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
@@ -35,7 +37,6 @@ from fvs_service.snapshots.model import (
 )
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
 from fvs_service.storage.tables import JobRow
-from fvs_service.telemetry import configure_logging
 from PIL import Image
 from sqlalchemy import select
 from starlette.testclient import TestClient
@@ -296,7 +297,7 @@ def open_gateway(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
 @contextlib.contextmanager
 def _running(settings: Settings) -> Iterator[Gateway]:
     app = create_app(settings, ComputingRunners)
-    with TestClient(app, raise_server_exceptions=False) as client:
+    with TestClient(app, "http://127.0.0.1", raise_server_exceptions=False) as client:
         yield Gateway(app, client, settings)
 
 
@@ -308,7 +309,9 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
     def start(runners: Callable[[Storage], SceneRunners] = ComputingRunners, **overrides: Any) -> Gateway:
         settings = _settings(tmp_path / "service", overrides)
         app = create_app(settings, runners)
-        server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
+        protocol = http_protocol(settings.upload_idle_s, read_within_s=settings.read_within_s)
+        config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1, http=protocol)
+        server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run)
         thread.start()
         while not server.started:

@@ -1,3 +1,4 @@
+import contextlib
 import socket
 import threading
 import time
@@ -19,19 +20,27 @@ async def _answer(_scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b"ok"})
 
 
-@pytest.fixture(scope="module")
-def address() -> Iterator[tuple[str, int]]:
-    protocol = http_protocol(_PATIENCE_S)
-    config = uvicorn.Config(_answer, port=0, log_level="error", lifespan="off", http=protocol)
+@contextlib.contextmanager
+def _serving(app: Any) -> Iterator[tuple[uvicorn.Server, tuple[str, int]]]:
+    protocol = http_protocol(_PATIENCE_S, read_within_s=_PATIENCE_S)
+    config = uvicorn.Config(app, port=0, log_level="critical", lifespan="off", http=protocol)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:
         assert thread.is_alive()
         time.sleep(0.01)
-    yield server.servers[0].sockets[0].getsockname()
-    server.should_exit = True
-    thread.join()
+    try:
+        yield server, server.servers[0].sockets[0].getsockname()
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[tuple[str, int]]:
+    with _serving(_answer) as (_, address):
+        yield address
 
 
 @pytest.fixture
@@ -84,3 +93,72 @@ def test_a_body_may_take_longer_than_a_head(connection: socket.socket) -> None:
     time.sleep(2 * _PATIENCE_S)
     connection.sendall(b"b")
     assert _body(connection) == b"ok"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200 + b"\r\n",
+        b"GET / HTTP/1.1\r\na: " + b"b" * 40_000 + b"\r\n\r\n",
+        b"GET /" + b"a" * 40_000 + b" HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\na: " + b"b" * 200_000,
+        b"GET /" + b"a" * 200_000,
+        b"POST / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n" + b"a: b\r\n" * 200,
+        b"GET / HTTP/1.1\r\n\r\n" * 2_000,
+    ],
+    ids=["headers", "header", "target", "endless header", "endless target", "trailers", "pipelined"],
+)
+def test_heads_and_lines_of_requests_have_limits(connection: socket.socket, head: bytes) -> None:
+    received = _sent(connection, head)
+    assert received.count(b"HTTP/1.1 200") <= 16
+    assert b"HTTP/1.1 400" in received or not received.endswith(b"ok")
+
+
+def test_bodies_in_chunks_of_a_byte_are_refused(connection: socket.socket) -> None:
+    head = b"POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n"
+    assert b"HTTP/1.1 200" not in _sent(connection, head + b"1\r\na\r\n" * 20_000 + b"0\r\n\r\n")
+
+
+def test_a_head_may_follow_a_body_in_one_read(connection: socket.socket) -> None:
+    body = b"PUT / HTTP/1.1\r\nHost: a\r\nContent-Length: 60000\r\n\r\n" + b"a" * 60_000
+    connection.sendall(body + b"GET / HTTP/1.1\r\nHo")
+    assert _body(connection) == b"ok"
+    connection.sendall(b"st: a\r\n\r\n")
+    assert _body(connection) == b"ok"
+
+
+def test_bodies_in_a_few_small_chunks_are_read(connection: socket.socket) -> None:
+    head = b"POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n"
+    connection.sendall(head + b"1\r\na\r\n" * 1_000 + b"0\r\n\r\n")
+    assert _body(connection) == b"ok"
+
+
+def _sent(connection: socket.socket, request: bytes) -> bytes:
+    """All that the server answers until it closes the connection."""
+    received = b""
+    try:
+        connection.sendall(request)
+        while part := connection.recv(65_536):
+            received += part
+    except ConnectionError:
+        pass
+    return received
+
+
+async def _answer_much(_scope: Any, _receive: Any, send: Any) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    for _ in range(1_000):
+        await send({"type": "http.response.body", "body": b"a" * 100_000, "more_body": True})
+    await send({"type": "http.response.body", "body": b""})
+
+
+def test_who_does_not_read_is_cut_off() -> None:
+    with _serving(_answer_much) as (server, address), socket.create_connection(address) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: a\r\n\r\n")
+        deadline = time.monotonic() + 20
+        while not server.server_state.connections:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        while server.server_state.connections:
+            assert time.monotonic() < deadline, "the connection is kept"
+            time.sleep(0.01)

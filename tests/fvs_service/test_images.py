@@ -343,7 +343,7 @@ def test_a_client_that_stops_sending_is_let_go(serve: Any) -> None:
     scene = server.scene()
     with socket.create_connection((server.client.base_url.host, server.client.base_url.port)) as connection:
         path = f"/v1/scenes/{scene}/images/{_digest(b'never')}"
-        head = f"PUT {path} HTTP/1.1\r\nHost: a\r\nContent-Length: 1000\r\n\r\n"
+        head = f"PUT {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\n"
         connection.sendall(head.encode() + b"only this")
         began = time.monotonic()
         connection.settimeout(10)

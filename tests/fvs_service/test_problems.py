@@ -33,7 +33,8 @@ def test_every_error_has_a_code_of_its_own() -> None:
         ("POST", "/v1/scenes", {"content": b"{}", "headers": {}}, 415, "unsupported-media-type"),
         ("GET", "/v1/scenes", {"params": {"limit": 0}}, 422, "invalid-request"),
         ("GET", "/v1/scenes", {"params": {"colour": "red"}}, 422, "invalid-request"),
-        ("PUT", "/v1/scenes/x/images/sha256:xyz", {"content": b""}, 422, "invalid-request"),
+        ("PUT", "/v1/scenes/x/images/sha256:xyz", {"content": b""}, 404, "not-found"),
+        ("PUT", "/v1/scenes/{scene}/images/sha256:xyz", {"content": b""}, 422, "invalid-request"),
         ("PUT", f"/v1/scenes/x/images/sha256:{'0' * 64}", {"content": b""}, 404, "not-found"),
         ("GET", "/v1/jobs/job_none", {}, 404, "not-found"),
         ("GET", "/v1/snapshots/%00", {}, 404, "not-found"),
@@ -47,7 +48,8 @@ def test_every_error_is_a_problem_document(
         options = {"headers": {"Content-Type": "application/json"}, **options}
         if method == "PUT":
             options["headers"] = {}
-    answer = gateway.client.request(method, path, **options)
+    scene = gateway.scene() if "{scene}" in path else ""
+    answer = gateway.client.request(method, path.replace("{scene}", scene), **options)
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     problem = answer.json()
@@ -74,15 +76,15 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
             "world.origin: it is missing.",
         ),
         (
-            "/v1/scenes/scn_none/rankings",
+            "/v1/scenes/{scene}/rankings",
             {"candidates": [{"id": "a", "pose": {"frame": "world", **_POSE}}]},
             "candidates.0.pose.orientation_wxyz",
             "candidates.0.pose.orientation_wxyz: "
             "a unit quaternion, w first; the length of this one is 1.414.",
         ),
-        ("/v1/scenes/scn_none/rankings", {"candidates": _TWINS}, "", "Two candidates have the id a."),
+        ("/v1/scenes/{scene}/rankings", {"candidates": _TWINS}, "", "Two candidates have the id a."),
         (
-            "/v1/scenes/scn_none/rankings",
+            "/v1/scenes/{scene}/rankings",
             {"generator": {"kind": "orbit", "count": 0}},
             "generator.count",
             "generator.count: Input should be greater than or equal to 1.",
@@ -92,7 +94,7 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
 def test_what_is_wrong_is_named_by_its_place_in_the_request(
     gateway: Any, path: str, body: dict[str, Any], field: str, detail: str
 ) -> None:
-    problem = gateway.client.post(path, json=body).json()
+    problem = gateway.client.post(path.format(scene=gateway.scene()), json=body).json()
     assert problem["code"] == "invalid-request"
     assert problem["errors"][0]["field"] == field
     assert problem["detail"] == detail
@@ -101,7 +103,7 @@ def test_what_is_wrong_is_named_by_its_place_in_the_request(
 
 def test_a_pose_that_is_no_object_is_named(gateway: Any) -> None:
     body = {"candidates": [{"id": "a", "pose": 3}]}
-    problem = gateway.client.post("/v1/scenes/scn_none/rankings", json=body).json()
+    problem = gateway.client.post(f"/v1/scenes/{gateway.scene()}/rankings", json=body).json()
     assert problem["code"] == "invalid-request"
     assert problem["errors"][0]["field"] == "candidates.0.pose"
     assert problem["detail"].startswith("candidates.0.pose: Input should be a valid dictionary")

@@ -45,12 +45,15 @@ def serve(
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
+    import structlog
+
     from fvs_engine.errors import EngineError
     from fvs_service.errors import ServiceError
+    from fvs_service.logs import configure_logging, log_uncaught
     from fvs_service.serving.supervisor import Supervisor
-    from fvs_service.telemetry import configure_logging
 
     configure_logging(machine=log_json)
+    log_uncaught()
     settings = settings_of(root=root, host=host, port=port)
     if workers is not None:
         shared = settings.worker.model_copy(update={"count": workers})
@@ -58,7 +61,10 @@ def serve(
     try:
         Supervisor(settings, log_json=log_json).run(announce=typer.echo)
     except (EngineError, ServiceError) as error:
-        typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
+        if log_json:
+            structlog.get_logger().error(error.message, code=error.code, hint=error.hint)
+        else:
+            typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
         raise typer.Exit(USAGE) from error
 
 

@@ -2,6 +2,7 @@
 
 import socket
 import ssl
+import sys
 from collections.abc import Callable
 
 import uvicorn
@@ -13,6 +14,9 @@ from fvs_service.gateway.rest.app import create_app
 from fvs_service.settings import Settings
 
 _STOP_WITHIN_S = 5
+_UNREAD_MS = 120_000
+_SWITCH_S = 0.001
+"""How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
 
 def run_gateway(
@@ -23,12 +27,14 @@ def run_gateway(
     Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
     """
     require_protection(settings)
+    sys.setswitchinterval(_SWITCH_S)
     config = uvicorn.Config(
         create_app(settings, make_runners),
         host=settings.host,
         port=settings.port,
-        http=http_protocol(settings.upload_idle_s),
-        log_level="warning",
+        http=http_protocol(settings.upload_idle_s, read_within_s=settings.read_within_s),
+        ws="none",
+        log_config=None,  # see ``fvs_service.logs``
         access_log=False,
         server_header=False,
         timeout_keep_alive=30,
@@ -52,7 +58,10 @@ def listen(config: uvicorn.Config) -> socket.socket:
     would wait 40 ms for the client's acknowledgement of their first part.
     """
     listening = config.bind_socket()
-    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # connections inherit it
+    # Connections inherit these options.
+    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # a client that reads nothing more does not keep its connection
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
     return listening
 
 

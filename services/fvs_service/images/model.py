@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp
+from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp, within
 from fvs_service.quantities import Altitude, AsText, Coordinate, Latitude, Longitude, Tilt, Yaw
 from fvs_service.scenes.model import AltitudeDatum
 
@@ -174,7 +174,11 @@ class DigestCheck(Model):
         }
     )
 
-    digests: Annotated[tuple[Digest, ...], Field(min_length=1, max_length=10_000)]
+    digests: Annotated[
+        tuple[Digest, ...],
+        Field(min_length=1, max_length=10_000, fail_fast=True),
+        within("digests_per_check"),
+    ]
 
 
 class DigestAnswer(Model):

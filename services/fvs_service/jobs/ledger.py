@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import structlog
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
@@ -17,6 +18,8 @@ from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, JobStageRow
 
 _REPORT_EVERY_S = 0.25
+
+_log = structlog.get_logger()
 
 
 class Ledger:
@@ -125,6 +128,24 @@ class Ledger:
                 data = {"job_id": job_id, "error": values.get("error"), "snapshot_id": job.snapshot_id}
                 publish(session, lease.scene_id, kind, data)
         self._reported.pop(job_id, None)
+        if job is not None:
+            _log_end(job)
+
+
+def _log_end(job: Job) -> None:
+    seconds = None
+    if job.started_at is not None and job.finished_at is not None:
+        seconds = round((job.finished_at - job.started_at).total_seconds(), 3)
+    _log.info(
+        "job ended",
+        job=job.id,
+        scene=job.scene_id,
+        kind=job.kind.value,
+        state=job.state.value,
+        attempt=job.attempt,
+        seconds=seconds,
+        error=None if job.error is None else job.error.code,
+    )
 
 
 def record_stage(session: Session, job_id: str, name: str, document: Mapping[str, Any]) -> None:

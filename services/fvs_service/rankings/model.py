@@ -7,7 +7,7 @@ from pydantic.config import JsonDict
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
-from fvs_service.model import WHOLE, Count, Model, Number, Timestamp
+from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, within
 from fvs_service.quantities import Coordinate, Length, Vector
 from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.poses import FramePose, Pose
@@ -99,7 +99,14 @@ class RankingRequest(Model):
         }
     )
 
-    candidates: Annotated[tuple[CandidateRequest, ...], Field(min_length=1)] | None = None
+    candidates: (
+        Annotated[
+            tuple[CandidateRequest, ...],
+            Field(min_length=1, fail_fast=True),
+            within("candidates_per_ranking"),
+        ]
+        | None
+    ) = None
     generator: Generator | None = None
     current_pose: Pose | None = None
     radius_m: Length | None = None
@@ -121,12 +128,11 @@ class RankingRequest(Model):
             raise ValueError("radius_m needs a current_pose to be measured from")
         if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
             raise ValueError("around-current needs current_pose and radius_m")
-        ids = [candidate.id for candidate in self.candidates or ()]
-        repeated = (
-            next((name for name in ids if ids.count(name) > 1), None) if len(set(ids)) < len(ids) else None
-        )
-        if repeated is not None:
-            raise ValueError(f"two candidates have the id {repeated}")
+        seen: set[str] = set()
+        for candidate in self.candidates or ():
+            if candidate.id in seen:
+                raise ValueError(f"two candidates have the id {candidate.id}")
+            seen.add(candidate.id)
         return self
 
 

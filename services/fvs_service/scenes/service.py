@@ -40,6 +40,12 @@ class Scenes:
             remembered.remember(session, scene_id)
             return repository.scene_of(session, principal, scene_id)
 
+    def require(self, principal: Principal, scope: Scope, scene_id: str) -> None:
+        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` when there is no such scene."""
+        principal.require(scope, scene_id)
+        with self._database.reading() as session:
+            repository.scene_head_of(session, principal, scene_id)
+
     def get(self, principal: Principal, scene_id: str) -> Scene:
         """One scene; raises ``NotFoundError``."""
         principal.require(Scope.READ, scene_id)

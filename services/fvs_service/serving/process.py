@@ -10,8 +10,8 @@ import sys
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.records import Record
 from fvs_service.application import open_storage
+from fvs_service.logs import configure_logging, log_uncaught
 from fvs_service.settings import Settings
-from fvs_service.telemetry import configure_logging
 from fvs_service.worker.process import run_worker
 from fvs_service.worker.runners import LeasedRunners
 
@@ -33,6 +33,7 @@ def main() -> None:
     order = ProcessOrder.model_validate_json(sys.stdin.buffer.readline())
     end_with_parent(order.parent)
     configure_logging(machine=order.log_json)
+    log_uncaught()
     if role == GATEWAY:
         _run_gateway(order)
     else:

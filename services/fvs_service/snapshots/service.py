@@ -72,6 +72,12 @@ class Snapshots:
         self._database = database
         self._blobs = blobs
 
+    def require(self, principal: Principal, scope: Scope, snapshot_id: str) -> None:
+        """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` when there is no such snapshot."""
+        principal.require(scope, principal.scene_id)
+        with self._database.reading() as session:
+            repository.snapshot_of(session, principal, snapshot_id)
+
     def get(self, principal: Principal, snapshot_id: str) -> Snapshot:
         """One snapshot; raises ``NotFoundError``."""
         principal.require(Scope.READ, principal.scene_id)

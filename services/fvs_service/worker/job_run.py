@@ -126,7 +126,6 @@ class JobRuns:
         shutil.rmtree(folder / "outcome" / job.id, ignore_errors=True)
         with self._storage.database.writing() as session:
             set_working_bytes(session, job.scene_id, _size_bytes(folder))
-        _log.info("job ended", job=job.id)
 
     def _compute_and_commit(self, leased: LeasedScene, job: Job) -> None:
         """Do what no earlier try has committed."""

@@ -5,6 +5,7 @@ import contextlib
 import importlib.metadata
 from collections.abc import AsyncIterator
 
+import anyio
 import anyio.to_thread
 from fastapi import FastAPI
 
@@ -21,12 +22,17 @@ from fvs_service.gateway.rest import (
     service,
     snapshots,
 )
-from fvs_service.gateway.rest.middleware import BodyGuard, RequestContext
+from fvs_service.gateway.rest.body_guard import BodyGuard
+from fvs_service.gateway.rest.middleware import RequestContext
+from fvs_service.gateway.rest.origins import OriginGuard
+from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
 
 _THREADS = 160
 """Threads of handlers that may wait at the same time, for the database or for a runner."""
+_PARSERS = 2
+"""Threads that parse bodies: more would only keep the event loop from the interpreter."""
 
 
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
@@ -46,6 +52,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 streams_per_tenant=settings.limits.event_streams_per_tenant,
             )
             app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
+            app.state.parsing = anyio.CapacityLimiter(_PARSERS)
             watching = asyncio.create_task(feed.watch())
             try:
                 yield
@@ -63,9 +70,14 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         redirect_slashes=False,
     )
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
+    app.add_middleware(OriginGuard, settings=settings)
     app.add_middleware(RequestContext, metrics=metrics)
     problems.install(app)
+    bodies = []
     for module in (scenes, images, jobs, events, rankings, snapshots, service):
         app.include_router(module.router)
-    openapi.describe(app, keys_required=settings.keys_required)
+        bodies += [
+            route.body for route in module.router.routes if isinstance(route, JsonRoute) and route.body
+        ]
+    openapi.describe(app, bodies, keys_required=settings.keys_required)
     return app

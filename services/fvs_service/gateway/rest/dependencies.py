@@ -1,7 +1,9 @@
 """Dependencies of handlers: the application, the principal, and parts of requests that routes share."""
 
+from collections.abc import Awaitable, Callable
 from typing import Annotated, TypeVar
 
+from anyio import CapacityLimiter
 from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.concurrency import run_in_threadpool
@@ -11,7 +13,7 @@ from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.ids import new_id
 from fvs_service.model import NumberedPage, Page
-from fvs_service.principal import Principal
+from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
 
 PageT = TypeVar("PageT", bound=Page)
@@ -39,9 +41,15 @@ async def _metrics(request: Request) -> Metrics:
     return metrics
 
 
+async def _parsing(request: Request) -> CapacityLimiter:
+    limiter: CapacityLimiter = request.app.state.parsing
+    return limiter
+
+
 App = Annotated[Application, Depends(_application)]
 Feed = Annotated[EventFeed, Depends(_feed)]
 Counters = Annotated[Metrics, Depends(_metrics)]
+Parsing = Annotated[CapacityLimiter, Depends(_parsing)]
 
 
 async def _caller(
@@ -94,6 +102,33 @@ SceneId = Annotated[str, _id("scn", "scene")]
 JobId = Annotated[str, _id("job", "job")]
 SnapshotId = Annotated[str, _id("snp", "snapshot")]
 RankingId = Annotated[str, _id("rnk", "ranking")]
+
+
+async def operator(caller: Caller) -> Principal:
+    """The caller, who may create scenes."""
+    caller.require(Scope.OPERATE)
+    return caller
+
+
+def _of_scene(scope: Scope) -> Callable[..., Awaitable[Principal]]:
+    async def permitted(app: App, caller: Caller, scene_id: SceneId) -> Principal:
+        await run_in_threadpool(app.scenes.require, caller, scope, scene_id)
+        return caller
+
+    return permitted
+
+
+async def snapshot_operator(app: App, caller: Caller, snapshot_id: SnapshotId) -> Principal:
+    """The caller, who may operate the scene of the path's snapshot; it exists."""
+    await run_in_threadpool(app.storage.snapshots.require, caller, Scope.OPERATE, snapshot_id)
+    return caller
+
+
+scene_uploader, scene_operator = _of_scene(Scope.UPLOAD), _of_scene(Scope.OPERATE)
+SceneUploader = Annotated[Principal, Depends(scene_uploader)]
+"""The caller, who may upload to the scene of the path; it exists."""
+SceneOperator = Annotated[Principal, Depends(scene_operator)]
+"""The caller, who may operate the scene of the path; it exists."""
 
 
 def set_location(response: Response, path: str) -> None:

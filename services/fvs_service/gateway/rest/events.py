@@ -4,16 +4,17 @@ from collections.abc import AsyncIterator
 from contextlib import ExitStack
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query
+from fastapi import Header, Query
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from fvs_service.events.feed import EventFeed
 from fvs_service.events.model import Event
 from fvs_service.gateway.rest.dependencies import Caller, Counters, Feed, SceneId
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.telemetry import Metrics
 
-router = APIRouter(prefix="/v1/scenes", tags=["events"])
+router = json_router("/v1/scenes", "events")
 
 _RECONNECT_MS = 1000
 _HEARTBEAT = ": heartbeat\n\n"

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi import Depends, Header, Path, Query, Request, Response
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
@@ -12,9 +12,19 @@ from fvs_service.errors import (
     MalformedRequestError,
     UnsupportedMediaTypeError,
 )
-from fvs_service.gateway.rest.dependencies import App, Caller, Counters, NumberedPaging, SceneId
+from fvs_service.gateway.rest.bodies import blocks, json_body
+from fvs_service.gateway.rest.dependencies import (
+    App,
+    Caller,
+    Counters,
+    NumberedPaging,
+    SceneId,
+    SceneUploader,
+    scene_uploader,
+)
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest, require_digest
 from fvs_service.gateway.rest.multipart import receive_files
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.model import (
     DigestAnswer,
     DigestCheck,
@@ -27,7 +37,7 @@ from fvs_service.images.model import (
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
-router = APIRouter(prefix="/v1/scenes/{scene_id}", tags=["images"])
+router = json_router("/v1/scenes/{scene_id}", "images")
 
 Hex = Annotated[
     str, Path(pattern=r"^[0-9a-f]{64}$", description="The SHA-256 of the image's bytes.", examples=["0" * 64])
@@ -57,7 +67,12 @@ _KNOWN: dict[int | str, dict[str, Any]] = {
 
 
 @router.post("/images:check")
-def check_images(app: App, caller: Caller, scene_id: SceneId, request: DigestCheck) -> DigestAnswer:
+def check_images(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    request: Annotated[DigestCheck, Depends(json_body(DigestCheck, scene_uploader))],
+) -> DigestAnswer:
     """Check which images the scene has, so that none is sent twice."""
     return app.images.check(caller, scene_id, request)
 
@@ -65,7 +80,7 @@ def check_images(app: App, caller: Caller, scene_id: SceneId, request: DigestChe
 @router.put("/images/sha256:{hexadecimal}", status_code=201, responses=_KNOWN, openapi_extra=_PUT)
 async def put_image(
     app: App,
-    caller: Caller,
+    caller: SceneUploader,
     metrics: Counters,
     scene_id: SceneId,
     hexadecimal: Hex,
@@ -87,7 +102,7 @@ async def put_image(
 
 @router.post("/images", openapi_extra=_FORM)
 async def post_images(
-    app: App, caller: Caller, metrics: Counters, scene_id: SceneId, request: Request
+    app: App, caller: SceneUploader, metrics: Counters, scene_id: SceneId, request: Request
 ) -> UploadAnswer:
     """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
     await run_in_threadpool(app.images.require_open, caller, scene_id)
@@ -137,8 +152,8 @@ async def _receive(
         app.upload_limit.slot(caller.tenant_id),
         app.staging.receive(_declared_bytes(request)) as receiver,
     ):
-        async for chunk in request.stream():
-            receiver.write(chunk)
+        async for block in blocks(request):
+            await run_in_threadpool(receiver.write, block)
         staged = receiver.finish()
         require_digest(staged.digest, digest)
         image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)

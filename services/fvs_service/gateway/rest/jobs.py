@@ -1,8 +1,11 @@
 """Jobs over REST."""
 
-from fastapi import APIRouter, Response
+from typing import Annotated
+
+from fastapi import Depends, Response
 from starlette.convertors import StringConvertor, register_url_convertor
 
+from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -10,11 +13,13 @@ from fvs_service.gateway.rest.dependencies import (
     JobId,
     Paging,
     SceneId,
+    scene_operator,
     set_location,
 )
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.jobs.model import Job, JobList, JobRequest
 
-router = APIRouter(prefix="/v1", tags=["jobs"])
+router = json_router("/v1", "jobs")
 
 
 class _Plain(StringConvertor):
@@ -31,7 +36,7 @@ def create_job(
     app: App,
     caller: Caller,
     scene_id: SceneId,
-    request: JobRequest,
+    request: Annotated[JobRequest, Depends(json_body(JobRequest, scene_operator))],
     response: Response,
     key: IdempotencyKey = None,
 ) -> Job:

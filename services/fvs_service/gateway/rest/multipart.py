@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from python_multipart import MultipartParser
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import parse_options_header
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
+from fvs_service.gateway.rest.bodies import blocks
 from fvs_service.images.staging import Receiver, StagedFile, StagingArea
 
 _MAX_HEADER_BYTES = 8_192
+_MAX_HEADERS = 16
+"""Of one part of the form."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,8 @@ async def receive_files(
     parts = _Parts(staging, max_files)
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
-        async for chunk in request.stream():
-            parser.write(chunk)
+        async for block in blocks(request):
+            await run_in_threadpool(parser.write, block)  # a parser in Python, and files
             while parts.complete:
                 receiver, file = parts.complete.pop(0)
                 with receiver:
@@ -60,7 +64,7 @@ class _Parts:
 
     def __init__(self, staging: StagingArea, max_files: int) -> None:
         self._staging, self._max_files = staging, max_files
-        self._field, self._value = b"", b""
+        self._field, self._value, self._headers = b"", b"", 0
         self._disposition: bytes | None = None
         self._name = ""
         self._receiver: Receiver | None = None
@@ -91,6 +95,7 @@ class _Parts:
 
     def _begin(self) -> None:
         self._field, self._value, self._disposition = b"", b"", None
+        self._headers = 0
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
         self._field = self._bounded(self._field + data[start:end])
@@ -99,6 +104,9 @@ class _Parts:
         self._value = self._bounded(self._value + data[start:end])
 
     def _header_end(self) -> None:
+        self._headers += 1
+        if self._headers > _MAX_HEADERS:
+            raise MalformedRequestError("A part of the form has too many headers.")
         if self._field.lower() == b"content-disposition":
             self._disposition = self._value
         self._field, self._value = b"", b""

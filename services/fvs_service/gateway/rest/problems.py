@@ -6,8 +6,9 @@ from http import HTTPStatus
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from fvs_engine.errors import EngineError
@@ -17,6 +18,8 @@ from fvs_service.gateway.rest import validation
 from fvs_service.model import Model
 
 MEDIA_TYPE = "application/problem+json"
+CLIENT_GONE = 499
+"""What logs and metrics show for a request whose client hung up before its end, as in nginx."""
 _METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
 
 _BY_STATUS: Mapping[int, type[ServiceError]] = {
@@ -62,6 +65,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(EngineError, _engine_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(ClientDisconnect, _client_gone)
     app.add_exception_handler(Exception, _unexpected_error)
 
 
@@ -102,7 +106,7 @@ async def _engine_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
-    return problem_response(request, validation.error_of(request, error))
+    return problem_response(request, validation.invalid_request(error))
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
@@ -125,6 +129,10 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     else:
         problem = kind(str(error.detail))
     return problem_response(request, problem, headers)
+
+
+async def _client_gone(_request: Request, _error: Exception) -> Response:
+    return Response(status_code=CLIENT_GONE)  # for the log and the metrics: nobody receives it
 
 
 def _allowed_methods(request: Request) -> list[str]:

@@ -2,9 +2,10 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import Depends, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -12,12 +13,14 @@ from fvs_service.gateway.rest.dependencies import (
     IdempotencyKey,
     RankingId,
     SceneId,
+    scene_operator,
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.rankings.model import Ranking, RankingRequest
 from fvs_service.rankings.port import ViewImage
 
-router = APIRouter(prefix="/v1", tags=["rankings"])
+router = json_router("/v1", "rankings")
 
 _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
 
@@ -29,7 +32,7 @@ async def create_ranking(
     metrics: Counters,
     caller: Caller,
     scene_id: SceneId,
-    request: RankingRequest,
+    request: Annotated[RankingRequest, Depends(json_body(RankingRequest, scene_operator))],
     timeout_s: TimeoutS,
     key: IdempotencyKey = None,
 ) -> Response:

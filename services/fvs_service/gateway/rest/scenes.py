@@ -1,16 +1,33 @@
 """Scenes over REST."""
 
-from fastapi import APIRouter, Response
+from typing import Annotated
 
-from fvs_service.gateway.rest.dependencies import App, Caller, IdempotencyKey, Paging, SceneId, set_location
+from fastapi import Depends, Response
+
+from fvs_service.gateway.rest.bodies import json_body
+from fvs_service.gateway.rest.dependencies import (
+    App,
+    Caller,
+    IdempotencyKey,
+    Paging,
+    SceneId,
+    operator,
+    scene_operator,
+    set_location,
+)
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 
-router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
+router = json_router("/v1/scenes", "scenes")
 
 
 @router.post("", status_code=201)
 def create_scene(
-    app: App, caller: Caller, request: SceneRequest, response: Response, key: IdempotencyKey = None
+    app: App,
+    caller: Caller,
+    request: Annotated[SceneRequest, Depends(json_body(SceneRequest, operator))],
+    response: Response,
+    key: IdempotencyKey = None,
 ) -> Scene:
     """Create a scene."""
     scene = app.scenes.create(caller, request, key)
@@ -31,7 +48,12 @@ def get_scene(app: App, caller: Caller, scene_id: SceneId) -> Scene:
 
 
 @router.patch("/{scene_id}")
-def change_scene(app: App, caller: Caller, scene_id: SceneId, change: SceneChange) -> Scene:
+def change_scene(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    change: Annotated[SceneChange, Depends(json_body(SceneChange, scene_operator))],
+) -> Scene:
     """Rename a scene, or change its policy or retention."""
     return app.scenes.change(caller, scene_id, change)
 

@@ -4,7 +4,7 @@ import importlib.metadata
 import shutil
 from typing import Annotated
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import Field
 from sqlalchemy import text
@@ -13,10 +13,11 @@ from sqlalchemy.exc import SQLAlchemyError
 from fvs_engine.images.pixels import FORMATS
 from fvs_service.errors import OutOfSpaceError, UnavailableError
 from fvs_service.gateway.rest.dependencies import App, Caller, Counters
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.model import Model
 from fvs_service.settings import Limits
 
-router = APIRouter(tags=["service"])
+router = json_router("", "service")
 
 _TEXT = {200: {"description": "Prometheus' text format.", "content": {"text/plain": {}}}}
 

@@ -2,14 +2,23 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path
+from fastapi import Depends, Header, Path
 from fastapi.responses import Response, StreamingResponse
 
 from fvs_service.errors import RangeError
-from fvs_service.gateway.rest.dependencies import App, Caller, Paging, SceneId, SnapshotId
+from fvs_service.gateway.rest.bodies import json_body
+from fvs_service.gateway.rest.dependencies import (
+    App,
+    Caller,
+    Paging,
+    SceneId,
+    SnapshotId,
+    snapshot_operator,
+)
+from fvs_service.gateway.rest.routing import json_router
 from fvs_service.snapshots.model import MEDIA_TYPES, Artifact, Snapshot, SnapshotChange, SnapshotList
 
-router = APIRouter(prefix="/v1", tags=["snapshots"])
+router = json_router("/v1", "snapshots")
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _BYTES = {"content": {kind: {} if kind == "application/json" else _BINARY for kind in MEDIA_TYPES.values()}}
@@ -33,7 +42,12 @@ def get_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> Snapshot:
 
 
 @router.patch("/snapshots/{snapshot_id}")
-def change_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId, change: SnapshotChange) -> Snapshot:
+def change_snapshot(
+    app: App,
+    caller: Caller,
+    snapshot_id: SnapshotId,
+    change: Annotated[SnapshotChange, Depends(json_body(SnapshotChange, snapshot_operator))],
+) -> Snapshot:
     """Pin a snapshot, so that retention keeps it, or unpin it."""
     return app.storage.snapshots.change(caller, snapshot_id, change)
 

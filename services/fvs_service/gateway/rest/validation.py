@@ -1,64 +1,55 @@
 """Errors for requests that do not fit their model: which part is invalid, and why."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
-from fastapi import Request
 from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
 
-from fvs_service.errors import (
-    FieldError,
-    InvalidRequestError,
-    MalformedRequestError,
-    ServiceError,
-    UnsupportedMediaTypeError,
-)
+from fvs_service.errors import FieldError, InvalidRequestError
 
-_MAX_FIELDS = 32
+_MAX_FIELDS = 16
+_MAX_CHARACTERS = 300
+"""Of a field's name and of a message: both may repeat what was sent."""
 _VALIDATOR = "Value error, "
 """Pydantic's prefix of the messages of our validators."""
 _MESSAGES = {"extra_forbidden": "there is no such field", "missing": "it is missing"}
 _HINT = "GET /openapi.json describes the request."
 
 
-def error_of(request: Request, error: RequestValidationError) -> ServiceError:
-    """The service's error for one of the framework's."""
-    found = error.errors()
-    for item in found:
-        if item["type"] == "json_invalid":
-            reason = item.get("ctx", {}).get("error", "it is broken")
-            return MalformedRequestError(
-                f"The body is not JSON: {reason}, at character {item['loc'][-1]}.",
-                hint="See RFC 8259 for the syntax of JSON.",
-            )
-    if any(tuple(item["loc"]) == ("body",) for item in found) and not _is_json(request, error.body):
-        kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-        return UnsupportedMediaTypeError(
-            f"The body is {kind}." if kind else "The body has no Content-Type.",
-            hint="Send JSON with Content-Type: application/json.",
-        )
-    fields = tuple(_field(item, error.body) for item in found[:_MAX_FIELDS])
-    first = fields[0]
+def invalid_request(error: RequestValidationError) -> InvalidRequestError:
+    """The error for path, query and headers that do not fit."""
+    found = error.errors()[:_MAX_FIELDS]
+    return _error(_field(item["type"], item["msg"], item["loc"][1:]) for item in found)
+
+
+def invalid_body(error: ValidationError, body: object) -> InvalidRequestError:
+    """The error for a ``body`` that does not fit its model."""
+    found = error.errors(include_url=False, include_context=False, include_input=False)[:_MAX_FIELDS]
+    return _error(
+        _field(item["type"], item["msg"], _path(item["loc"], body, missing=item["type"] == "missing"))
+        for item in found
+    )
+
+
+def _error(fields: Iterable[FieldError]) -> InvalidRequestError:
+    found = tuple(dict.fromkeys(fields))  # dependencies may share a parameter
+    first = found[0]
     sentence = f"{first.field}: {first.message}." if first.field else _sentence(first.message)
-    return InvalidRequestError(sentence, errors=fields, hint=_HINT)
+    return InvalidRequestError(sentence, errors=found, hint=_HINT)
+
+
+def _field(kind: str, message: str, path: Iterable[str | int]) -> FieldError:
+    said = _MESSAGES.get(kind) or message.removeprefix(_VALIDATOR)
+    return FieldError(_short(".".join(map(str, path))), _short(said))
 
 
 def _sentence(message: str) -> str:
     return f"{message[:1].upper()}{message[1:]}."
 
 
-def _is_json(request: Request, body: object) -> bool:
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    return kind.endswith(("/json", "+json")) or body is None
-
-
-def _field(item: Mapping[str, Any], body: object) -> FieldError:
-    message = _MESSAGES.get(item["type"]) or str(item["msg"]).removeprefix(_VALIDATOR)
-    where, *inside = item["loc"]
-    if where == "body":
-        inside = _path(inside, body, missing=item["type"] == "missing")
-    return FieldError(".".join(map(str, inside)), message)
+def _short(text: str) -> str:
+    return text if len(text) <= _MAX_CHARACTERS else f"{text[:_MAX_CHARACTERS]}…"
 
 
 def _path(location: Sequence[str | int], body: object, *, missing: bool) -> list[str | int]:

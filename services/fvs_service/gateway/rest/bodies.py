@@ -1,0 +1,142 @@
+"""JSON bodies: read after the caller is known, parsed and validated in a thread, at a bounded cost.
+
+The interpreter's lock is held while C code parses, so a thread alone does not protect the event loop: the
+number of values, the digits of a number and the fields of an object are limited as well.
+"""
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Annotated, Any, TypeVar
+
+import anyio.to_thread
+from fastapi import Depends, Request
+from pydantic import ValidationError
+from starlette.requests import ClientDisconnect
+
+from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
+from fvs_service.gateway.rest.dependencies import App, Parsing
+from fvs_service.gateway.rest.validation import invalid_body
+from fvs_service.model import Model
+from fvs_service.principal import Principal
+from fvs_service.settings import Limits
+
+ModelT = TypeVar("ModelT", bound=Model)
+
+_BYTES_PER_VALUE = 32
+"""A body of the largest allowed size may have one value per so many bytes. Ten times fewer are in use."""
+_MAX_DIGITS = 64
+_MAX_FIELDS = 64
+_BLOCK_BYTES = 262_144
+
+
+def json_body(
+    kind: type[ModelT], permitted: Callable[..., Awaitable[Principal]]
+) -> Callable[..., Awaitable[ModelT]]:
+    """A dependency that reads the body as a ``kind``, after ``permitted`` has let the caller pass.
+
+    FastAPI would read, parse and validate a body on the event loop, before any dependency runs.
+    """
+
+    async def read(
+        request: Request, app: App, parsing: Parsing, _caller: Annotated[Principal, Depends(permitted)]
+    ) -> ModelT:
+        content = await request.body()
+        _require_json(request, content)
+        limits = app.storage.settings.limits
+        return await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=parsing)
+
+    read.kind = kind  # type: ignore[attr-defined]  # for the OpenAPI document
+    return read
+
+
+def parse(kind: type[ModelT], content: bytes, limits: Limits) -> ModelT:
+    """The body as a ``kind``; raises ``MalformedRequestError`` and ``InvalidRequestError``.
+
+    ``limits`` are the validation's context.
+    """
+    document = _document(content, limits.json_bytes // _BYTES_PER_VALUE)
+    try:
+        return kind.model_validate(document, context={"limits": limits})
+    except ValidationError as error:
+        raise invalid_body(error, document) from None
+
+
+async def blocks(request: Request) -> AsyncIterator[bytes]:
+    """The body in blocks that are worth a call of a thread; the last one may be shorter.
+
+    What arrived before the client hung up comes before its ``ClientDisconnect``.
+    """
+    block = bytearray()
+    try:
+        async for chunk in request.stream():
+            block += chunk
+            if len(block) >= _BLOCK_BYTES:
+                yield bytes(block)
+                block.clear()
+    except ClientDisconnect:
+        if block:
+            yield bytes(block)
+        raise
+    if block:
+        yield bytes(block)
+
+
+def _require_json(request: Request, content: bytes) -> None:
+    if not content:
+        raise InvalidRequestError("The body is empty.", hint="GET /openapi.json describes the request.")
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if not (kind.startswith("application/") and kind.endswith(("/json", "+json"))):
+        raise UnsupportedMediaTypeError(
+            f"The body is {kind[:100]}." if kind else "The body has no Content-Type.",
+            hint="Send JSON with Content-Type: application/json.",
+        )
+
+
+def _document(content: bytes, max_values: int) -> Any:
+    if content.count(b",") >= max_values:
+        raise InvalidRequestError(
+            f"The body has more than {max_values} values.", hint="Split it into several requests."
+        )
+    try:
+        return json.loads(
+            content.decode(),
+            object_pairs_hook=_object,
+            parse_int=_integer,
+            parse_float=_number,
+        )
+    except json.JSONDecodeError as error:
+        raise MalformedRequestError(
+            f"The body is not JSON: {error.msg}, at character {error.pos}.",
+            hint="See RFC 8259 for the syntax of JSON.",
+        ) from None
+    except UnicodeDecodeError:
+        raise MalformedRequestError("The body is not UTF-8.", hint="Send JSON in UTF-8.") from None
+    except RecursionError:
+        raise MalformedRequestError("The body is nested too deeply.") from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > _MAX_FIELDS:
+        raise InvalidRequestError(
+            f"The body has an object with {len(pairs)} fields; {_MAX_FIELDS} are allowed."
+        )
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise MalformedRequestError("The body has an object with a field twice.")
+    return found
+
+
+def _integer(digits: str) -> int:
+    return int(_short(digits))
+
+
+def _number(digits: str) -> float:
+    return float(_short(digits))  # the model refuses what is not finite, and names the field
+
+
+def _short(digits: str) -> str:
+    if len(digits) > _MAX_DIGITS:
+        raise MalformedRequestError(
+            f"The body has a number of {len(digits)} characters; {_MAX_DIGITS} are allowed."
+        )
+    return digits

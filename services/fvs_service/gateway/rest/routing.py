@@ -1,0 +1,62 @@
+"""Routes that keep JSON away from the event loop.
+
+Their bodies are read by dependencies (``bodies.json_body``), their results serialised in the thread of the
+handler.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+
+from fvs_service.model import Model
+
+
+class JsonRoute(APIRoute):
+    """Serialises the models that its endpoint returns; FastAPI would do it on the event loop."""
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        super().__init__(path, _serialising(endpoint, options.get("status_code") or 200), **options)
+        kinds = (getattr(dependency.call, "kind", None) for dependency in self.dependant.dependencies)
+        self.body: type[Model] | None = next((kind for kind in kinds if kind is not None), None)
+        if self.body is not None:
+            schema = {"$ref": f"#/components/schemas/{self.body.__name__}"}
+            content = {"application/json": {"schema": schema}}
+            self.openapi_extra = {"requestBody": {"required": True, "content": content}}
+
+
+def json_router(prefix: str, tag: str) -> APIRouter:
+    """A router of ``JsonRoute``."""
+    return APIRouter(prefix=prefix, tags=[tag], route_class=JsonRoute)
+
+
+def _serialising(endpoint: Callable[..., Any], status: int) -> Callable[..., Any]:
+    """The endpoint with a ``Response`` in place of the model that it returns."""
+
+    def serialised(result: Any, given: Any) -> Any:
+        if not isinstance(result, Model):
+            return result
+        made = Response(result.model_dump_json(), status, media_type="application/json")
+        if isinstance(given, Response):  # the endpoint's parameter for headers and another status
+            made.status_code = given.status_code or status
+            made.raw_headers.extend(given.headers.raw)
+        return made
+
+    if inspect.iscoroutinefunction(endpoint):
+
+        @functools.wraps(endpoint)
+        async def call_async(**arguments: Any) -> Any:
+            result = await endpoint(**arguments)
+            return await run_in_threadpool(serialised, result, arguments.get("response"))
+
+        return call_async
+
+    @functools.wraps(endpoint)
+    def call(**arguments: Any) -> Any:
+        return serialised(endpoint(**arguments), arguments.get("response"))
+
+    return call

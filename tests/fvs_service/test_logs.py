@@ -1,0 +1,71 @@
+"""Every line of a process of the service has one form."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+_PROGRAM = """
+import logging, sys, threading, warnings
+from fvs_service.logs import configure_logging, log_uncaught
+configure_logging(machine=sys.argv[1] == "json")
+log_uncaught()
+import structlog
+structlog.get_logger().info("ours", number=1)
+import uvicorn.config
+uvicorn.Config(None, log_config=None)
+logging.getLogger("uvicorn.error").error("Cancel %d running task(s)", 3)
+logging.getLogger("alembic").warning("of the queue")
+logging.getLogger("alembic").info("not of interest")
+logging.getLogger("asyncio").error("of the loop")
+warnings.warn("a warning")
+try:
+    raise ValueError("caught")
+except ValueError:
+    logging.getLogger("other").exception("with a traceback")
+thread = threading.Thread(target=lambda: 1 / 0, name="a thread")
+thread.start()
+thread.join()
+raise RuntimeError("uncaught")
+"""
+
+
+def _lines(form: str) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM, form], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1
+    return done.stderr.splitlines()
+
+
+@pytest.mark.process
+def test_every_line_is_json() -> None:
+    lines = [json.loads(line) for line in _lines("json")]
+    said = [line["event"] for line in lines]
+    for expected in ("ours", "Cancel 3 running task(s)", "of the queue", "of the loop", "with a traceback"):
+        assert said.count(expected) == 1, said
+    assert any("a warning" in sentence for sentence in said)
+    assert not any("not of interest" in sentence for sentence in said)
+    assert sum("ZeroDivisionError" in line.get("exception", "") for line in lines) == 1
+    assert "RuntimeError: uncaught" in lines[-1]["exception"]
+    assert {line["level"] for line in lines} <= {"info", "warning", "error", "critical"}
+    assert all(line["timestamp"].endswith("Z") for line in lines)
+
+
+@pytest.mark.process
+def test_people_read_the_same_lines() -> None:
+    text = "\n".join(_lines("text"))
+    assert "Cancel 3 running task(s)" in text
+    assert "RuntimeError: uncaught" in text
+
+
+def test_the_end_of_a_job_is_logged(gateway: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    ended = [json.loads(line) for line in capfd.readouterr().err.splitlines() if '"job ended"' in line]
+    assert [(line["state"], line["kind"], line["scene"]) for line in ended] == [
+        ("succeeded", "update", scene)
+    ]
+    assert ended[0]["seconds"] >= 0
