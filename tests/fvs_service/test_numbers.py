@@ -176,7 +176,7 @@ def _floats(value: Any) -> Iterator[float]:
         yield value
 
 
-def _unrendered(request: RankViews) -> RankedViews:
+async def _unrendered(request: RankViews) -> RankedViews:
     """All views ranked in their order."""
     ranked = tuple(
         RankedCandidate(rank, view.name, 0.0, CandidateStatus.RANKED, 1.0, request.distances.get(view.name))

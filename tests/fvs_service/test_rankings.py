@@ -232,3 +232,19 @@ def test_vehicle_poses_are_placed_about_the_origin(gateway: Any) -> None:
     assert place["pose"]["position"] == pytest.approx([0.0, 0.0, 10.0], abs=1e-6)
     wrong_datum = {**pose, "altitude_datum": "ellipsoid"}
     assert _rank(gateway, scene, candidates=[{"id": "a", "pose": wrong_datum}]).status_code == 422
+
+
+def test_a_ranking_on_an_ill_conditioned_alignment_says_so(gateway: Any) -> None:
+    origin = {"latitude_deg": 48.3, "longitude_deg": 7.25, "altitude_m": 400.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ILL_CONDITIONED))
+    vehicle = {**origin, "altitude_m": 404.0, "yaw_deg": 0.0, "pitch_deg": -90.0}
+    for pose in (vehicle, LOOK):
+        (warning,) = _rank(gateway, scene, candidates=[{"id": "a", "pose": pose}]).json()["warnings"]
+        assert warning["code"] == "ill-conditioned"
+        assert "second line" in warning["hint"]
+    in_model = [{"id": "a", "pose": {**LOOK, "frame": "model"}}]
+    assert _rank(gateway, scene, candidates=in_model).json()["warnings"] == []
+    assert _rank(gateway, scene, generator={"kind": "orbit", "count": 2}).json()["warnings"]
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED))
+    assert _rank(gateway, scene, candidates=[{"id": "a", "pose": vehicle}]).json()["warnings"] == []

@@ -58,6 +58,7 @@ from fvs_client.models.rankings import (
     Pose,
     RankedCandidate,
     RankingRequest,
+    RankingWarning,
 )
 from fvs_client.models.scenes import (
     Alignment,
@@ -156,6 +157,7 @@ __all__ = [
     "RankedCandidate",
     "Ranking",
     "RankingRequest",
+    "RankingWarning",
     "Registration",
     "Retention",
     "Retries",

@@ -1,22 +1,38 @@
 """Georeferencing: alignment of a reconstruction with position priors of its images."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.attitudes import Attitude, Headings, model_down
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 
 Array = NDArray[np.float64]
 
-_MIN_ATTITUDES = 2
-_MAX_ATTITUDE_SPREAD_DEG = 10.0
-"""Scatter of the attitudes' turns about the track above which they contradict each other."""
+_GRAVITY_RAD = np.deg2rad(1.0)
+_YAW_RAD = np.deg2rad(5.0)
+"""Standard errors of gravity and of yaw, which the cameras of one flight share: more cameras do not help."""
+_MAX_GRAVITY_ERROR_RAD = np.deg2rad(8.0)
+"""Angle to gravity after the fit from which on the attitudes contradict the positions."""
+_MAX_YAW_ERROR_RAD = np.deg2rad(15.0)
+"""Heading error from which on a compass is disturbed."""
+_MAX_MISFIT = 2.0
+"""RMS distance of the positions with attitudes, over that without, from which on these contradict."""
+_MIN_NOISE_M = 0.02
+"""Standard error of positions, at the least: that of a receiver with corrections."""
+_MAX_UNCERTAINTY_RAD = np.deg2rad(5.0)
+_MOST_ATTITUDES = 300
+"""More say nothing more."""
+_STARTS = 6
+"""Turns about the track from which a fit begins."""
+_MAX_OFF = 4.0
+"""Distance from its position, in standard errors of one coordinate, from which on a camera is an outlier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +51,16 @@ class Georeference:
 def georeference(
     model_from_cameras: Sequence[RigidTransform],
     world_positions: Array,
-    world_from_camera_rotations: Sequence[Array | None] | None = None,
+    attitudes: Sequence[Attitude | None] | None = None,
     *,
     seed: int = 0,
 ) -> Georeference | None:
-    """Align camera centres with position priors [N, 3]; None if the priors do not determine it.
+    """Align camera centres with position priors [N, 3], z up; None if the priors do not determine it.
 
-    Robust: up to half of the positions may be wrong. Where the centres lie on a line the rotation about it is
-    taken from the attitudes (rotations [3, 3] or None per camera), when at least two agree.
+    Robust: up to half of the positions may be wrong. Where the centres lie on a line they leave the rotation
+    about it open, and by their noise its tilt; then positions and attitudes (one or None per camera) are
+    fitted together. Attitudes that contradict each other or the positions are not used; nor are yaws alone
+    that contradict gravity and positions.
     """
     if len(model_from_cameras) < 3:
         return None
@@ -51,38 +69,101 @@ def georeference(
         report = robust_umeyama(centres, world_positions, seed=seed)
     except InvalidInputError:
         return None
-    transform, ill_conditioned = report.transform, report.ill_conditioned
-    if ill_conditioned and world_from_camera_rotations is not None:
-        turn = _turn_about_track(
-            transform, model_from_cameras, world_positions[report.inliers], world_from_camera_rotations
-        )
-        if turn is not None:
-            transform, ill_conditioned = turn @ transform, False
-    return Georeference(transform, report.rms, int(report.inliers.sum()), ill_conditioned)
+    inliers = report.inliers
+    found = Georeference(report.transform, report.rms, int(inliers.sum()), report.ill_conditioned)
+    if not report.ill_conditioned or attitudes is None:
+        return found
+    every = max(1, len(attitudes) // _MOST_ATTITUDES)
+    cameras, known = model_from_cameras[::every], attitudes[::every]
+    reports = _Reports(model_down(cameras, known), Headings.of(cameras, known))
+    count = int(inliers.sum())
+    noise = report.rms / np.sqrt(3.0) * np.sqrt(3 * count / max(3 * count - 7, 1))
+    track = _Track(centres[inliers], world_positions[inliers], max(float(noise), _MIN_NOISE_M))
+    rotation = _with_attitudes(track, track.turns(report.transform.rotation), reports)
+    if rotation is None:
+        return found
+    # Without the attitudes a line fits half of its positions too well, and good ones seemed wrong.
+    off = track.placed(rotation).apply(centres) - world_positions
+    noise = max(1.4826 * float(np.median(np.abs(off))), _MIN_NOISE_M)
+    near = np.linalg.norm(off, axis=1) <= _MAX_OFF * noise
+    track = _Track(centres[near], world_positions[near], noise)
+    refined = _with_attitudes(track, [rotation], reports)
+    if refined is None:
+        return found
+    transform = track.placed(refined)
+    return Georeference(transform, track.rms(transform), int(near.sum()), False)
 
 
-def _turn_about_track(
-    world_from_model: SimilarityTransform,
-    model_from_cameras: Sequence[RigidTransform],
-    track: Array,
-    world_from_camera_rotations: Sequence[Array | None],
-) -> SimilarityTransform | None:
-    """The turn about the line through ``track`` that brings cameras nearest to their attitudes."""
-    middle = track.mean(axis=0)
-    axis = np.linalg.svd(track - middle)[2][0]
-    angles = []
-    for camera, attitude in zip(model_from_cameras, world_from_camera_rotations, strict=True):
-        if attitude is None:
-            continue
-        off = Rotation.from_matrix(attitude @ (world_from_model.rotation @ camera.rotation).T)
-        x, y, z, w = off.as_quat()
-        angles.append(2.0 * math.atan2(float(np.dot([x, y, z], axis)), float(w)))  # swing-twist
-    if len(angles) < _MIN_ATTITUDES:
+@dataclass(frozen=True, eq=False)
+class _Track:
+    """Camera centres in the model, their positions in the world [N, 3], and the positions' noise."""
+
+    centres: Array
+    positions: Array
+    noise: float
+
+    def placed(self, rotation: Array) -> SimilarityTransform:
+        """The best similarity with this rotation; its scale is never negative."""
+        middle, target = self.centres.mean(axis=0), self.positions.mean(axis=0)
+        turned = (self.centres - middle) @ rotation.T
+        lever = float((turned * (self.positions - target)).sum())
+        scale = max(lever, 1e-12) / float((turned**2).sum())
+        return SimilarityTransform(scale, rotation, target - scale * rotation @ middle)
+
+    def misses(self, world_from_model: SimilarityTransform) -> Array:
+        """Differences of the aligned centres from the positions [N, 3]."""
+        return np.asarray(world_from_model.apply(self.centres) - self.positions)
+
+    def rms(self, world_from_model: SimilarityTransform) -> float:
+        """The RMS distance of the aligned centres from the positions."""
+        return float(np.sqrt((self.misses(world_from_model) ** 2).sum(axis=1).mean()))
+
+    def turns(self, rotation: Array) -> list[Array]:
+        """The rotation with turns about the track, of which the positions say nothing."""
+        axis = np.linalg.svd(self.positions - self.positions.mean(axis=0))[2][0]
+        angles = np.arange(_STARTS) * (2.0 * np.pi / _STARTS)
+        return [Rotation.from_rotvec(angle * axis).as_matrix() @ rotation for angle in angles]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reports:
+    """What the cameras' attitudes say: the direction of gravity in the model, if known, and headings."""
+
+    down: Array | None
+    headings: Headings
+
+
+def _with_attitudes(track: _Track, starts: Sequence[Array], reports: _Reports) -> Array | None:
+    """The rotation that positions and attitudes determine; None when they contradict or leave it open."""
+    down, headings = reports.down, reports.headings
+    rotation, uncertainty = (starts[0], np.inf) if down is None else _fit(track, starts, down, None)
+    error = headings.error_rad(rotation)
+    disturbed = error is None or abs(error) > _MAX_YAW_ERROR_RAD
+    if uncertainty > _MAX_UNCERTAINTY_RAD or not disturbed:
+        rotation, uncertainty = _fit(track, starts, down, headings)
+    limit = _MAX_MISFIT * max(track.rms(track.placed(starts[0])), np.sqrt(3.0) * track.noise)
+    tilted = down is not None and np.arccos(np.clip(-(rotation @ down)[2], -1, 1)) > _MAX_GRAVITY_ERROR_RAD
+    if uncertainty > _MAX_UNCERTAINTY_RAD or tilted or track.rms(track.placed(rotation)) > limit:
         return None
-    mean = complex(np.mean(np.exp(1j * np.array(angles))))
-    # For a wrapped normal distribution |mean| = exp(−σ²/2).
-    spread_deg = math.degrees(math.sqrt(-2.0 * math.log(max(abs(mean), 1e-12))))
-    if spread_deg > _MAX_ATTITUDE_SPREAD_DEG:
-        return None
-    rotation = Rotation.from_rotvec(float(np.angle(mean)) * axis).as_matrix()
-    return SimilarityTransform(1.0, rotation, middle - rotation @ middle)
+    return rotation
+
+
+def _fit(
+    track: _Track, starts: Sequence[Array], down: Array | None, headings: Headings | None
+) -> tuple[Array, float]:
+    """The most likely rotation, and its standard error about the least certain axis."""
+
+    def residuals(turn: Array, base: Array) -> Array:
+        rotation = Rotation.from_rotvec(turn).as_matrix() @ base
+        parts = [(track.misses(track.placed(rotation)) / track.noise).ravel()]
+        if down is not None:
+            parts.append((rotation @ down + np.array([0.0, 0.0, 1.0])) / _GRAVITY_RAD)
+        if headings is not None:
+            parts.append(np.array([(headings.error_rad(rotation) or 0.0) / _YAW_RAD]))
+        return np.concatenate(parts)
+
+    fits = [(least_squares(residuals, np.zeros(3), args=(start,)), start) for start in starts]
+    best, start = min(fits, key=lambda found: found[0].cost)
+    rotation = Rotation.from_rotvec(best.x).as_matrix() @ start
+    information = np.linalg.eigvalsh(best.jac.T @ best.jac)[0]
+    return rotation, float(1.0 / np.sqrt(information)) if information > 0 else np.inf

@@ -9,6 +9,7 @@ from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
 from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, within
 from fvs_service.quantities import Coordinate, Length, Vector
+from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.poses import FramePose, Pose
 
@@ -135,6 +136,14 @@ class RankingRequest(Model):
             seen.add(candidate.id)
         return self
 
+    @property
+    def in_model(self) -> bool:
+        """Whether all its poses are given in the model frame."""
+        poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
+        return self.candidates is not None and all(
+            pose is None or (isinstance(pose, FramePose) and pose.frame == "model") for pose in poses
+        )
+
 
 class RankedCandidate(Model):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
@@ -185,4 +194,6 @@ class Ranking(Model):
     """Time of scoring."""
     waited_s: Number = 0.0
     """Time in the queue behind other rankings of the same scene."""
+    warnings: tuple[RankingWarning, ...] = ()
+    """What limits the use of the ranking."""
     created_at: Timestamp

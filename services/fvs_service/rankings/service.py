@@ -24,6 +24,7 @@ from fvs_service.rankings.generators import generate
 from fvs_service.rankings.model import RankedCandidate, Ranking, RankingRequest
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.poses import WorldFrame, require_on_earth, world_poses
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
 from fvs_service.settings import Limits
@@ -193,6 +194,7 @@ class Rankings:
             total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,
+            warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
             created_at=now(),
         )
         with self._database.writing() as session:

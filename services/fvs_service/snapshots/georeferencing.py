@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from fvs_engine.geometry import RigidTransform, quaternion_from_matrix
+from fvs_engine.geometry.alignment.attitudes import Attitude
 from fvs_engine.geometry.alignment.world import georeference
-from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
+from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic
 from fvs_service.images.model import Image, Prior
 from fvs_service.scenes.model import Alignment, AlignmentStatus, Origin, Scene
 from fvs_service.scenes.poses import geodetic_origin
@@ -63,7 +64,5 @@ def world_position(prior: Prior, origin: Origin | None) -> np.ndarray | None:
     return enu_from_geodetic(position, geodetic_origin(origin))
 
 
-def _attitude(prior: Prior | None) -> np.ndarray | None:
-    if prior is None or prior.yaw_deg is None or prior.pitch_deg is None:
-        return None
-    return camera_at(np.zeros(3), prior.yaw_deg, prior.pitch_deg, prior.roll_deg or 0.0).rotation
+def _attitude(prior: Prior | None) -> Attitude | None:
+    return None if prior is None else Attitude(prior.yaw_deg, prior.pitch_deg, prior.roll_deg)

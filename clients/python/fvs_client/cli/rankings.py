@@ -145,6 +145,8 @@ def _print(ranking: Ranking) -> None:
         f"{rest}by {ranking.request.method} on {ranking.snapshot_id}, {ranking.gaussians:,} Gaussians after "
         f"{ranking.iterations:,} iterations, in {ranking.seconds:.2f} s{fallback}"
     )
+    for warning in ranking.warnings:
+        typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
 
 
 def _generator(name: GeneratorName, count: int | None) -> Generator:

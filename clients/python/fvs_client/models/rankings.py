@@ -106,6 +106,15 @@ class RankedCandidate(Answer):
     pose: FramePose
 
 
+class RankingWarning(Answer):
+    """What limits the use of a ranking, and the remedy."""
+
+    code: str
+    """`ill-conditioned`: the world frame may be turned about the line of the photographs."""
+    message: str
+    hint: str
+
+
 class RankingData(Answer):
     """An immutable ranking, with the inputs to repeat it."""
 
@@ -127,6 +136,8 @@ class RankingData(Answer):
     """Time that scoring took."""
     waited_s: float = 0.0
     """Time spent waiting for other rankings of the scene."""
+    warnings: tuple[RankingWarning, ...] = ()
+    """What limits the use of the ranking."""
     created_at: Timestamp
 
     @property

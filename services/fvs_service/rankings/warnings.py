@@ -1,0 +1,37 @@
+"""Warnings on a ranking: what limits its use, and the remedy."""
+
+from enum import StrEnum
+
+from fvs_service.model import Model
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+
+class RankingWarningCode(StrEnum):
+    """The kind of a warning, for programs."""
+
+    ILL_CONDITIONED = "ill-conditioned"
+    """The axes of the world frame may be turned about the line of the cameras."""
+
+
+class RankingWarning(Model):
+    """What limits the use of a ranking, and the remedy."""
+
+    code: RankingWarningCode
+    message: str
+    hint: str
+
+
+_ILL_CONDITIONED = RankingWarning(
+    code=RankingWarningCode.ILL_CONDITIONED,
+    message="The photographs lie on a line, so the world frame may be turned about it by tens of degrees: "
+    "poses in it, geodetic ones too, are not where they were meant.",
+    hint="Fly a second line beside the first, or send yaw, pitch and roll of the camera with every image; or "
+    "give poses in the model frame.",
+)
+
+
+def warnings_of(alignment: Alignment, *, in_model: bool) -> tuple[RankingWarning, ...]:
+    """The warnings on a ranking with this alignment; ``in_model``: all its poses are in the model frame."""
+    if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
+        return (_ILL_CONDITIONED,)
+    return ()
