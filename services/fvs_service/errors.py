@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fvs_engine import errors as engine
+from fvs_service.disclosure import without_paths
 
 
 @dataclass(frozen=True)
@@ -245,10 +246,11 @@ _OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (
 
 
 def from_engine(error: engine.EngineError) -> ServiceError:
-    """The service's error for one of the engine's."""
+    """The service's error for one of the engine's, with file names in place of paths."""
+    message, hint = without_paths(error.message), without_paths(error.hint)
     if error.code == "disk-full":
-        return OutOfSpaceError(error.message, hint=error.hint)
+        return OutOfSpaceError("The disk is full.", hint="Free some space on the service's disk.")
     for kind, service_kind in _OF_ENGINE:
         if isinstance(error, kind):
-            return service_kind(error.message, hint=error.hint)
-    return InternalError(error.message, hint=error.hint)
+            return service_kind(message, hint=hint)
+    return InternalError(message, hint=hint)

@@ -102,6 +102,19 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     assert refused.status_code == 409
 
 
+def test_a_later_update_cannot_change_how_the_model_is_trained(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    path = f"/v1/scenes/{scene}/jobs"
+    for setting in ({"iterations": 50}, {"long_side_px": 400}):
+        refused = gateway.client.post(path, json={"kind": "update", **setting})
+        assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+        assert next(iter(setting)) in refused.json()["detail"]
+        assert "fine" in refused.json()["hint"]
+    assert gateway.client.post(path, json={"kind": "fine", "iterations": 50}).status_code == 202
+    assert gateway.client.post(path, json={"kind": "update"}).status_code == 202
+
+
 def test_a_fine_job_needs_an_update_first(gateway: Any) -> None:
     answer = gateway.client.post(f"/v1/scenes/{gateway.scene()}/jobs", json={"kind": "fine"})
     assert answer.status_code == 409

@@ -56,7 +56,8 @@ class Receiver:
         self._max_bytes = max_bytes
         self._hash = hashlib.sha256()
         self._size = 0
-        self._file = path.open("wb")
+        with full_disk_as_error():
+            self._file = path.open("wb")
 
     def __enter__(self) -> "Receiver":
         return self

@@ -8,6 +8,7 @@ import structlog
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from fvs_service.disclosure import without_paths
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import delete_progress, publish
 from fvs_service.jobs import repository
@@ -102,8 +103,9 @@ class Ledger:
         self._end(lease, job_id, EventKind.JOB_SUCCEEDED, state=JobState.SUCCEEDED.value, progress=1.0)
 
     def fail(self, lease: Lease, job_id: str, error: JobError) -> None:
-        """Record the job as failed."""
-        document = error.model_dump(mode="json")
+        """Record the job as failed; its owner reads file names in place of paths."""
+        readable = {"message": without_paths(error.message), "hint": without_paths(error.hint)}
+        document = error.model_copy(update=readable).model_dump(mode="json")
         self._end(lease, job_id, EventKind.JOB_FAILED, state=JobState.FAILED.value, error=document)
 
     def cancel(self, lease: Lease, job_id: str) -> None:
@@ -155,7 +157,8 @@ def record_stage(session: Session, job_id: str, name: str, document: Mapping[str
 
 
 def add_warning(session: Session, job_id: str, sentence: str) -> None:
-    """Add a warning to a running job, unless it has it."""
+    """Add a warning to a running job, unless it has it; paths become file names."""
+    sentence = without_paths(sentence)
     warnings = repository.find_job(session, job_id).warnings
     if sentence not in warnings:
         repository.change(session, job_id, in_state=(JobState.RUNNING,), warnings=[*warnings, sentence])

@@ -86,6 +86,21 @@ def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:
     return None if row is None else to_job(row)
 
 
+def first_update(session: Session, scene_id: str) -> Job | None:
+    """The scene's first update that succeeded, which set how its model is trained."""
+    row = session.scalar(
+        select(JobRow)
+        .where(
+            JobRow.scene_id == scene_id,
+            JobRow.kind == JobKind.UPDATE.value,
+            JobRow.state == JobState.SUCCEEDED.value,
+        )
+        .order_by(JobRow.id)
+        .limit(1)
+    )
+    return None if row is None else to_job(row)
+
+
 def unprocessed_images(session: Session, scene_id: str) -> int:
     """The number of accepted images that no update, finished or running, processes."""
     running = session.scalar(

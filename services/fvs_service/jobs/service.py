@@ -31,7 +31,7 @@ class Jobs:
     def create(self, principal: Principal, scene_id: str, request: JobRequest, key: str | None = None) -> Job:
         """Queue a job, or return the one of the same kind that is queued.
 
-        Raises ``ConflictError`` when the queued one has other settings.
+        Raises ``ConflictError`` when the queued one, or the scene's first update, has other settings.
         """
         principal.require(Scope.OPERATE, scene_id)
         remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
@@ -45,6 +45,8 @@ class Jobs:
                     "A fine model needs the cameras of an update, and the scene has had none.",
                     hint='Run an update first (fvs-client update, a job {"kind": "update"}).',
                 )
+            if request.kind is JobKind.UPDATE:
+                _require_settings_of(repository.first_update(session, scene_id), request)
             job = self._add(session, principal.tenant_id, scene, request)
             remembered.remember(session, job.id)
             return self._with_waiting(session, job)
@@ -148,3 +150,17 @@ class Jobs:
         data = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
         publish(session, scene.id, EventKind.JOB_QUEUED, data)
         return job
+
+
+def _require_settings_of(first: Job | None, request: JobRequest) -> None:
+    """Raise ``ConflictError`` unless an update wants no settings of its own, or those of the first one."""
+    for name in ("iterations", "long_side_px"):
+        wanted = getattr(request, name)
+        if first is None or wanted is None or wanted == getattr(first.request, name):
+            continue
+        kept = getattr(first.request, name)
+        raise ConflictError(
+            f"The scene's first update set {name} to {'the default' if kept is None else kept}, "
+            "and the model goes on with that.",
+            hint=f"Leave {name} out. A fine job has its own; a new scene can have another.",
+        )

@@ -48,7 +48,7 @@ class Attempts:
                 if self._storage.ledger.cancel_requested(ticket.job_id):
                     self._cancel(ticket)
                 elif tries.without_progress(self._progress(ticket)) >= MAX_TRIES:
-                    self._give_up(ticket, tries.reason)
+                    self._give_up(ticket, tries)
                 elif self._room.used_up:
                     return WaitReason.DISK
                 else:
@@ -58,7 +58,7 @@ class Attempts:
                 return WaitReason.MEMORY
             except JobPausedError as paused:
                 if paused.obstacle is WaitReason.DISK:
-                    tries.because("the disk is full.")
+                    tries.because("The disk is full.", disk_full=True)
                 else:
                     tries.excuse()
                 return paused.obstacle
@@ -67,7 +67,7 @@ class Attempts:
                 _log.warning("lease lost", job=ticket.job_id)
                 time.sleep(_PAUSE_S)
             except OutOfSpaceError as error:
-                tries.because(error.message)
+                tries.because(error.message, disk_full=True)
                 return WaitReason.DISK
             except Exception as error:  # the runner or the database died, or there is a defect: try again
                 if isinstance(error, NotFoundError) and self._over(ticket):
@@ -131,18 +131,18 @@ class Attempts:
             ):
                 self._storage.ledger.cancel(lease, ticket.job_id)
 
-    def _give_up(self, ticket: JobTicket, reason: str) -> None:
-        """Fail an attempt that makes no progress; ``reason`` is why the last try ended."""
+    def _give_up(self, ticket: JobTicket, tries: Tries) -> None:
+        """Fail an attempt that makes no progress."""
         with self._scenes.without_runner(ticket.scene_id, lambda: self._over(ticket)) as lease:
             if lease is None:
                 return
             job = self._storage.ledger.start(lease, ticket.job_id, ticket.attempt)
             if job is None:
                 return
-            full = self._room.short
+            full = tries.disk_full
             error = JobError(
                 code=OutOfSpaceError.code if full else "runner-died",
-                message=f"The job stopped {MAX_TRIES} times without progress: {reason}",
+                message=f"The job stopped {MAX_TRIES} times without progress: {tries.reason}",
                 hint="Free some space on the service's disk, then retry the job."
                 if full
                 else "Often memory ran out: use fewer or smaller images, or a machine with more memory.",

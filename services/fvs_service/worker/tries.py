@@ -18,6 +18,8 @@ class _Count(Record):
     """The job's progress when the last try started."""
     reason: str = "its worker died"
     """Why the last try ended."""
+    disk_full: bool = False
+    """Whether it ended for lack of room."""
 
 
 class Tries:
@@ -40,9 +42,14 @@ class Tries:
         """Why the last try ended."""
         return self._read().reason
 
-    def because(self, reason: str) -> None:
+    @property
+    def disk_full(self) -> bool:
+        """Whether the last try ended for lack of room."""
+        return self._read().disk_full
+
+    def because(self, reason: str, *, disk_full: bool = False) -> None:
         """Record why the last try ended."""
-        self._write(self._read().model_copy(update={"reason": reason}))
+        self._write(self._read().model_copy(update={"reason": reason, "disk_full": disk_full}))
 
     def start(self, progress: float) -> None:
         """Count a try that starts now."""

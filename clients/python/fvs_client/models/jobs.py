@@ -30,9 +30,10 @@ class JobRequest(Input):
 
     kind: JobKind
     iterations: int | None = None
-    """Training iterations; by default chosen by kind of job and number of images."""
+    """Training iterations; by default chosen by kind of job and number of images. Of a scene's updates only
+    the first can set it."""
     long_side_px: int | None = None
-    """Reduce training images to this long side."""
+    """Reduce training images to this long side. Of a scene's updates only the first can set it."""
     test_every: int | None = None
     """Fine jobs only: hold out every Nth image and measure the model on it."""
 

@@ -13,6 +13,7 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_service.disclosure import without_paths
 from fvs_service.errors import (
     DeadlineError,
     InternalError,
@@ -129,7 +130,10 @@ def failure_of(error: Exception) -> Failure:
             retry_after_s=error.retry_after_s,
         )
     return Failure(
-        code=InternalError.code, message=f"{type(error).__name__}: {error}", hint="", retryable=True
+        code=InternalError.code,
+        message=without_paths(f"{type(error).__name__}: {error}"),
+        hint="",
+        retryable=True,
     )
 
 

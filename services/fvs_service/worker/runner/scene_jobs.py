@@ -113,7 +113,7 @@ class SceneJobs:
                 f"The scene has {len(images)} usable images, and a model needs two or more.",
                 hint="Send more images that overlap; start with eight or more.",
             )
-        scene = self._open_scene(request, monitor, warn)
+        scene = self._open_scene(request, monitor)
         self._start_iteration = scene.iteration
         update = scene.add(tuple(images), monitor, position_priors(images, request.origin))
         previous = self._evaluate_previous(request, scene, images, monitor)
@@ -146,8 +146,8 @@ class SceneJobs:
     def _images(self, request: RunJob, monitor: Monitor) -> Mapping[str, Image]:
         return prepare_images(self._blobs, request.images, self._folder.images, monitor)
 
-    def _open_scene(self, request: RunJob, monitor: Monitor, warn: Warn) -> GrowingScene:
-        choice = self._choose(request.request, warn)
+    def _open_scene(self, request: RunJob, monitor: Monitor) -> GrowingScene:
+        choice = self._choose(request.request)
         if self._scene is None:
             self._scene = GrowingScene.open(
                 self._folder.growing,
@@ -164,8 +164,8 @@ class SceneJobs:
             )
         return self._scene
 
-    def _choose(self, request: JobRequest, warn: Warn) -> SceneChoice:
-        """The settings of the first update; warns when a later request has others."""
+    def _choose(self, request: JobRequest) -> SceneChoice:
+        """The settings of the first update; raises ``InvalidInputError`` when a later request has others."""
         try:
             kept = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
         except FileNotFoundError:
@@ -182,7 +182,10 @@ class SceneJobs:
             ("iterations", request.iterations, kept.initial_iterations),
         ):
             if wanted is not None and wanted != used:
-                warn(f"{name} stays {used}, as in the scene's first update.")
+                raise InvalidInputError(
+                    f"The scene's first update set {name} to {used}, and the model goes on with that.",
+                    hint=f"Leave {name} out. A fine job has its own; a new scene can have another.",
+                )
         return kept
 
     def _fine(self, request: RunJob, monitor: JobMonitor) -> JobOutcome:

@@ -1,0 +1,15 @@
+"""What messages tell clients of the machine: nothing of its folders."""
+
+import re
+
+_QUOTED = re.compile(r"""(['"`])/(?:[^'"`\n]*/)?([^'"`/\n]*)/?\1""")
+_PLAIN = re.compile(r"(?<![\w:/.~-])(?!/v1/|/openapi)/(?:[^\s'\"`,;()]*/)?([^\s'\"`,;()/]+)/?")
+_REST = re.compile(r"(?<![\w:/.~-])(?!v1/)(?:[^\s'\"`,;():/]+/){2,}([^\s'\"`,;()/]+)")
+"""What is left of a path with spaces that is not quoted."""
+
+
+def without_paths(sentence: str) -> str:
+    """A message of the engine or of a library with the names of files in place of their paths."""
+    for pattern, name in ((_QUOTED, r"\1\2\1"), (_PLAIN, r"\1"), (_REST, r"\1")):
+        sentence = pattern.sub(name, sentence)
+    return sentence
