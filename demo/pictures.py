@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from fvs_client import Ranking, SnapshotCameras
+from fvs_client import FramePose, Ranking, SnapshotCameras
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -14,7 +14,6 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
-from fvs_engine.geometry import SimilarityTransform, matrix_from_quaternion
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 
 Array = NDArray[np.float64]
@@ -46,7 +45,10 @@ def draw_contact_sheet(path: Path, ranking: Ranking) -> None:
 
 
 def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, model: Path) -> None:
-    """Draw the camera's path and the candidates, coloured by rank, over the model seen from above."""
+    """Draw the camera's path and the candidates, coloured by rank, over the model seen from above.
+
+    The ranking's poses are in the model frame, as all else.
+    """
     across = _level(np.array(cameras.up))
     way = np.array([view.position for view in cameras.views]) @ across
     figure = Figure(figsize=(8.0, 7.2), layout="constrained")
@@ -57,11 +59,8 @@ def draw_trajectory(path: Path, cameras: SnapshotCameras, ranking: Ranking, mode
     axes.plot(way[:, 0], way[:, 1], color="0.25", linewidth=1, zorder=2)
     axes.scatter(way[:, 0], way[:, 1], color="0.1", s=16, label="photographs, in order of arrival", zorder=3)
     ranked = [item for item in ranking.candidates if item.rank is not None]
-    alignment = ranking.alignment  # candidates are in the world, all else is in the model's frame
-    world_from_model = SimilarityTransform(
-        alignment.scale, matrix_from_quaternion(alignment.rotation_wxyz), np.array(alignment.translation)
-    )
-    places = world_from_model.inverse().apply(np.array([item.pose.position for item in ranked])) @ across
+    in_model = [item.pose.position for item in ranked if isinstance(item.pose, FramePose)]
+    places = np.array(in_model) @ across
     dots = axes.scatter(
         places[:, 0],
         places[:, 1],

@@ -53,7 +53,7 @@ def main() -> None:
                 scene = client.scenes.create("demonstration")
                 _send(scene, photographs)
                 job = _update(scene, options.iterations, options.long_side)
-                ranking = scene.rank(generator=GENERATORS[chosen])
+                ranking = scene.rank(generator=GENERATORS[chosen], frame="model")
                 _print(ranking)
                 snapshot = job.snapshot()
                 assert snapshot is not None

@@ -15,6 +15,9 @@ from fvs_engine.geometry.transforms import RigidTransform
 
 Array = NDArray[np.float64]
 
+_VERTICAL = 1e-7
+"""Length of the level part of a viewing direction under which it is vertical; in rad."""
+
 
 @dataclass(frozen=True)
 class GeodeticPosition:
@@ -55,6 +58,14 @@ def enu_from_geodetic(position: GeodeticPosition, origin: GeodeticPosition) -> A
     )
 
 
+def geodetic_from_enu(position_m: Array, origin: GeodeticPosition) -> GeodeticPosition:
+    """The position that is ``position_m`` [3] (east, north, up) from ``origin``; the inverse of the above."""
+    found = pymap3d.enu2geodetic(
+        *position_m.tolist(), origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+    )
+    return GeodeticPosition(*map(float, found))
+
+
 def camera_at(position_m: Array, yaw_deg: float, pitch_deg: float, roll_deg: float = 0.0) -> RigidTransform:
     """The world_from_camera of an OpenCV camera at ``position_m`` [3] (ENU) with a vehicle's attitude."""
     yaw, pitch, roll = np.deg2rad([yaw_deg, pitch_deg, roll_deg])
@@ -65,3 +76,20 @@ def camera_at(position_m: Array, yaw_deg: float, pitch_deg: float, roll_deg: flo
     # A right side that goes down turns x towards y: a positive turn about the viewing direction.
     turn = np.array([[np.cos(roll), -np.sin(roll), 0.0], [np.sin(roll), np.cos(roll), 0.0], [0.0, 0.0, 1.0]])
     return RigidTransform(level @ turn, position_m)
+
+
+def attitude_of(world_from_camera: RigidTransform) -> tuple[float, float, float]:
+    """Yaw in [0, 360), pitch in [-90, 90] and roll of a camera in degrees; the inverse of ``camera_at``.
+
+    Straight up or down only the difference of yaw and roll has a meaning; the roll is then 0.
+    """
+    right, _, forward = world_from_camera.rotation.T
+    level = float(np.hypot(forward[0], forward[1]))
+    pitch_deg = float(np.rad2deg(np.arctan2(forward[2], level)))
+    if level < _VERTICAL:
+        yaw_deg = float(np.rad2deg(np.arctan2(-right[1], right[0])))
+        return yaw_deg % 360.0, float(np.copysign(90.0, forward[2])), 0.0
+    yaw_deg = float(np.rad2deg(np.arctan2(forward[0], forward[1])))
+    upright = camera_at(world_from_camera.translation, yaw_deg, pitch_deg).rotation
+    turned = upright.T @ right
+    return yaw_deg % 360.0, pitch_deg, float(np.rad2deg(np.arctan2(turned[1], turned[0])))

@@ -51,7 +51,7 @@ def test_the_way_from_photographs_to_a_ranking(
         "rank", name, "--count", "5", "--top", "2", "--renders", tmp_path / "views"
     ).stdout.splitlines()
     assert len(ranked) == 4
-    assert ranked[0].split() == ["rank", "id", "score", "coverage", "distance", "status"]
+    assert ranked[0].split() == ["rank", "id", "score", "coverage", "distance", "status", "pose"]
     assert [line.split()[0] for line in ranked[1:3]] == ["1", "2"]
     assert "3 more; by median-frequency" in ranked[-1]
     assert len(list((tmp_path / "views").glob("*-render.png"))) == 2

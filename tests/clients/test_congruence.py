@@ -122,7 +122,8 @@ def rankings(surface: Surface) -> Iterator[Any]:
     yield do(ranking.render, "near")[:8]
     yield surface.attempt(ranking.render, "elsewhere")
     yield surface.attempt(scene.rank, generator=Grid(), method="guess")
-    yield surface.attempt(scene.rank)
+    yield do(scene.rank, top_k=2)
+    yield do(scene.rank, top_k=1, frame="model").best
     snapshot = do(scene.snapshots.latest)
     yield surface.items(scene.snapshots.list(), None) == [snapshot]
     yield do(snapshot.cameras)

@@ -10,7 +10,11 @@ from fvs_engine.cli.exit_codes import USAGE
 from fvs_service.principal import LOCAL_TENANT, Scope
 
 if TYPE_CHECKING:
+    from fvs_service.serving.stop_signals import StopSignals
     from fvs_service.settings import Settings
+
+STOP_WITHIN_S = 7.0
+"""From SIGTERM to the end of the last process, whatever runs. Containers are killed after 10 s."""
 
 keys = typer.Typer(help="API keys of the service.", no_args_is_help=True)
 
@@ -45,6 +49,22 @@ def serve(
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
+    from fvs_service.serving.process_tree import kill_descendants
+    from fvs_service.serving.stop_signals import StopSignals
+
+    with StopSignals(STOP_WITHIN_S, kill_descendants) as signals:  # first: imports take seconds
+        _supervise(root, host, port, workers, signals, log_json=log_json)
+
+
+def _supervise(
+    root: Path | None,
+    host: str | None,
+    port: int | None,
+    workers: int | None,
+    signals: "StopSignals",
+    *,
+    log_json: bool,
+) -> None:
     import structlog
 
     from fvs_engine.errors import EngineError
@@ -59,7 +79,8 @@ def serve(
         shared = settings.worker.model_copy(update={"count": workers})
         settings = settings.model_copy(update={"worker": shared})
     try:
-        Supervisor(settings, log_json=log_json).run(announce=typer.echo)
+        if not signals.stopping:
+            Supervisor(settings, signals, log_json=log_json).run(announce=typer.echo)
     except (EngineError, ServiceError) as error:
         if log_json:
             structlog.get_logger().error(error.message, code=error.code, hint=error.hint)

@@ -38,6 +38,7 @@ class EventFeed:
         self.stream_limit = ConcurrencyLimit("event streams", streams_per_tenant)
         self._newest = 0
         self._followers = 0
+        self._closed = False
         self._changed = asyncio.Condition()
 
     def check(self, principal: Principal, scene_id: str) -> None:
@@ -61,14 +62,20 @@ class EventFeed:
                     self._newest = newest
                     self._changed.notify_all()
 
+    async def close(self) -> None:
+        """End all streams."""
+        async with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
     async def follow(self, scene_id: str, after: int) -> AsyncIterator[Event | None]:
         """The events of a scene after number ``after``; None is a heartbeat without an event.
 
-        Ends only after the event that the scene was deleted.
+        Ends only after the event that the scene was deleted, or when the feed is closed.
         """
         self._followers += 1
         try:
-            while True:
+            while not self._closed:
                 seen = self._newest
                 events = await self._read(lambda session: events_after(session, scene_id, after, _BATCH))  # noqa: B023
                 for event in events:
@@ -76,7 +83,7 @@ class EventFeed:
                     yield event
                     if event.kind is EventKind.SCENE_DELETED:
                         return
-                if not events and not await self._wait(seen):
+                if not events and not await self._wait(seen) and not self._closed:
                     yield None
         finally:
             self._followers -= 1
@@ -85,7 +92,7 @@ class EventFeed:
         """Wait until there is an event newer than ``seen``; False when a heartbeat is due first."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(self._heartbeat_s), self._changed:
-                await self._changed.wait_for(lambda: self._newest > seen)
+                await self._changed.wait_for(lambda: self._newest > seen or self._closed)
                 return True
         return False
 

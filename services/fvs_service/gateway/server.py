@@ -3,7 +3,7 @@
 import socket
 import ssl
 import sys
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 import uvicorn
 
@@ -13,7 +13,8 @@ from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.settings import Settings
 
-_STOP_WITHIN_S = 5
+_STOP_WITHIN_S = 2
+"""Requests that take longer are given up; the supervisor's patience is longer than this."""
 _UNREAD_MS = 120_000
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
@@ -28,8 +29,9 @@ def run_gateway(
     """
     require_protection(settings)
     sys.setswitchinterval(_SWITCH_S)
+    app = create_app(settings, make_runners)
     config = uvicorn.Config(
-        create_app(settings, make_runners),
+        app,
         host=settings.host,
         port=settings.port,
         http=http_protocol(settings.upload_idle_s, read_within_s=settings.read_within_s),
@@ -48,7 +50,7 @@ def run_gateway(
     host, port = listening.getsockname()[:2]
     scheme = "http" if settings.tls_certificate is None else "https"
     url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-    _Server(config, lambda: announce(url)).run(sockets=[listening])
+    _Server(config, lambda: announce(url), lambda: app.state.feed.close()).run(sockets=[listening])
 
 
 def listen(config: uvicorn.Config) -> socket.socket:
@@ -66,17 +68,27 @@ def listen(config: uvicorn.Config) -> socket.socket:
 
 
 class _Server(uvicorn.Server):
-    """Calls ``started`` once it serves requests."""
+    """Calls ``started`` once it serves requests, and ``end_streams`` when it stops to."""
 
-    def __init__(self, config: uvicorn.Config, started: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        started: Callable[[], object],
+        end_streams: Callable[[], Awaitable[None]],
+    ) -> None:
         super().__init__(config)
-        self._started = started
+        self._started, self._end_streams = started, end_streams
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Open the application, listen, and call ``started``."""
         await super().startup(sockets)
         if self.started:
             self._started()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the streams of events, which would have no end of their own, and all other requests."""
+        await self._end_streams()
+        await super().shutdown(sockets)
 
 
 def require_protection(settings: Settings) -> None:

@@ -10,8 +10,8 @@ from fvs_engine.candidates import CandidateStatus
 from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, within
 from fvs_service.quantities import Coordinate, Length, Vector
 from fvs_service.rankings.warnings import RankingWarning
-from fvs_service.scenes.model import Alignment
-from fvs_service.scenes.poses import FramePose, Pose
+from fvs_service.scenes.model import Alignment, Origin
+from fvs_service.scenes.poses import FramePose, Pose, PoseFrame
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
@@ -68,17 +68,14 @@ Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminato
 
 
 class RankingRequest(Model):
-    """Candidates to rank: either `candidates` or a `generator` of them.
+    """Candidates to rank: `candidates`, or those of a `generator`; by default an orbit.
 
     Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
     """
 
     model_config = ConfigDict(
         json_schema_extra={
-            "oneOf": [
-                {"required": [given], "properties": {given: _GIVEN, other: {"type": "null"}}}
-                for given, other in (("candidates", "generator"), ("generator", "candidates"))
-            ],
+            "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
             "if": {"required": ["radius_m"], "properties": {"radius_m": _GIVEN}},
             "then": {"required": ["current_pose"], "properties": {"current_pose": _GIVEN}},
             "examples": [
@@ -112,6 +109,9 @@ class RankingRequest(Model):
     current_pose: Pose | None = None
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
+    frame: PoseFrame | None = None
+    """The frame of the poses in the answer. By default that in which they, or the current pose, were asked;
+    of a georeferenced scene geodetic, else the world."""
     top_k: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
     """Return only the first `top_k` candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
@@ -123,8 +123,8 @@ class RankingRequest(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if (self.candidates is None) == (self.generator is None):
-            raise ValueError("give either candidates or a generator")
+        if self.candidates is not None and self.generator is not None:
+            raise ValueError("give either candidates or a generator, not both")
         if self.radius_m is not None and self.current_pose is None:
             raise ValueError("radius_m needs a current_pose to be measured from")
         if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
@@ -138,11 +138,19 @@ class RankingRequest(Model):
 
     @property
     def in_model(self) -> bool:
-        """Whether all its poses are given in the model frame."""
+        """Whether all its poses are given, and come back, in the model frame."""
         poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
-        return self.candidates is not None and all(
+        given = self.candidates is not None and self.frame in (None, "model")
+        return given and all(
             pose is None or (isinstance(pose, FramePose) and pose.frame == "model") for pose in poses
         )
+
+    @property
+    def complete(self) -> Self:
+        """The same request with a generator, where it has neither that nor candidates."""
+        if self.candidates is None and self.generator is None:
+            return self.model_copy(update={"generator": Orbit(kind="orbit")})
+        return self
 
 
 class RankedCandidate(Model):
@@ -157,11 +165,11 @@ class RankedCandidate(Model):
     """The share of the view that the model covers; null when it was not rendered."""
     distance_m: Number | None
     """From the current pose; null without one."""
-    pose: FramePose
+    pose: Pose
 
     @classmethod
-    def of(cls, candidate: engine.RankedCandidate, pose: FramePose) -> Self:
-        """The engine's ranked candidate with its pose in the world frame."""
+    def of(cls, candidate: engine.RankedCandidate, pose: Pose) -> Self:
+        """The engine's ranked candidate with its pose in the frame of the answer."""
         return cls(
             id=candidate.name,
             rank=candidate.rank,
@@ -181,6 +189,9 @@ class Ranking(Model):
     snapshot_id: str
     request: RankingRequest
     alignment: Alignment
+    """Between the model and the world."""
+    origin: Origin | None = None
+    """Of the world, where geodetic poses refer to it; else null."""
     iterations: Count
     """Training iterations of the model that scored."""
     gaussians: Count

@@ -1,6 +1,6 @@
 """Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,8 +25,8 @@ from fvs_service.rankings.model import RankedCandidate, Ranking, RankingRequest
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.warnings import warnings_of
-from fvs_service.scenes.poses import WorldFrame, require_on_earth, world_poses
-from fvs_service.scenes.repository import find_scene_head, scene_head_of
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of, require_on_earth
+from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
 from fvs_service.snapshots.repository import find_snapshot, snapshot_of
@@ -44,6 +44,8 @@ _CACHED_SNAPSHOTS = 64
 class _Prepared:
     """What is known of a ranking before its candidates are scored: their poses and distances by id."""
 
+    request: RankingRequest
+    scene: SceneHead
     snapshot: Snapshot
     frame: WorldFrame
     poses: Mapping[str, RigidTransform]
@@ -96,7 +98,7 @@ class Rankings:
                 return prepared
             question = prepared.question
             result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
-            return await run_sync(self._finish, principal, request, prepared, result, remembered)
+            return await run_sync(self._finish, principal, prepared, result, remembered)
 
     def get(self, principal: Principal, ranking_id: str) -> Ranking:
         """One ranking; raises ``NotFoundError``."""
@@ -143,8 +145,11 @@ class Rankings:
         snapshot = self._snapshot(snapshot_id)
         if snapshot.scene_id != scene_id:
             raise NotFoundError("There is no such snapshot.")
+        request = request.complete
         self._require_method(request.method)
         frame = WorldFrame(scene.origin, snapshot.alignment)
+        if request.frame == "geodetic":
+            frame.require_origin()
         geometry = self._geometry(snapshot.id)
         current = (
             None
@@ -167,26 +172,26 @@ class Rankings:
             budget=request.budget,
             seed=request.seed,
         )
-        return _Prepared(snapshot, frame, poses, distances, excluded, question)
+        return _Prepared(request, scene, snapshot, frame, poses, distances, excluded, question)
 
     def _finish(
         self,
         principal: Principal,
-        request: RankingRequest,
         prepared: _Prepared,
         result: RankedViews,
         remembered: IdempotencyKey,
     ) -> Ranking:
         """Keep the ranking that the runner's result makes."""
-        scene_id, snapshot = prepared.snapshot.scene_id, prepared.snapshot
+        request, scene_id, snapshot = prepared.request, prepared.scene.id, prepared.snapshot
         first = (*result.candidates, *prepared.excluded.values())[: request.top_k]
-        shown = world_poses([prepared.poses[candidate.name] for candidate in first])
+        shown = _poses_as_asked(prepared, [candidate.name for candidate in first])
         ranking = Ranking(
             id=new_id("rnk"),
             scene_id=scene_id,
             snapshot_id=result.snapshot_id,
             request=request,
             alignment=snapshot.alignment,
+            origin=prepared.scene.origin if prepared.frame.georeferenced else None,
             iterations=result.iterations,
             gaussians=result.gaussians,
             fallback=result.fallback,
@@ -278,6 +283,20 @@ class Rankings:
     def _find(self, snapshot_id: str) -> Snapshot:
         with self._database.reading() as session:
             return find_snapshot(session, snapshot_id)
+
+
+def _poses_as_asked(prepared: _Prepared, names: Sequence[str]) -> tuple[FramePose | VehiclePose, ...]:
+    """The poses of candidates in the frame that the request names, or in which it asks."""
+    request, frame = prepared.request, prepared.frame
+    given = {item.id: item.pose for item in request.candidates or ()}
+    if given and (request.frame is None or all(frame_of(pose) == request.frame for pose in given.values())):
+        return tuple(given[name] for name in names)
+    wanted = request.frame
+    if wanted is None and request.current_pose is not None:
+        wanted = frame_of(request.current_pose)
+    if wanted is None:
+        wanted = "geodetic" if frame.georeferenced else "world"
+    return frame.poses([prepared.poses[name] for name in names], wanted)
 
 
 def _unscored(snapshot: Snapshot) -> RankedViews:

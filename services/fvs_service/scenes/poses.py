@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Tag, field_validator
+from pydantic import ConfigDict, Discriminator, Tag, ValidationError, field_validator
 
 from fvs_engine.geometry import (
     PinholeCamera,
@@ -14,7 +14,13 @@ from fvs_engine.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
-from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
+from fvs_engine.geometry.geodetic import (
+    GeodeticPosition,
+    attitude_of,
+    camera_at,
+    enu_from_geodetic,
+    geodetic_from_enu,
+)
 from fvs_engine.views import PinholeView
 from fvs_service.errors import InvalidRequestError
 from fvs_service.model import Model
@@ -79,6 +85,15 @@ Pose = Annotated[
 ]
 
 
+PoseFrame = Literal["world", "model", "geodetic"]
+"""In which frame a pose is given; geodetic is a ``VehiclePose``, the others are a ``FramePose``."""
+
+
+def frame_of(pose: FramePose | VehiclePose) -> PoseFrame:
+    """The frame in which a pose is given."""
+    return "geodetic" if isinstance(pose, VehiclePose) else pose.frame
+
+
 class WorldFrame:
     """The world frame of one scene and its similarity to the model frame."""
 
@@ -91,6 +106,11 @@ class WorldFrame:
             np.array(alignment.translation),
         )
         self.model_from_world = self.world_from_model.inverse()
+
+    @property
+    def georeferenced(self) -> bool:
+        """Whether positions of the world are positions on Earth."""
+        return self._origin is not None and self.aligned
 
     @property
     def aligned(self) -> bool:
@@ -111,6 +131,20 @@ class WorldFrame:
             else self._in_world(pose, RigidTransform(next(rotations), np.array(pose.position)))
             for pose in poses
         )
+
+    def poses(
+        self, world_from_cameras: Sequence[RigidTransform], frame: PoseFrame
+    ) -> tuple[FramePose | VehiclePose, ...]:
+        """The poses of cameras in ``frame``, in their order; raises as ``require_origin``."""
+        match frame:
+            case "world":
+                return _frame_poses(world_from_cameras, frame)
+            case "model":
+                in_model = [self.model_from_world.move_camera(camera) for camera in world_from_cameras]
+                return _frame_poses(in_model, frame)
+            case "geodetic":
+                origin = self.require_origin()
+                return tuple(_vehicle_pose(camera, origin) for camera in world_from_cameras)
 
     def views(
         self, world_from_cameras: Mapping[str, RigidTransform], camera: PinholeCamera
@@ -136,20 +170,25 @@ class WorldFrame:
         )
 
     def _of_vehicle(self, pose: VehiclePose) -> RigidTransform:
+        origin = self.require_origin()
+        if pose.altitude_datum is not origin.altitude_datum:
+            raise InvalidRequestError(
+                f"Altitudes of the scene are above {origin.altitude_datum.value}, "
+                f"not {pose.altitude_datum.value}.",
+                hint="Convert the altitude.",
+            )
+        geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
+        position = enu_from_geodetic(geodetic, geodetic_origin(origin))
+        return camera_at(position, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
+
+    def require_origin(self) -> Origin:
+        """The origin; raises ``InvalidRequestError`` when the scene is not georeferenced."""
         if self._origin is None or not self.aligned:
             raise InvalidRequestError(
                 "The scene is not georeferenced, so geodetic poses have no meaning in it.",
                 hint='Send images with GPS, or give poses as {"frame", "position", "orientation_wxyz"}.',
             )
-        if pose.altitude_datum is not self._origin.altitude_datum:
-            raise InvalidRequestError(
-                f"Altitudes of the scene are above {self._origin.altitude_datum.value}, "
-                f"not {pose.altitude_datum.value}.",
-                hint="Convert the altitude.",
-            )
-        geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
-        position = enu_from_geodetic(geodetic, geodetic_origin(self._origin))
-        return camera_at(position, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
+        return self._origin
 
 
 def require_on_earth(world_from_cameras: Mapping[str, RigidTransform]) -> None:
@@ -165,19 +204,40 @@ def require_on_earth(world_from_cameras: Mapping[str, RigidTransform]) -> None:
             )
 
 
-def world_poses(world_from_cameras: Sequence[RigidTransform]) -> tuple[FramePose, ...]:
-    """The wire's poses of cameras in the world frame."""
-    if not world_from_cameras:
+def _frame_poses(
+    frame_from_cameras: Sequence[RigidTransform], frame: Literal["world", "model"]
+) -> tuple[FramePose, ...]:
+    if not frame_from_cameras:
         return ()
-    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in world_from_cameras]))
+    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in frame_from_cameras]))
     return tuple(
         FramePose(
-            frame="world",
+            frame=frame,
             position=tuple(camera.translation.tolist()),
             orientation_wxyz=tuple(quaternion),
         )
-        for camera, quaternion in zip(world_from_cameras, quaternions.tolist(), strict=True)
+        for camera, quaternion in zip(frame_from_cameras, quaternions.tolist(), strict=True)
     )
+
+
+def _vehicle_pose(world_from_camera: RigidTransform, origin: Origin) -> VehiclePose:
+    position = geodetic_from_enu(world_from_camera.translation, geodetic_origin(origin))
+    yaw_deg, pitch_deg, roll_deg = attitude_of(world_from_camera)
+    try:
+        return VehiclePose(
+            latitude_deg=position.latitude_deg,
+            longitude_deg=position.longitude_deg,
+            altitude_m=position.altitude_m,
+            altitude_datum=origin.altitude_datum,
+            yaw_deg=yaw_deg,
+            pitch_deg=pitch_deg,
+            roll_deg=roll_deg,
+        )
+    except ValidationError as error:
+        raise InvalidRequestError(
+            f"A candidate at an altitude of {position.altitude_m:g} m has no geodetic pose.",
+            hint='Choose another generator, or "frame": "world".',
+        ) from error
 
 
 def geodetic_origin(origin: Origin) -> GeodeticPosition:

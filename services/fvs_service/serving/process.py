@@ -44,6 +44,7 @@ def _run_gateway(order: ProcessOrder) -> None:
     from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
 
     run_gateway(order.settings, LeasedRunners, announce=lambda url: print(url, flush=True))  # noqa: T201
+    os._exit(0)  # without waiting for threads whose requests have been given up
 
 
 def _run_worker(order: ProcessOrder) -> None:

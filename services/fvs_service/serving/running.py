@@ -1,6 +1,5 @@
 """``fvs serve`` as a child process, for as long as a ``with`` block lasts."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_service.errors import UnavailableError
+from fvs_service.serving.process_tree import command_of, descendants
 
 GATEWAY = "fvs_service.serving.process gateway"
 WORKER = "fvs_service.serving.process worker"
@@ -29,13 +29,7 @@ class RunningService:
 
     def processes(self, command: str) -> tuple[int, ...]:
         """The ids of the processes below the supervisor that run ``command`` (Linux: from ``/proc``)."""
-        parents = dict(_parents())
-        return tuple(pid for pid in parents if self._is_above(pid, parents) and command in _command(pid))
-
-    def _is_above(self, pid: int, parents: Mapping[int, int]) -> bool:
-        while pid != self.pid and pid in parents:
-            pid = parents[pid]
-        return pid == self.pid
+        return tuple(pid for pid in descendants(self.pid) if command in command_of(pid))
 
 
 @contextmanager
@@ -70,17 +64,3 @@ def running_service(
                 process.wait(_STOP_WITHIN_S)
             except subprocess.TimeoutExpired:
                 process.kill()
-
-
-def _parents() -> Iterator[tuple[int, int]]:
-    """Every process's id and its parent's."""
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            with contextlib.suppress(OSError):  # the process has ended
-                yield int(folder.name), int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-
-
-def _command(pid: int) -> str:
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes().decode().replace("\0", " ")
-    return ""

@@ -2,10 +2,8 @@
 
 import contextlib
 import os
-import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -22,11 +20,15 @@ from fvs_service.application import open_storage
 from fvs_service.errors import ConflictError, UnavailableError
 from fvs_service.gateway.server import require_protection
 from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
+from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
+from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
 _POLL_S = 0.1
 _START_S = 60.0
-_STOP_S = 15.0
+_STOP_S = 4.0
+"""How long children may take to end by themselves; they are killed after it."""
+_KILLED_S = 1.0
 _QUICK_S = 5.0
 """After a child that died sooner than this, the pause before its next start doubles."""
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
@@ -47,12 +49,12 @@ class _Child:
 
 
 class Supervisor:
-    """Runs the service until SIGINT or SIGTERM; only the main thread may call ``run``."""
+    """Runs the service until ``signals`` has one."""
 
-    def __init__(self, settings: Settings, *, log_json: bool) -> None:
+    def __init__(self, settings: Settings, signals: StopSignals, *, log_json: bool) -> None:
         self._settings = settings
+        self._signals = signals
         self._log_json = log_json
-        self._stop = threading.Event()
         self._gateway = _Child("gateway", GATEWAY)
         self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
 
@@ -65,24 +67,29 @@ class Supervisor:
         """
         require_protection(self._settings)
         with _only_service_in(self._settings.root):
-            for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, lambda *_: self._stop.set())
+            adopt_orphans()
             with open_storage(self._settings):
                 pass  # the processes meet a database that is migrated
             try:
-                announce(self._start_gateway())
+                url = self._start_gateway()
+                if not url:
+                    return
+                announce(url)
                 for worker in self._workers:
                     self._start(worker)
-                while not self._stop.wait(_POLL_S):
+                while not self._signals.wait(_POLL_S):
                     for child in (self._gateway, *self._workers):
                         self._restart_if_dead(child)
+                    reap_adopted({process.pid for process in self._running().values()})
             finally:
                 self._stop_all()
 
     def _start_gateway(self) -> str:
         self._start(self._gateway)
         assert self._gateway.process is not None
-        url = child_process.first_line(self._gateway.process, _START_S, self._stop.is_set)
+        url = child_process.first_line(self._gateway.process, _START_S, lambda: self._signals.stopping)
+        if not url and self._signals.stopping:
+            return ""
         if not url:
             raise UnavailableError(
                 f"The gateway cannot listen on {self._settings.host}:{self._settings.port}.",
@@ -118,19 +125,30 @@ class Supervisor:
         child_process.close_pipes(child.process)
         child.process, child.due = None, time.monotonic() + child.pause_s
 
+    def _running(self) -> "dict[str, subprocess.Popen[str]]":
+        """The processes that have been started, by name."""
+        children = (self._gateway, *self._workers)
+        return {child.name: child.process for child in children if child.process is not None}
+
     def _stop_all(self) -> None:
-        """Stop all processes, the gateway first so that no request arrives; kill those that take too long."""
-        running = [child.process for child in (self._gateway, *self._workers) if child.process is not None]
-        for process in running:
+        """Stop all processes, the gateway first so that no request arrives; kill those that take too long.
+
+        What they started ends with them, and is killed where it does not.
+        """
+        running = self._running()
+        for process in running.values():
             process.terminate()
-        until = time.monotonic() + _STOP_S
-        for process in running:
+        began = time.monotonic()
+        for name, process in running.items():
             try:
-                process.wait(max(0.1, until - time.monotonic()))
+                process.wait(max(0.1, began + _STOP_S - time.monotonic()))
             except subprocess.TimeoutExpired:
+                _log.warning("child killed", name=name, after_s=_STOP_S)
                 process.kill()
                 process.wait()
             child_process.close_pipes(process)
+        end_descendants(_KILLED_S)
+        _log.info("stopped", seconds=round(time.monotonic() - began, 1))
 
 
 @contextlib.contextmanager

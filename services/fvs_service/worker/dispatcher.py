@@ -14,6 +14,7 @@ from fvs_service.worker.runner_requests import RunnerRequests
 
 _RUNNERS_AT_ONCE = 4
 
+_STOP_S = 1.0
 _log = structlog.get_logger()
 
 RunJob = Callable[[JobTicket], WaitReason | None]
@@ -61,7 +62,7 @@ class Dispatcher:
     def stop(self) -> None:
         """Take no more jobs; those that run go on."""
         self._stopping.set()
-        self._thread.join()
+        self._thread.join(_STOP_S)  # it may be waiting for the database
 
     def _dispatch(self) -> None:
         while not self._stopping.wait(self._poll_s):

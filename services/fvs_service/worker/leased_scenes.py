@@ -23,7 +23,8 @@ from fvs_service.worker.runner_child import RunnerChild
 
 _POLL_S = 0.25
 _YIELD_S = 2.0
-_RETIRE_S = 5.0
+_RETIRE_S = 2.5
+"""How long a runner may take to save its checkpoint; the supervisor's patience is longer than this."""
 _START_PATIENCE_S = 60.0
 """The request that needed the runner has failed by then."""
 
@@ -122,7 +123,7 @@ class LeasedScenes:
     def stop(self) -> None:
         """End all runners and release all leases."""
         self._stopping.set()
-        self._maintenance.join()
+        self._maintenance.join(_POLL_S)  # it may be waiting for the database
         scenes = list(self._scenes.values())
         with ThreadPoolExecutor(max(1, len(scenes))) as pool:
             list(pool.map(lambda scene: scene.child.retire(_RETIRE_S), scenes))

@@ -2,9 +2,17 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, enu_from_geodetic
+from fvs_engine.geometry.geodetic import (
+    GeodeticPosition,
+    attitude_of,
+    camera_at,
+    enu_from_geodetic,
+    geodetic_from_enu,
+)
 
 ORIGIN = GeodeticPosition(48.0, 7.0, 400.0)
 
@@ -40,3 +48,26 @@ def test_attitudes_are_those_of_vehicles(
     camera = camera_at(np.zeros(3), *attitude)
     np.testing.assert_allclose(camera.rotation[:, 2], forward, atol=1e-12)
     np.testing.assert_allclose(camera.rotation[:, 0], right, atol=1e-12)
+
+
+@given(st.tuples(*[st.floats(-1e5, 1e5)] * 3))
+def test_a_position_comes_back_from_its_coordinates(enu: tuple[float, float, float]) -> None:
+    found = enu_from_geodetic(geodetic_from_enu(np.array(enu), ORIGIN), ORIGIN)
+    np.testing.assert_allclose(found, enu, atol=1e-6)
+
+
+@given(st.floats(-360, 360), st.floats(-180, 180), st.floats(-180, 180))
+@example(123.0, -90.0, 0.0)
+@example(123.0, 90.0, 77.0)
+@example(123.0, -90.0 + 1e-5, 0.0)
+@example(0.0, 180.0, 0.0)
+def test_a_camera_comes_back_from_its_attitude(yaw: float, pitch: float, roll: float) -> None:
+    camera = camera_at(np.zeros(3), yaw, pitch, roll)
+    found = attitude_of(camera)
+    assert 0 <= found[0] <= 360
+    assert abs(found[1]) <= 90
+    np.testing.assert_allclose(camera_at(np.zeros(3), *found).rotation, camera.rotation, atol=1e-6)
+
+
+def test_a_camera_that_looks_straight_down_has_a_yaw_and_no_roll() -> None:
+    assert attitude_of(camera_at(np.zeros(3), 37.0, -90.0)) == pytest.approx((37.0, -90.0, 0.0))

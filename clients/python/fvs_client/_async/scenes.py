@@ -12,7 +12,7 @@ from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.rankings import Candidate, Generator, Pose, RankingRequest
+from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -86,6 +86,7 @@ class AsyncScene(AsyncResource, SceneData):
         generator: Generator | None = None,
         current_pose: Pose | None = None,
         radius_m: float | None = None,
+        frame: PoseFrame | None = None,
         top_k: int | None = None,
         method: str = "median-frequency",
         snapshot_id: str | None = None,
@@ -96,7 +97,8 @@ class AsyncScene(AsyncResource, SceneData):
     ) -> AsyncRanking:
         """Rank the views that could be photographed next; answered at once, also while a job runs.
 
-        ``candidates`` are poses by candidate id, or made by a ``generator``. With ``radius_m``, only
+        ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
+        is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
         candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
         scene has no model, ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
@@ -107,6 +109,7 @@ class AsyncScene(AsyncResource, SceneData):
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
+            frame=frame,
             top_k=top_k,
             method=method,
             snapshot_id=snapshot_id,

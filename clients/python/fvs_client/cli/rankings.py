@@ -8,7 +8,7 @@ from typing import Annotated, TypeVar
 import pydantic
 import typer
 
-from fvs_client import Ranking
+from fvs_client import FramePose, Ranking, VehiclePose
 from fvs_client.cli.options import JsonOption, SceneArgument, TimeoutOption, YesOption
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.session import confirm, find_scene, service
@@ -39,6 +39,14 @@ class GeneratorName(StrEnum):
     AROUND_CURRENT = "around-current"
 
 
+class FrameName(StrEnum):
+    """Frames of poses."""
+
+    WORLD = "world"
+    MODEL = "model"
+    GEODETIC = "geodetic"
+
+
 def rank(
     context: typer.Context,
     scene: SceneArgument,
@@ -63,6 +71,12 @@ def rank(
         float | None,
         typer.Option(min=0, metavar="M", help="Rank only candidates within M of the current pose."),
     ] = None,
+    frame: Annotated[
+        FrameName | None,
+        typer.Option(
+            help="Frame of the poses in the result.", show_default="as asked; geodetic if georeferenced"
+        ),
+    ] = None,
     top: Annotated[int | None, typer.Option(min=1, metavar="K", help="Only the first K candidates.")] = None,
     snapshot: Annotated[
         str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
@@ -86,13 +100,16 @@ def rank(
         else _read(candidates, pydantic.TypeAdapter(list[Candidate]), _CANDIDATES_FORM)
     )
     current_pose = None if current is None else _read(current, pydantic.TypeAdapter(Pose), _POSE_FORM)
-    chosen = None if listed is not None else _generator(generator or GeneratorName.ORBIT, count)
+    if listed is None and generator is None and count is not None:
+        generator = GeneratorName.ORBIT
+    chosen = None if generator is None else _generator(generator, count)
     with service(context, as_json=as_json) as client:
         ranking = find_scene(client, scene).rank(
             listed,
             generator=chosen,
             current_pose=current_pose,
             radius_m=radius,
+            frame=None if frame is None else frame.value,
             top_k=top,
             method=method,
             snapshot_id=snapshot,
@@ -124,7 +141,7 @@ def delete(
 
 def _print(ranking: Ranking) -> None:
     print_table(
-        ("rank", "id", "score", "coverage", "distance", "status"),
+        ("rank", "id", "score", "coverage", "distance", "status", "pose"),
         [
             (
                 "" if item.rank is None else str(item.rank),
@@ -133,6 +150,7 @@ def _print(ranking: Ranking) -> None:
                 "" if item.coverage is None else f"{item.coverage:.0%}",
                 "" if item.distance_m is None else f"{item.distance_m:.2f}",
                 item.status.value,
+                _pose(item.pose),
             )
             for item in ranking.candidates
         ],
@@ -147,6 +165,15 @@ def _print(ranking: Ranking) -> None:
     )
     for warning in ranking.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
+
+
+def _pose(pose: FramePose | VehiclePose) -> str:
+    if isinstance(pose, VehiclePose):
+        return (
+            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
+            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
+        )
+    return " ".join(f"{part:.2f}" for part in pose.position)
 
 
 def _generator(name: GeneratorName, count: int | None) -> Generator:

@@ -6,7 +6,7 @@ from pydantic import Discriminator, Field, Tag
 
 from fvs_client.models.base import Answer, Input, Timestamp, Vector, Word
 from fvs_client.models.poses import FramePose, VehiclePose
-from fvs_client.models.scenes import Alignment
+from fvs_client.models.scenes import Alignment, Origin
 
 
 def _kind_of_pose(value: Any) -> str:
@@ -17,6 +17,10 @@ def _kind_of_pose(value: Any) -> str:
 Pose = Annotated[
     Annotated[FramePose, Tag("frame")] | Annotated[VehiclePose, Tag("vehicle")], Discriminator(_kind_of_pose)
 ]
+
+
+PoseFrame = Literal["world", "model", "geodetic"]
+"""In which frame a pose is given; geodetic is a `VehiclePose`, the others are a `FramePose`."""
 
 
 class CandidateStatus(Word):
@@ -84,6 +88,7 @@ class RankingRequest(Input):
     generator: Generator | None = None
     current_pose: Pose | None = None
     radius_m: float | None = None
+    frame: PoseFrame | None = None
     top_k: int | None = None
     method: str = "median-frequency"
     snapshot_id: str | None = None
@@ -103,7 +108,8 @@ class RankedCandidate(Answer):
     """Share of the view that the model fills; None when the view was not rendered."""
     distance_m: float | None
     """Distance from the current pose; None without one."""
-    pose: FramePose
+    pose: Pose
+    """In the frame that the request names, or in which it asks; geodetic for a georeferenced scene."""
 
 
 class RankingWarning(Answer):
@@ -123,6 +129,9 @@ class RankingData(Answer):
     snapshot_id: str
     request: RankingRequest
     alignment: Alignment
+    """Between the model and the world."""
+    origin: Origin | None = None
+    """Of the world, where geodetic poses refer to it."""
     iterations: int
     """Training iterations of the snapshot."""
     gaussians: int
