@@ -209,7 +209,10 @@ def test_a_fine_model_is_measured_as_asked_for(run: Run, gateway: Any, scene_id:
 
 
 def test_status_tells_what_the_service_can_do(run: Run) -> None:
-    assert "median-frequency" in run("status").stdout
+    shown = run("status", expect=4).stdout  # this gateway has no worker
+    assert "median-frequency" in shown
+    assert "uploads     work" in shown
+    assert "no worker is alive" in shown
 
 
 def test_every_error_has_a_status() -> None:

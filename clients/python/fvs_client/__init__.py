@@ -76,7 +76,7 @@ from fvs_client.models.scenes import (
     Trigger,
     World,
 )
-from fvs_client.models.service import Capabilities, Health, Limits
+from fvs_client.models.service import Capabilities, Health, Limits, WorkerStatus
 from fvs_client.models.snapshots import (
     Artifact,
     PinholeIntrinsics,
@@ -179,5 +179,6 @@ __all__ = [
     "Verdict",
     "WaitReason",
     "WaitTimeoutError",
+    "WorkerStatus",
     "World",
 ]

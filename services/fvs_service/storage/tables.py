@@ -89,7 +89,8 @@ class SceneLeaseRow(Table):
 class WorkerRow(Table):
     """A worker's heartbeat; the worker is dead after ``expires_at_ms`` (the database's clock).
 
-    ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room.
+    ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
+    ``runner_bytes``: the resident memory of its runners.
     """
 
     __tablename__ = "workers"
@@ -98,6 +99,8 @@ class WorkerRow(Table):
     expires_at_ms: Mapped[int] = mapped_column(BigInteger)
     slots: Mapped[int]
     disk_full: Mapped[bool]
+    backend: Mapped[str] = mapped_column(String(16))
+    runner_bytes: Mapped[int] = mapped_column(BigInteger)
 
 
 class TenantRow(Table):

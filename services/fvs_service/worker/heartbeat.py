@@ -5,12 +5,9 @@ A worker that was only frozen finds at its next heartbeat that it was declared d
 
 from sqlalchemy import delete, select, update
 
+from fvs_service.fleet import MISSED_LEASES
 from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.tables import WorkerRow
-
-_MISSED = 3
-"""A worker is dead after this many lease durations without a heartbeat: its supervisor would have restarted
-it long before."""
 
 
 class Heartbeats:
@@ -18,23 +15,33 @@ class Heartbeats:
 
     def __init__(self, database: Database, lease_s: float) -> None:
         self._database = database
-        self._duration_ms = round(_MISSED * lease_s * 1000)
+        self._duration_ms = round(MISSED_LEASES * lease_s * 1000)
 
-    def beat(self, worker_id: str, *, slots: int = 1, disk_full: bool = False) -> bool:
+    def beat(
+        self,
+        worker_id: str,
+        *,
+        slots: int = 1,
+        disk_full: bool = False,
+        backend: str = "auto",
+        runner_bytes: int = 0,
+    ) -> bool:
         """Record that this worker lives; False when it was unknown, or was declared dead.
 
-        ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room.
+        ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
+        ``runner_bytes``: the resident memory of its runners.
         """
+        state = {"slots": slots, "disk_full": disk_full, "backend": backend, "runner_bytes": runner_bytes}
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(
                 update(WorkerRow)
                 .where(WorkerRow.id == worker_id)
-                .values(expires_at_ms=until, slots=slots, disk_full=disk_full)
+                .values(expires_at_ms=until, **state)
                 .returning(WorkerRow.id)
             )
             if known is None:
-                session.add(WorkerRow(id=worker_id, expires_at_ms=until, slots=slots, disk_full=disk_full))
+                session.add(WorkerRow(id=worker_id, expires_at_ms=until, **state))
         return known is not None
 
     def claim_dead(self, worker_id: str) -> tuple[str, ...]:

@@ -131,6 +131,11 @@ class LeasedScenes:
             self._drop(scene)
 
     @property
+    def resident_bytes(self) -> int:
+        """The resident memory of all runners."""
+        return sum(scene.child.resident_bytes for scene in list(self._scenes.values()))
+
+    @property
     def stopping(self) -> bool:
         """Whether the worker is about to end."""
         return self._stopping.is_set()

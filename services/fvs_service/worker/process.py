@@ -36,7 +36,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     room = Room(settings)
     # First of all: else others might put back the jobs that this worker is about to resume.
     heartbeats = Heartbeats(storage.database, settings.lease_s)
-    heartbeats.beat(worker_id, slots=settings.worker.jobs_at_once)
+    heartbeats.beat(worker_id, slots=settings.worker.jobs_at_once, backend=settings.worker.backend)
     scenes = LeasedScenes(storage, worker_id)
     attempts = Attempts(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -55,7 +55,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     _log.info("worker ready", worker=worker_id)
     try:
         while not stop.wait(_HEARTBEAT_S):
-            _maintain(storage, worker_id, heartbeats, room)
+            _maintain(storage, worker_id, heartbeats, room, scenes)
     except _ReplacedError:
         _log.warning("replaced by another worker", worker=worker_id)
         os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
@@ -65,13 +65,22 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         scenes.stop()
 
 
-def _maintain(storage: Storage, worker_id: str, heartbeats: Heartbeats, room: Room) -> None:
+def _maintain(
+    storage: Storage, worker_id: str, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes
+) -> None:
     """Send a heartbeat, and put back the jobs of dead workers.
 
     Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
     """
     try:
-        if not heartbeats.beat(worker_id, slots=storage.settings.worker.jobs_at_once, disk_full=room.short):
+        known = heartbeats.beat(
+            worker_id,
+            slots=storage.settings.worker.jobs_at_once,
+            disk_full=room.short,
+            backend=storage.settings.worker.backend,
+            runner_bytes=scenes.resident_bytes,
+        )
+        if not known:
             raise _ReplacedError
         for dead in heartbeats.claim_dead(worker_id):
             _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))

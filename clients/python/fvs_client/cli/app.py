@@ -4,9 +4,8 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli import images, jobs, rankings, scenes, snapshots
+from fvs_client.cli import images, jobs, rankings, scenes, snapshots, status
 from fvs_client.cli.options import JsonOption, SceneArgument
-from fvs_client.cli.output import print_json
 from fvs_client.cli.session import Target, find_scene, service
 from fvs_client.connection import DEFAULT_URL
 
@@ -64,16 +63,4 @@ def events(
                 typer.echo(f"{event.number:>6}  {event.created_at:%F %T}  {event.kind.value:<16}  {details}")
 
 
-@app.command("status")
-def status(context: typer.Context, as_json: JsonOption = False) -> None:
-    """Check that the service is ready, and show its capabilities."""
-    with service(context, as_json=as_json) as client:
-        client.health()
-        found = client.capabilities()
-    if as_json:
-        print_json(found.model_dump(mode="json"))
-        return
-    typer.echo(f"{client.url} runs fvs {found.version} and is ready")
-    typer.echo(f"methods     {', '.join(found.methods)}")
-    typer.echo(f"generators  {', '.join(found.generators)}")
-    typer.echo(f"formats     {', '.join(found.image_formats)}")
+app.command("status")(status.status)

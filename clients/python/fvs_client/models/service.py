@@ -15,6 +15,22 @@ class Limits(Answer):
     page_items: int | None = None
 
 
+class WorkerStatus(Answer):
+    """A worker of the service: whether it lives, and what it has loaded."""
+
+    id: str
+    alive: bool
+    heartbeat_age_s: float
+    backend: str
+    slots: int
+    """How many jobs it runs at once."""
+    disk_full: bool
+    """It takes no jobs until there is room."""
+    runners: int
+    """Scenes whose model is loaded."""
+    runner_bytes: int
+
+
 class Capabilities(Answer):
     """Capabilities and limits of the service."""
 
@@ -24,6 +40,9 @@ class Capabilities(Answer):
     """Methods of ranking."""
     generators: tuple[str, ...]
     image_formats: tuple[str, ...]
+    job_kinds: tuple[str, ...] = ()
+    workers: tuple[WorkerStatus, ...] = ()
+    """Those that live, and those that have fallen silent."""
     keys_required: bool
     limits: Limits
 

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 
 from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
+from fvs_service.fleet_metrics import FleetCollector
 from fvs_service.gateway.rest import (
     events,
     images,
@@ -52,6 +53,8 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 streams_per_tenant=settings.limits.event_streams_per_tenant,
             )
             app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
+            fleet = FleetCollector(application.storage.database, settings.root, settings.lease_s)
+            metrics.registry.register(fleet)
             app.state.parsing = anyio.CapacityLimiter(_PARSERS)
             watching = asyncio.create_task(feed.watch())
             try:

@@ -1,0 +1,90 @@
+"""The fleet as the database knows it: which workers live, which jobs wait and run."""
+
+import time
+from collections.abc import Mapping
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from fvs_service.jobs.model import JobState
+from fvs_service.model import Count, Model, Number
+from fvs_service.storage.database import now_ms
+from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
+
+MISSED_LEASES = 3
+"""A worker is dead after so many lease durations without a heartbeat: its supervisor would have restarted it
+long before."""
+_SILENT_S = 10.0
+"""A worker without a heartbeat for this long, five times the usual, is not alive to callers."""
+
+
+class WorkerStatus(Model):
+    """A worker: whether it lives, and what it has loaded."""
+
+    id: str
+    alive: bool
+    heartbeat_age_s: Number
+    backend: str
+    """The rasteriser that it is set to use."""
+    slots: Count
+    """How many jobs it runs at once."""
+    disk_full: bool
+    """It takes no jobs until there is room."""
+    runners: Count
+    """Scenes whose model is loaded."""
+    runner_bytes: Count
+    """Resident memory of its runners."""
+
+
+def workers_of(session: Session, lease_s: float) -> tuple[WorkerStatus, ...]:
+    """All workers, by id; ``lease_s`` is how long the fleet's leases last."""
+    leases = (
+        select(SceneLeaseRow.worker_id, func.count().label("runners"))
+        .where(SceneLeaseRow.endpoint.is_not(None), SceneLeaseRow.expires_at_ms > now_ms())
+        .group_by(SceneLeaseRow.worker_id)
+        .subquery()
+    )
+    rows = session.execute(
+        select(WorkerRow, func.coalesce(leases.c.runners, 0), now_ms())
+        .outerjoin(leases, leases.c.worker_id == WorkerRow.id)
+        .order_by(WorkerRow.id)
+    )
+    found = []
+    for row, runners, now in rows:
+        beaten_at_ms = row.expires_at_ms - round(MISSED_LEASES * lease_s * 1000)
+        age_s = max(0.0, (now - beaten_at_ms) / 1000)
+        found.append(
+            WorkerStatus(
+                id=row.id,
+                alive=age_s <= _SILENT_S,
+                heartbeat_age_s=age_s,
+                backend=row.backend,
+                slots=row.slots,
+                disk_full=row.disk_full,
+                runners=runners,
+                runner_bytes=row.runner_bytes,
+            )
+        )
+    return tuple(found)
+
+
+def open_jobs(session: Session) -> Mapping[tuple[str, str, str], int]:
+    """The numbers of queued and running jobs by kind, state and stage ("" before the first)."""
+    stage = func.coalesce(JobRow.stage, "")
+    rows = session.execute(
+        select(JobRow.kind, JobRow.state, stage, func.count())
+        .where(JobRow.state.in_((JobState.QUEUED.value, JobState.RUNNING.value)))
+        .group_by(JobRow.kind, JobRow.state, stage)
+    )
+    return {(kind, state, of_stage): count for kind, state, of_stage, count in rows}
+
+
+def longest_wait_s(session: Session) -> float:
+    """How long the oldest queued job has waited; 0 without one."""
+    created = session.scalar(
+        select(JobRow.created_at)
+        .where(JobRow.state == JobState.QUEUED.value)
+        .order_by(JobRow.created_at)
+        .limit(1)
+    )
+    return 0.0 if created is None else max(0.0, time.time() - created.timestamp())

@@ -1,0 +1,63 @@
+"""Metrics of the fleet, read from the database when Prometheus asks."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+from sqlalchemy.exc import SQLAlchemyError
+
+from fvs_service.fleet import longest_wait_s, open_jobs, workers_of
+from fvs_service.storage.database import Database
+
+
+class FleetCollector(Collector):
+    """Workers and their heartbeats, jobs, the queue, and the room on the disk of ``root``."""
+
+    def __init__(self, database: Database, root: Path, lease_s: float) -> None:
+        self._database = database
+        self._root = root
+        self._lease_s = lease_s
+
+    def describe(self) -> Iterator[Metric]:
+        """Nothing: the names need no reading of the database."""
+        return iter(())
+
+    def collect(self) -> Iterator[Metric]:
+        """The metrics as they are now; without the database only that it cannot be reached."""
+        room = shutil.disk_usage(self._root).free
+        yield GaugeMetricFamily("fvs_disk_free_bytes", "Free bytes on the disk of the root.", room)
+        reached = GaugeMetricFamily("fvs_database_up", "Whether the database can be reached.")
+        try:
+            yield from self._fleet()
+        except SQLAlchemyError:
+            reached.add_metric((), 0)
+        else:
+            reached.add_metric((), 1)
+        yield reached
+
+    def _fleet(self) -> Iterator[Metric]:
+        with self._database.reading() as session:
+            workers = workers_of(session, self._lease_s)
+            jobs, wait_s = open_jobs(session), longest_wait_s(session)
+        alive = GaugeMetricFamily(
+            "fvs_worker_alive", "Whether the worker sends heartbeats.", labels=["worker"]
+        )
+        age = GaugeMetricFamily(
+            "fvs_worker_heartbeat_age_seconds", "Time since the last heartbeat.", labels=["worker"]
+        )
+        runners = GaugeMetricFamily("fvs_runners", "Scenes whose model is loaded.", labels=["worker"])
+        memory = GaugeMetricFamily("fvs_runner_bytes", "Resident memory of runners.", labels=["worker"])
+        for worker in workers:
+            alive.add_metric([worker.id], worker.alive)
+            age.add_metric([worker.id], worker.heartbeat_age_s)
+            runners.add_metric([worker.id], worker.runners)
+            memory.add_metric([worker.id], worker.runner_bytes)
+        open_ = GaugeMetricFamily("fvs_jobs", "Queued and running jobs.", labels=["kind", "state", "stage"])
+        for labels, count in jobs.items():
+            open_.add_metric(labels, count)
+        queued = sum(count for (_, state, _), count in jobs.items() if state == "queued")
+        yield from (alive, age, runners, memory, open_)
+        yield GaugeMetricFamily("fvs_queue_length", "Jobs that wait.", queued)
+        yield GaugeMetricFamily("fvs_queue_oldest_seconds", "How long the oldest has waited.", wait_s)

@@ -1,0 +1,64 @@
+"""Workers, jobs and the queue as operators see them."""
+
+import time
+from typing import Any
+
+import pytest
+from fvs_service.storage.tables import WorkerRow
+from fvs_service.worker.heartbeat import Heartbeats
+
+
+@pytest.fixture
+def fleet(open_gateway: Any) -> Any:
+    """A gateway with a worker that lives and one that fell silent 30 s ago."""
+    gateway = open_gateway()
+    database = gateway.application.storage.database
+    heartbeats = Heartbeats(database, gateway.settings.lease_s)
+    heartbeats.beat("worker-0", backend="cpu", runner_bytes=7_000)
+    heartbeats.beat("worker-1")
+    with database.writing() as session:
+        row = session.get(WorkerRow, "worker-1")
+        assert row is not None
+        row.expires_at_ms -= 30_000
+    return gateway
+
+
+def test_readiness_tells_the_gateway_from_the_fleet(fleet: Any) -> None:
+    assert fleet.client.get("/readyz").status_code == 200
+    assert fleet.client.get("/readyz?workers=1").status_code == 200
+    answer = fleet.client.get("/readyz?workers=2")
+    assert (answer.status_code, answer.json()["code"]) == (503, "unavailable")
+    assert answer.json()["detail"].startswith("1 workers are alive, not 2. Silent are worker-1 for 3")
+
+
+def test_a_service_without_workers_is_ready_for_uploads_only(gateway: Any) -> None:
+    assert gateway.client.get("/readyz").status_code == 200
+    assert gateway.client.get("/readyz?workers=1").status_code == 503
+
+
+def test_capabilities_name_the_workers(fleet: Any) -> None:
+    found = fleet.client.get("/v1/capabilities").json()
+    assert [(worker["id"], worker["alive"]) for worker in found["workers"]] == [
+        ("worker-0", True),
+        ("worker-1", False),
+    ]
+    assert found["workers"][0]["backend"] == "cpu"
+    assert found["job_kinds"] == ["update", "fine"]
+
+
+def test_metrics_show_workers_queue_and_room(fleet: Any) -> None:
+    scene = fleet.scene()
+    fleet.queue(scene)
+    time.sleep(0.01)
+    lines = dict(
+        line.rsplit(" ", 1) for line in fleet.client.get("/metrics").text.splitlines() if line[0] != "#"
+    )
+    assert float(lines['fvs_worker_alive{worker="worker-0"}']) == 1
+    assert float(lines['fvs_worker_alive{worker="worker-1"}']) == 0
+    assert float(lines['fvs_worker_heartbeat_age_seconds{worker="worker-1"}']) >= 30
+    assert float(lines['fvs_runner_bytes{worker="worker-0"}']) == 7_000
+    assert float(lines['fvs_jobs{kind="update",stage="",state="queued"}']) == 1
+    assert float(lines["fvs_queue_length"]) == 1
+    assert float(lines["fvs_queue_oldest_seconds"]) > 0
+    assert float(lines["fvs_disk_free_bytes"]) > 0
+    assert float(lines["fvs_database_up"]) == 1
