@@ -5,12 +5,16 @@
 A small synthetic scene is processed undisturbed first: an update with the first photographs, one with the
 rest, and a fine model. This shows which processes exist at which stage. The same is then repeated while
 every kind of process (gateway, worker, runner, SfM child) is killed at every stage at which it exists, at a
-random moment of the stage, and while a client requests rankings. After each repetition:
+random moment of the stage, and while a client requests rankings. The scene keeps two snapshots and ten
+rankings, an update without new images follows, a second scene is deleted while its first job runs, and at the
+end the first one is deleted. After each repetition:
 
 * every job has succeeded in its first attempt, and ended once;
-* its snapshot exists once, and its Gaussians are bit-identical to those of the undisturbed run;
-* every image exists once;
+* its snapshot was made once, and its Gaussians are bit-identical to those of the undisturbed run;
+* every image exists once, with its bytes;
+* the snapshots and rankings are those that the retention keeps;
 * every ranking was answered from the snapshot that was the latest, possibly after retries;
+* deleted scenes are gone at once, and from the disk soon after; ``fvs doctor`` finds nothing;
 * no process survives outside the service's control.
 
 At the end it prints how often each kind of process was killed at each stage.
@@ -19,6 +23,7 @@ At the end it prints how often each kind of process was killed at each stage.
 import argparse
 import contextlib
 import hashlib
+import json
 import os
 import random
 import signal
@@ -47,7 +52,11 @@ SETTINGS = {
     "FVS_WORKER__LONG_SIDE_PX": "160",
     "FVS_WORKER__THREADS": "1",  # one thread makes structure from motion repeatable, bit by bit
     "FVS_LEASE_S": f"{LEASE_S:g}",
+    "FVS_SWEEP_S": "1",
+    "FVS_REMOVAL_GRACE_S": "5",
+    "FVS_RETENTION__RANKINGS": "10",
 }
+RETENTION = {"snapshots": 2}
 FINE_ITERATIONS = 150
 MOST_LIVES = 25
 PATIENCE_S = 900.0
@@ -93,7 +102,9 @@ class Service:
             with contextlib.suppress(httpx2.TransportError):
                 answer = self.client.request(method, path, **options)
                 if answer.is_success:
-                    return answer.json()
+                    return answer.json() if answer.content else None
+                if method == "DELETE" and answer.status_code == 404:
+                    return None  # an earlier request deleted it, and its answer was lost
                 if not answer.json().get("retryable"):
                     raise SystemExit(f"{method} {path}: {answer.status_code} {answer.text}")
             if time.monotonic() > until:
@@ -170,6 +181,7 @@ def main() -> None:
         while killer.left and lives < MOST_LIVES:
             require(live(service, photographs) == peaceful, "a model differs from that of the peaceful run")
             require_no_orphans(watch)
+            require_health(service)
             lives += 1
             print(f"repetition {lives}: all checks hold, {len(killer.left)} kills are left", flush=True)
         print(killer.table())
@@ -181,22 +193,23 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
     """Take a scene from photographs to a fine model; returns the digests of its models, checked."""
     key = os.urandom(8).hex()
     scene = service.call(
-        "POST", "/v1/scenes", json={"name": "faults"}, headers={"Idempotency-Key": f"{key}-scene"}
+        "POST",
+        "/v1/scenes",
+        json={"name": "faults", "retention": RETENTION},
+        headers={"Idempotency-Key": f"{key}-scene"},
     )["id"]
     began = time.monotonic()
     ranker = Ranker(service, scene)
     ranker.start()
-    jobs = []
+    jobs, models = [], []
     steps: list[tuple[list[Path], Mapping[str, Any]]] = [
         (photographs[:7], {"kind": "update"}),
         (photographs[7:], {"kind": "update"}),
+        ([], {"kind": "update"}),
         ([], {"kind": "fine", "iterations": FINE_ITERATIONS}),
     ]
     for number, (files, request) in enumerate(steps):
-        for file in files:
-            content = file.read_bytes()
-            digest = hashlib.sha256(content).hexdigest()
-            service.call("PUT", f"/v1/scenes/{scene}/images/sha256:{digest}", content=content)
+        send(service, scene, files)
         job = service.call(
             "POST",
             f"/v1/scenes/{scene}/jobs",
@@ -204,6 +217,7 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
             headers={"Idempotency-Key": f"{key}-job-{number}"},
         )["id"]
         jobs.append(wait(service, job))
+        models.append(model_of(service, jobs[-1]))  # now: retention deletes it later
     ranker.stop()
     require(not ranker.wrong, f"rankings were wrong: {ranker.wrong[:2]}")
     require(ranker.answered > 0, "no ranking was answered")
@@ -213,7 +227,50 @@ def live(service: Service, photographs: list[Path]) -> list[str]:
         flush=True,
     )
     check(service, scene, photographs, jobs)
-    return [model_of(service, job) for job in jobs]
+    delete_while_a_job_runs(service, photographs[:7], key)
+    delete(service, scene)
+    return models
+
+
+def send(service: Service, scene: str, files: list[Path]) -> None:
+    """Upload photographs."""
+    for file in files:
+        content = file.read_bytes()
+        digest = hashlib.sha256(content).hexdigest()
+        service.call("PUT", f"/v1/scenes/{scene}/images/sha256:{digest}", content=content)
+
+
+def delete_while_a_job_runs(service: Service, photographs: list[Path], key: str) -> None:
+    """Delete a scene once its first job has begun."""
+    scene = service.call(
+        "POST", "/v1/scenes", json={"name": "doomed"}, headers={"Idempotency-Key": f"{key}-doomed"}
+    )["id"]
+    send(service, scene, photographs)
+    job = service.call("POST", f"/v1/scenes/{scene}/jobs", json={"kind": "update"})["id"]
+    until = time.monotonic() + PATIENCE_S
+    while service.call("GET", f"/v1/jobs/{job}")["stage"] is None and time.monotonic() < until:
+        time.sleep(0.1)
+    delete(service, scene)
+
+
+def delete(service: Service, scene: str) -> None:
+    """Delete a scene: it is gone at once, and leaves nothing on the disk."""
+    service.call("DELETE", f"/v1/scenes/{scene}")
+    listed = service.call("GET", "/v1/scenes?limit=1000")["items"]
+    require(scene not in [item["id"] for item in listed], "a deleted scene is listed")
+    until = time.monotonic() + PATIENCE_S
+    while left := list(service.root.glob(f"**/{scene}")):
+        require(time.monotonic() < until, f"a deleted scene is on the disk: {left}")
+        time.sleep(0.5)
+
+
+def require_health(service: Service) -> None:
+    """Check that ``fvs doctor`` finds nothing."""
+    command = [sys.executable, "-c", "from fvs_engine.cli import main; main()", "doctor", "--grace", "60"]
+    checked = subprocess.run(
+        [*command, "--root", str(service.root)], capture_output=True, text=True, check=False
+    )
+    require(checked.returncode == 0, f"the doctor finds {checked.stdout or checked.stderr}")
 
 
 def wait(service: Service, job: str) -> dict[str, Any]:
@@ -238,10 +295,23 @@ def check(service: Service, scene: str, photographs: list[Path], jobs: list[dict
     sent = {"sha256:" + hashlib.sha256(file.read_bytes()).hexdigest() for file in photographs}
     require(len(images) == len(sent) and {image["digest"] for image in images} == sent, "images differ")
     require(all(image["registration"] == "registered" for image in images), "an image was not taken up")
-    snapshots = service.call("GET", f"/v1/scenes/{scene}/snapshots")["items"]
-    made_by = Counter(snapshot["job_id"] for snapshot in snapshots)
-    require(made_by == Counter(job["id"] for job in jobs), f"snapshots per job: {made_by}")
-    with contextlib.closing(sqlite3.connect(service.root / "fvs.sqlite3")) as database:
+    for image in images:
+        name = image["digest"].removeprefix("sha256:")
+        content = (service.root / "blobs" / "scenes" / scene / "images" / name).read_bytes()
+        require(hashlib.sha256(content).hexdigest() == name, f"an image has other bytes: {image}")
+    first, second, again, fine = jobs
+    require(again["snapshot_id"] == second["snapshot_id"], f"an update without images made a model: {again}")
+    until = time.monotonic() + PATIENCE_S
+    while True:
+        left = [item["id"] for item in service.call("GET", f"/v1/scenes/{scene}/snapshots")["items"]]
+        if left == [second["snapshot_id"], fine["snapshot_id"]]:
+            break
+        require(time.monotonic() < until, f"retention left {left}")
+        time.sleep(0.5)
+    with contextlib.closing(sqlite3.connect(service.root / "fvs.sqlite3", timeout=30)) as database:
+        query = "SELECT data FROM events WHERE scene_id = ? AND kind = 'snapshot.created'"
+        made = Counter(json.loads(data)["job_id"] for (data,) in database.execute(query, (scene,)))
+        require(made == Counter(job["id"] for job in (first, second, fine)), f"snapshots per job: {made}")
         kinds = "('job.succeeded', 'job.failed', 'job.canceled')"
         query = f"SELECT count(*) FROM events WHERE scene_id = ? AND kind IN {kinds}"
         (ends,) = database.execute(query, (scene,)).fetchone()

@@ -19,7 +19,8 @@ TARGETS = {
     "runner": "fvs_service.worker.runner.process",
     "sfm": "fvs_engine.sfm.native.child",
 }
-BETWEEN_JOBS = "uploading"
+BETWEEN_JOBS, REMOVING = "uploading", "removing"
+_REMOVALS = "SELECT count(*) FROM removals WHERE removed_at IS NULL"
 
 _POLL_S = 0.02
 _LONGEST_S = 3.0
@@ -62,8 +63,9 @@ class Watch:
         query = "SELECT id, kind, stage FROM jobs WHERE state IN ('queued', 'running')"
         with contextlib.closing(sqlite3.connect(self._database, timeout=30)) as database:
             row = database.execute(query).fetchone()
+            (removals,) = database.execute(_REMOVALS).fetchone()
         if row is None:
-            return Moment(None, BETWEEN_JOBS, self._targets())
+            return Moment(None, REMOVING if removals else BETWEEN_JOBS, self._targets())
         job, kind, stage = row
         return Moment(job, f"{kind}: {stage or 'queued'}", self._targets())
 
