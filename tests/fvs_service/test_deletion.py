@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from anyio.to_thread import run_sync
 from fvs_service.deletion.retention import RetentionRules
 from fvs_service.errors import StaleLeaseError
 from fvs_service.model import now
@@ -142,10 +143,10 @@ def test_a_ranking_that_is_computed_while_its_scene_is_deleted_leaves_nothing(ga
     runners = gateway.runners
     computing, deleted, rank = threading.Event(), threading.Event(), runners.rank
 
-    def slow(request: Any) -> Any:
-        ranked = rank(request)
+    async def slow(request: Any) -> Any:
+        ranked = await rank(request)
         computing.set()
-        assert deleted.wait(60)
+        assert await run_sync(deleted.wait, 60)
         return ranked
 
     runners.rank = slow

@@ -46,8 +46,11 @@ METRICS = "metrics.json"
 COLMAP = "colmap.zip"
 """The artifact with COLMAP's binary model of the same cameras and points."""
 
-_ABOUT_THE_JOB = frozenset({METRICS, COLMAP})
-"""Artifacts that can differ between equal models."""
+ALIGNMENT = "alignment.json"
+"""The artifact with the snapshot's ``Alignment``."""
+
+_MODEL = frozenset({GAUSSIANS, COLMAP, ALIGNMENT})
+"""The artifacts that make a model; the others repeat them in another order or form, or are about the job."""
 _ABANDONED_AFTER = timedelta(hours=1)
 
 
@@ -193,7 +196,7 @@ class Snapshots:
         self, lease: Lease, job: Job, stage: str, made: NewSnapshot, artifacts: tuple[Artifact, ...]
     ) -> Snapshot | None:
         """Commit an update that ended with the model of an earlier snapshot, which is returned."""
-        model = {item.name: item.sha256 for item in artifacts if item.name not in _ABOUT_THE_JOB}
+        model = {item.name: item.sha256 for item in artifacts if item.name in _MODEL}
         with self._database.writing() as session:
             require_lease(session, lease)
             earlier = repository.with_artifacts(session, lease.scene_id, model)

@@ -24,7 +24,7 @@ from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
-from fvs_service.snapshots.service import NewSnapshot
+from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.progress import JobProgress
 from fvs_service.worker.protocol.connection import (
@@ -36,9 +36,6 @@ from fvs_service.worker.protocol.connection import (
 )
 from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
 from fvs_service.worker.room import Room
-
-ALIGNMENT = "alignment.json"
-"""The artifact with the snapshot's ``Alignment``."""
 
 _SNAPSHOT_STAGE = "snapshot"
 _POLL_S = 0.2
