@@ -44,10 +44,21 @@ class ReconstructionError(EngineError):
     code = "reconstruction-failed"
 
 
-class ProcessDiedError(ReconstructionError):
-    """A process that structure from motion had started was killed, or ran out of memory."""
+class NativeJobError(ReconstructionError):
+    """A native job failed; ``crashed``: by itself, and not because somebody killed its process."""
+
+    crashed = True
+
+
+class ProcessDiedError(NativeJobError):
+    """The process of a native job died; ``how`` says so in words."""
 
     code = "process-died"
+
+    def __init__(self, message: str, *, how: str, crashed: bool, hint: str = "") -> None:
+        super().__init__(message, hint=hint)
+        self.how = how
+        self.crashed = crashed
 
 
 class TrainingError(EngineError):

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.pose_source import PoseSource, open_pose_source
 from fvs_engine.scene.scene_files import SceneFiles, SceneState
+from fvs_engine.scene.scene_update import SceneUpdate
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
@@ -43,24 +44,6 @@ start (ADR 6).
 """
 
 _SAVE_EVERY_S = 60.0
-
-
-@dataclass(frozen=True)
-class SceneUpdate:
-    """What one ``add`` changed.
-
-    ``registered``: images that have a pose now and had none before; ``unregistered``: all visited images
-    without one; ``moved``: number of views whose camera or pose changed; ``iterations``: the iteration up to
-    which ``train`` will go on; ``seconds``: for the poses, and for the model.
-    """
-
-    registered: tuple[str, ...]
-    unregistered: tuple[str, ...]
-    moved: int
-    new_gaussians: int
-    iterations: int
-    warnings: tuple[str, ...]
-    seconds: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +137,11 @@ class GrowingScene:
         return tuple(name for name in self._visited if name not in self._posed)
 
     @property
+    def quarantined(self) -> Mapping[str, str]:
+        """Visited images that are left out, because structure from motion dies on them → the reasons."""
+        return self._source.quarantined
+
+    @property
     def generation(self) -> int:
         """The pose source's generation after the last ``add``."""
         return self._generation
@@ -183,11 +171,22 @@ class GrowingScene:
         """The iteration up to which the schedule goes with the present views; 0 before the first."""
         if self._trainer is None:
             return 0
-        more = len(self.views) - self._initial_views
+        more = max(0, len(self.views) - self._initial_views)
         return self.settings.initial_iterations + self.settings.iterations_per_view * more
 
-    def add(self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None) -> SceneUpdate:
+    def add(
+        self,
+        names: Sequence[str],
+        monitor: Monitor,
+        positions: Positions | None = None,
+        *,
+        removed: Collection[str] = (),
+    ) -> SceneUpdate:
         """Visit the images ``names``: register them, and seed Gaussians where new points are.
+
+        Images ``removed`` are first taken out, as if they had never been visited; those that are in
+        ``names``, too, are added again. When one of them was trained on, the model is retrained from
+        scratch: nothing else would take from it what it learnt from them.
 
         ``positions``: position priors for a dataset without poses, those of earlier images included; by
         default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
@@ -200,17 +199,21 @@ class GrowingScene:
             raise InvalidInputError(
                 f"{self.dataset.name} has no view {unknown[0]}.", hint="Give names of the dataset's views."
             )
-        new = tuple(name for name in dict.fromkeys(names) if name not in self._visited)
-        if not new:
+        gone = set(removed).intersection((*self._visited, *self.quarantined))
+        left = tuple(name for name in self._visited if name not in gone)
+        new = tuple(name for name in dict.fromkeys(names) if name not in left)
+        if not new and not gone:
             return SceneUpdate((), self.unregistered, 0, 0, self.target_iteration, (), {})
         if self._dirty:
             self.save()  # the pose source may be at most one update ahead of the checkpoint
         began = time.monotonic()
-        visited = self._visited + new
+        visited = left + new
+        if gone:
+            self._source.release(gone)
         # Before a kill the source may have committed these images: changes are relative to the scene's views.
         update = self._source.update(visited, self._posed.values(), monitor, positions)
         found = time.monotonic()
-        edit = self._edit(update, visited, monitor)
+        edit = self._edit(update, visited, monitor, restart=not gone.isdisjoint(self._posed))
         self._apply(edit)
         self._visited, self._generation, self._dirty = visited, update.generation, True
         registered = frozenset(update.registered)
@@ -277,9 +280,11 @@ class GrowingScene:
             )
         return self._trainer
 
-    def _edit(self, update: PoseUpdate, visited: Sequence[str], monitor: Monitor) -> _ModelEdit:
+    def _edit(
+        self, update: PoseUpdate, visited: Sequence[str], monitor: Monitor, *, restart: bool
+    ) -> _ModelEdit:
         """Load the images of new and changed views and find seeds; changes nothing."""
-        restart = self._trainer is None or self._outgrown(update.points)
+        restart = restart or self._trainer is None or self._outgrown(update.points)
         current = {view.name: view for view in update.views}
         new = current.keys() if restart else set(update.registered)
         names = [name for name in visited if name in new]
@@ -346,6 +351,7 @@ class GrowingScene:
         views = [view for _, view in edit.added]
         if edit.restart:
             if not views:
+                self._trainer, self._posed = None, {}
                 return
             gaussians = edit.seeds.gaussians(self.settings.training.sh_degree)
             schedule, seed = self.settings.schedule, self.settings.seed

@@ -1,6 +1,6 @@
 """Poses of the dataset, with the points that the visited views saw."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 
@@ -44,6 +44,15 @@ class KnownPoses:
     def model_dir(self) -> Path | None:
         """See ``PoseSource``: None, as the scene has no COLMAP model of its own."""
         return None
+
+    @property
+    def quarantined(self) -> Mapping[str, str]:
+        """See ``PoseSource``: of triangulation."""
+        return SfmFolder(self._folder).quarantine.reasons
+
+    def release(self, names: Collection[str]) -> None:
+        """See ``PoseSource``."""
+        SfmFolder(self._folder).quarantine.release(names)
 
     def update(
         self,

@@ -1,6 +1,6 @@
 """Interface of the sources of a scene's poses and sparse points: the dataset, or structure from motion."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -22,6 +22,15 @@ class PoseSource(Protocol):
         """The folder of the current COLMAP model; None when there is none."""
         ...
 
+    @property
+    def quarantined(self) -> Mapping[str, str]:
+        """Images on which structure from motion dies, which it leaves out → the reasons."""
+        ...
+
+    def release(self, names: Collection[str]) -> None:
+        """Forget quarantined images, so that the next ``update`` tries them again."""
+        ...
+
     def update(
         self,
         visited: Sequence[str],
@@ -31,7 +40,7 @@ class PoseSource(Protocol):
     ) -> PoseUpdate:
         """Register new images; return all current poses.
 
-        ``visited`` are all visited images, old and new; others may have poses, too. ``known`` are the
+        ``visited`` are all visited images, old and new; others lose their poses. ``known`` are the
         caller's views, to which the changes in the result are relative. A repeated call after a kill gives
         the same result. ``positions``: position priors of images without a pose in the dataset.
         """

@@ -1,6 +1,6 @@
 """Poses by structure from motion on the visited images only."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fvs_engine.monitor import Monitor
@@ -28,6 +28,15 @@ class SfmPoses:
         """See ``PoseSource``."""
         return self._growing.model_dir
 
+    @property
+    def quarantined(self) -> Mapping[str, str]:
+        """See ``PoseSource``."""
+        return self._growing.quarantined
+
+    def release(self, names: Collection[str]) -> None:
+        """See ``PoseSource``."""
+        self._growing.remove(names)
+
     def update(
         self,
         visited: Sequence[str],
@@ -36,6 +45,7 @@ class SfmPoses:
         positions: Positions | None = None,
     ) -> PoseUpdate:
         """See ``PoseSource``."""
+        self._growing.remove(set(self._growing.added).difference(visited))
         return self._growing.add(visited, monitor, self._priors(visited) or positions, known)
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:

@@ -6,6 +6,7 @@ view graph calibration do not); a process can always be stopped. What the C++ pr
 
 import json
 import os
+import signal
 import subprocess
 import threading
 import time
@@ -14,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from fvs_engine.child_process import close_pipes, spawn, stop
-from fvs_engine.errors import ProcessDiedError, ReconstructionError
+from fvs_engine.errors import NativeJobError, ProcessDiedError
 from fvs_engine.monitor import Monitor
 
 _CHILD = "fvs_engine.sfm.native.child"
 _LOGGING = {"GLOG_minloglevel": "0", "GLOG_logtostderr": "1"}
+_KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
+"""How a process ends that somebody else ends: a user, the system when memory runs out."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 
@@ -38,7 +41,7 @@ def run_native(
 
     ``on_tick`` is called a few times a second while the child works, ``on_event`` with each number that it
     reports. Raises ``Cancelled`` when the monitor is cancelled, after the child has ended;
-    ``ReconstructionError`` when the job fails, ``ProcessDiedError`` when its process dies.
+    ``NativeJobError`` when the job fails, ``ProcessDiedError`` when its process dies.
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
@@ -58,15 +61,21 @@ def run_native(
             close_pipes(child)
     outcome = next((message for message in messages if "event" not in message), None)
     if outcome is None:
-        raise ProcessDiedError(
-            f"The process of stage {job!r} died (exit status {child.returncode}).",
-            hint=f"Often memory ran out: use fewer or smaller images. Its last output is in {log_file}.",
-        )
+        raise _death(job, child.returncode, log_file)
     if "error" in outcome:
-        raise ReconstructionError(
-            f"Stage {job!r} failed: {outcome['error']}", hint=f"Details are in {log_file}."
-        )
+        raise NativeJobError(f"Stage {job!r} failed: {outcome['error']}", hint=f"Details are in {log_file}.")
     return outcome["result"]
+
+
+def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
+    """The error for a child that ended with ``status`` (minus the signal that ended it) and no result."""
+    if status in _KILLED:
+        hint = f"Somebody killed it, or memory ran out: use fewer or smaller images. See {log_file}."
+    else:
+        hint = f"pycolmap crashed. Its last output is in {log_file}."
+    how = f"exit status {status}" if status >= 0 else f"signal {signal.Signals(-status).name}"
+    message = f"The process of stage {job!r} died ({how})."
+    return ProcessDiedError(message, how=how, crashed=status not in _KILLED, hint=hint)
 
 
 def _read(child: "subprocess.Popen[str]", messages: list[dict[str, Any]]) -> None:

@@ -15,8 +15,10 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError, NoImagesError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.colmap.database import require_sound_database
+from fvs_engine.sfm.colmap.database import image_ids, remove_images, require_sound_database
+from fvs_engine.sfm.culprit import Item, run_or_accuse
 from fvs_engine.sfm.native_process import run_native
+from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 
 
@@ -60,6 +62,11 @@ class SfmFolder:
     def state(self) -> Path:
         """Which images and settings the folder's contents belong to."""
         return self.root / "state.json"
+
+    @property
+    def quarantine(self) -> Quarantine:
+        """The images that no job gets."""
+        return Quarantine(self.root / "quarantine.json")
 
     def mapping(self, mapper: str) -> Path:
         """A mapper's models, in folders 0, 1 and so on."""
@@ -118,9 +125,10 @@ class Stages:
         with contextlib.suppress(OSError, ValueError):
             before = json.loads(self.folder.state.read_text(encoding="utf-8"))
         changed = any(before.get("images", {}).get(name, size) != size for name, size in sizes.items())
-        gone = set(before.get("images", {})) - set(sizes)
-        if before.get("features") != state["features"] or changed or gone:
+        if before.get("features") != state["features"] or changed:
             delete_database(self.folder.database)
+        elif self.folder.database.exists():
+            remove_images(self.folder.database, image_ids(self.folder.database).keys() - sizes.keys())
         if before.get("models") != state["models"] or changed:
             delete_database(self.folder.calibrated)
             shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)
@@ -148,6 +156,33 @@ class Stages:
     ) -> Any:
         """Run a native job with the folder's log and this run's monitor."""
         return run_native(job, arguments, self.folder.log, self.monitor, on_tick=on_tick, on_event=on_event)
+
+    def native_over(
+        self,
+        job: str,
+        items: Sequence[Item],
+        arguments: Callable[[Sequence[Item]], Mapping[str, Any]],
+        *,
+        controls: Sequence[Item] = (),
+        image_of: Callable[[Item], str] = str,
+        on_tick: Callable[[], None] | None = None,
+        on_event: Callable[[int], None] | None = None,
+    ) -> Any:
+        """Run a native job on ``items``, images or pairs of them; its result.
+
+        ``arguments`` are those of the job on a part of the items, which may run several times. Raises
+        ``CulpritError`` when it dies on a single item, whose image is ``image_of`` it (see ``culprit``).
+        """
+        results = []
+
+        def run(some: Sequence[Item]) -> None:
+            results.append(self.native(job, arguments(some), on_tick=on_tick, on_event=on_event))
+
+        accused = run_or_accuse(run, items, controls)
+        if accused is not None:
+            culprit, error = accused
+            raise CulpritError(image_of(culprit), f"{error.message} It does so whenever it gets this image.")
+        return results[-1]
 
     def write_model(self, model: pycolmap.Reconstruction) -> None:
         """Write ``model`` to ``sparse``, whole or not at all."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
+    image_ids,
     publish,
     read_keypoints,
     read_verified_pairs,
@@ -126,16 +127,18 @@ def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -
     if target.is_dir() or verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES) == 0:
         return target
     stage = f"{mapper} mapping"
-    partial = fresh_folder(stages.folder.partial(target))
+    partial = stages.folder.partial(target)
     database = _mapping_database(stages) if mapper == "global" else stages.folder.database
     stages.monitor.report(stage, 0, count if mapper == "incremental" else None)
     with stages.timed(stage):
-        stages.native(
+        stages.native_over(
             f"map_{mapper}",
-            {
+            sorted(image_ids(database)),
+            lambda some: {
                 "database": str(database),
                 "image_dir": str(image_dir),
-                "out_dir": str(partial),
+                "out_dir": str(fresh_folder(partial)),
+                "names": list(some),
                 "refine": stages.settings.intrinsics is None,
                 "seed": stages.settings.seed,
                 "threads": stages.settings.threads,

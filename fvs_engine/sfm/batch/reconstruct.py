@@ -26,6 +26,7 @@ from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
@@ -64,11 +65,24 @@ def reconstruct(
     ``evidence``. ``positions``: position priors, by default the GPS positions in the images' EXIF; they
     move no camera, but a model that contradicts them is rejected.
 
+    Images on which pycolmap dies are quarantined: the report names them, and no later call uses them.
+
     Raises ``NoImagesError`` for fewer than two images, ``ReconstructionError`` when the images do not support
     a model (and says what to do), ``Cancelled``.
     """
     folder = SfmFolder(out_dir)
-    stages = Stages(folder, settings, monitor)
+    while True:
+        usable = [name for name in image_names if name not in folder.quarantine.reasons]
+        try:
+            return _reconstruct(Stages(folder, settings, monitor), image_dir, usable, positions)
+        except CulpritError as culprit:
+            folder.quarantine.add(culprit)
+
+
+def _reconstruct(
+    stages: Stages, image_dir: Path, image_names: Sequence[str], positions: Positions | None
+) -> SfmResult:
+    folder = stages.folder
     names = stages.open(image_dir, image_names, _MIN_IMAGES)
     if (finished := finished_result(folder)) is not None and finished.report.mapper != GIVEN:
         return finished
@@ -76,7 +90,7 @@ def reconstruct(
     match_features(stages, names)
     evidence = read_model_evidence(stages, positions)
     scenes = map_images(stages, image_dir, len(names), evidence)
-    decision = decide([scene.candidate for scene in scenes], settings.gate)
+    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     return _conclude(stages, names, scenes, decision)
 
 
@@ -158,7 +172,8 @@ def _report(
     components = tuple(
         ComponentReport(mapper=kept.mapper, images=images) for images in chosen.other_components
     )
-    warnings = [*stages.warnings, *decision.warnings]
+    quarantined = stages.folder.quarantine.reasons
+    warnings = [*stages.warnings, *decision.warnings, *(warning(*each) for each in quarantined.items())]
     if unregistered:
         warnings.append(
             f"{len(unregistered)} of {len(names)} images are unregistered: {_listed(unregistered)}."

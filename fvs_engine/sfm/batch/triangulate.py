@@ -18,6 +18,7 @@ from fvs_engine.sfm.colmap.imports import fit_camera
 from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, to_pycolmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
@@ -41,6 +42,18 @@ def triangulate(
     Raises ``InvalidInputError`` for fewer than two views, ambiguous names and images of another shape than
     their cameras, ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
     """
+    quarantine = SfmFolder(out_dir).quarantine
+    while True:
+        usable = [view for view in cameras.views if view.name not in quarantine.reasons]
+        try:
+            return _triangulate(replace(cameras, views=tuple(usable)), image_dir, out_dir, settings, monitor)
+        except CulpritError as culprit:
+            quarantine.add(culprit)
+
+
+def _triangulate(
+    cameras: Reconstruction, image_dir: Path, out_dir: Path, settings: SfmSettings, monitor: Monitor
+) -> SfmResult:
     views, missing = _views_with_images(cameras.views, image_dir)
     if len(views) < _MIN_VIEWS:
         raise InvalidInputError(
@@ -127,7 +140,7 @@ def _report(
         if evidence is None
         else f"{evidence.match_support:.1%} of the verified matches fit the given cameras."
     )
-    warnings = list(stages.warnings)
+    warnings = [*stages.warnings, *(warning(*each) for each in stages.folder.quarantine.reasons.items())]
     if doubtful:
         warnings.append(f"DOUBTFUL CAMERAS: {reason}")
     if missing:

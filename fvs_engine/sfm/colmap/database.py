@@ -2,7 +2,7 @@
 
 import contextlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,6 +81,25 @@ def _reading(path: Path) -> Iterator[sqlite3.Connection]:
         sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)
     ) as db:
         yield db
+
+
+def remove_images(path: Path, names: Iterable[str]) -> None:
+    """Delete images with their features, matches and priors; unknown names are ignored."""
+    if not path.exists():
+        return
+    known = image_ids(path)
+    numbers = [(known[name],) for name in names if name in known]
+    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+        for table in ("keypoints", "descriptors", "images"):
+            db.executemany(f"DELETE FROM {table} WHERE image_id = ?", numbers)
+        for table in ("matches", "two_view_geometries"):
+            pairs = f"pair_id / {_MAX_IMAGES} = ?1 OR pair_id % {_MAX_IMAGES} = ?1"
+            db.executemany(f"DELETE FROM {table} WHERE {pairs}", numbers)
+        camera = int(pycolmap.SensorType.CAMERA)
+        of_image = f"= ? AND {{}}sensor_type = {camera}"
+        db.executemany(f"DELETE FROM pose_priors WHERE corr_data_id {of_image.format('corr_')}", numbers)
+        db.executemany(f"DELETE FROM frame_data WHERE data_id {of_image.format('')}", numbers)
+        db.execute("DELETE FROM frames WHERE frame_id NOT IN (SELECT frame_id FROM frame_data)")
 
 
 def count_rows(path: Path, table: str) -> int:

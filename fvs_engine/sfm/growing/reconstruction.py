@@ -1,7 +1,7 @@
 """A reconstruction that images are added to, one by one or many at once."""
 
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +10,17 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.colmap.database import (
     feature_counts,
     image_ids,
     read_descriptors,
+    remove_images,
     require_sound_database,
     verified_matches,
 )
-from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
@@ -26,6 +28,7 @@ from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unch
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.matching.match import require_plain_names
+from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
@@ -83,7 +86,7 @@ class GrowingReconstruction:
     def reconstruction(self) -> Reconstruction:
         """The current model; empty before the first one."""
         generation = self._state.generation
-        if generation == 0:
+        if not self._state.registered:
             return Reconstruction.of_views(())
         if self._current is None or self._current[0] != generation:
             self._current = (generation, read_colmap(self._folder.model(generation)))
@@ -91,8 +94,8 @@ class GrowingReconstruction:
 
     @property
     def model_dir(self) -> Path | None:
-        """The folder of the current COLMAP model; None before the first one."""
-        return self._folder.model(self.generation) if self.generation > 0 else None
+        """The folder of the current COLMAP model; None when no image is registered."""
+        return self._folder.model(self.generation) if self.registered else None
 
     @property
     def registered(self) -> tuple[str, ...]:
@@ -103,6 +106,16 @@ class GrowingReconstruction:
     def unregistered(self) -> tuple[str, ...]:
         """Names of the added images without a pose, in the order of adding."""
         return self._state.unregistered
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Names of the images that were added and neither removed nor quarantined, in the order of adding."""
+        return tuple(self._state.images)
+
+    @property
+    def quarantined(self) -> Mapping[str, str]:
+        """Images on which pycolmap dies, which no job gets → the reasons."""
+        return self._folder.sfm.quarantine.reasons
 
     @property
     def generation(self) -> int:
@@ -127,12 +140,15 @@ class GrowingReconstruction:
         the views from which the result counts its changes, by default those before the call. A caller that
         was killed after a commit has older ones.
 
+        Images on which pycolmap dies are quarantined: they are no longer added, and a warning names them.
+
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
         changed, ``Cancelled``.
         """
         require_plain_names(names)
-        sizes = require_unchanged(self._state, self._image_dir, list(dict.fromkeys(names)))
+        names = [name for name in dict.fromkeys(names) if name not in self.quarantined]
+        sizes = require_unchanged(self._state, self._image_dir, names)
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
         _require_readable(self._image_dir, tuple(new))
         if new:
@@ -143,9 +159,16 @@ class GrowingReconstruction:
         before = self.reconstruction.views if known is None else known
         warnings: tuple[str, ...] = ()
         seconds: Mapping[str, float] = {}
-        if self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
-            step = self._bootstrap if self.generation == 0 else self._grow
-            warnings, seconds = step(monitor, positions)
+        quarantined = set(self.quarantined)
+        while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
+            try:
+                step = self._grow if self.registered else self._bootstrap
+                warnings, seconds = step(monitor, positions)
+            except CulpritError as culprit:
+                self._folder.sfm.quarantine.add(culprit)
+                self._take_out({culprit.name})
+        news = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
+        warnings = tuple(dict.fromkeys((*warnings, *news)))
         current = self.reconstruction
         return PoseUpdate.between(
             before,
@@ -156,6 +179,16 @@ class GrowingReconstruction:
             warnings,
             seconds,
         )
+
+    def remove(self, names: Collection[str]) -> None:
+        """Remove images, as if they had never been added: their features, matches, poses and observations.
+
+        The poses and intrinsics of the others stay; points that fewer than two of them saw are gone. When
+        fewer than two registered images are left, the next images start a new model, in a frame of its own.
+        An image that was removed, or quarantined, can be added again.
+        """
+        self._take_out(names)
+        self._folder.sfm.quarantine.release(names)
 
     def localise(
         self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None
@@ -168,7 +201,7 @@ class GrowingReconstruction:
         """
         require_plain_names(names)
         require_unchanged(self._state, self._image_dir, names)
-        if self.generation == 0:
+        if not self.registered:
             return {}
         registered = {view.name: view for view in self.reconstruction.views}
         guests = [name for name in dict.fromkeys(names) if name not in registered]
@@ -192,9 +225,11 @@ class GrowingReconstruction:
         names = list(self._state.images)
         folder = self._folder.sfm.root
         result = reconstruct(self._image_dir, names, folder, self._settings, monitor, positions)
+        self._state = self._state.without(self.quarantined.keys())
         shutil.copytree(result.model_dir, fresh_folder(self._folder.next_model), dirs_exist_ok=True)
         posed = {view.name for view in result.reconstruction.views}
         chosen = next(c for c in result.report.candidates if c.mapper == result.report.mapper)
+        names = list(self._state.images)
         state = self._state.model_copy(
             update={
                 "pending": (),
@@ -228,6 +263,21 @@ class GrowingReconstruction:
             self._folder.save(state)
             self._state = state
         return warnings, stages.seconds
+
+    def _take_out(self, names: Collection[str]) -> None:
+        """Remove images from the state, the model and, once that is committed, the database."""
+        state = self._state.without(names)
+        if len(state.registered) < _MIN_BOOTSTRAP:
+            state = state.model_copy(update={"registered": (), "pending": tuple(state.images)})
+        if state.registered and state.registered != self._state.registered:
+            model = open_colmap(self._folder.model(self.generation))
+            leave_out(model, list(names))
+            model.write_binary(fresh_folder(self._folder.next_model))
+            self._commit(state)
+        elif state != self._state:
+            self._folder.save(state)
+            self._state = state
+        remove_images(self._folder.sfm.database, names)
 
     def _match_unregistered(self, stages: Stages) -> list[str]:
         """Extract and match features of the unregistered images; returns those that match anything."""

@@ -59,14 +59,15 @@ def register(
     settings = stages.settings
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):
-        answer = stages.native(
+        answer = stages.native_over(
             "register",
-            {
+            names,
+            lambda some: {
                 "database": str(stages.folder.database),
                 "image_dir": str(image_dir),
                 "model_dir": str(model_dir),
                 "out_dir": str(fresh_folder(out_dir)),
-                "names": list(names),
+                "names": list(some),
                 "refine": settings.intrinsics is None,
                 "positions": positions.to_json(),
                 "min_image_support": settings.growth.min_image_support,

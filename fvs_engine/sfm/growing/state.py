@@ -9,7 +9,7 @@ commit: after a kill before it the former model is the current one, whatever els
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -75,6 +75,23 @@ class GrowthState(Record):
                 "rejected": {name: reason for name, reason in self.rejected.items() if name not in now},
                 "adjusted_images": adjusted_images,
                 "adjusted_points": adjusted_points,
+            }
+        )
+
+    def without(self, names: Collection[str]) -> "GrowthState":
+        """The state without these images, as if they had never been added."""
+        images = {name: size for name, size in self.images.items() if name not in names}
+        registered = tuple(name for name in self.registered if name not in names)
+        first = list(self.images)[: self.bootstrap_images]
+        return self.model_copy(
+            update={
+                "images": images,
+                "pending": tuple(name for name in self.pending if name not in names),
+                "registered": registered,
+                "rejected": {name: why for name, why in self.rejected.items() if name not in names},
+                "bootstrap_images": sum(name not in names for name in first),
+                "adjusted_images": min(self.adjusted_images, len(registered)),
+                "mapped_images": min(self.mapped_images, len(images)),
             }
         )
 

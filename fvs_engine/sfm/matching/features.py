@@ -1,9 +1,10 @@
 """Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pycolmap
 from PIL import Image
@@ -38,16 +39,18 @@ def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
         done = set(feature_counts(database))
         todo = [name for name in names if name not in done]
         if todo:
-            stages.native(
+            stages.native_over(
                 "extract",
-                {
+                todo,
+                lambda some: {
                     "database": str(database),
                     "image_dir": str(image_dir),
-                    "names": todo,
+                    "names": list(some),
                     "max_image_size": stages.settings.max_image_size_px,
                     "max_features": stages.settings.max_features,
                     "threads": stages.settings.threads,
                 },
+                controls=[name for name in names if name in done],
                 on_tick=lambda: stages.monitor.report(
                     "features", count_rows(database, "keypoints"), len(names)
                 ),
@@ -98,20 +101,23 @@ def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None
         missing = [name for name in group.names if name not in known]
         if not missing:
             continue
-        # A group that was interrupted, or that grew, continues with the camera it has.
-        camera_id = next((known[name] for name in group.names if name in known), -1)
         model, params = _intrinsics(stages.settings, group)
-        stages.native(
-            "import_images",
-            {
+
+        def arguments(
+            some: Sequence[str], group: CameraGroup = group, model: str = model, params: str = params
+        ) -> Mapping[str, Any]:
+            # A group that was interrupted, or that grew, continues with the camera it has.
+            cameras = image_cameras(database)
+            return {
                 "database": str(database),
                 "image_dir": str(image_dir),
-                "names": missing,
+                "names": list(some),
                 "model": model,
                 "params": params,
-                "camera_id": camera_id,
-            },
-        )
+                "camera_id": next((cameras[name] for name in group.names if name in cameras), -1),
+            }
+
+        stages.native_over("import_images", missing, arguments, controls=[n for n in names if n in known])
 
 
 def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:

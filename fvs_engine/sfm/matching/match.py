@@ -31,7 +31,10 @@ def match_features(stages: Stages, names: Sequence[str]) -> None:
 
 
 def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
-    """Match these pairs of image names; pairs that are done are skipped."""
+    """Match these pairs of image names; pairs that are done are skipped.
+
+    The first of a pair on which the job dies is the one that is quarantined.
+    """
     _match(stages, pairs, image_ids(stages.folder.database), listed=True)
 
 
@@ -42,15 +45,17 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
     if todo:
         begun = len(done)
         with stages.timed("matching"):
-            stages.native(
+            stages.native_over(
                 "match",
-                {
+                todo,
+                lambda some: {
                     "database": str(database),
-                    "pair_list": _write_list(stages, todo) if listed else None,
+                    "pair_list": _write_list(stages, some) if listed or len(some) < len(todo) else None,
                     "block": _BLOCK_IMAGES,
                     "seed": stages.settings.seed,
                     "threads": stages.settings.threads,
                 },
+                image_of=lambda pair: pair[0],
                 on_tick=lambda: stages.monitor.report(
                     "matching",
                     min(

@@ -99,15 +99,17 @@ def map_incremental(
     database: str,
     image_dir: str,
     out_dir: str,
+    names: list[str],
     refine: bool,
     seed: int,
     threads: int | None,
 ) -> int:
-    """Incremental mapping; the models go to ``out_dir``/0, 1, …; their number."""
+    """Incremental mapping of ``names``; the models go to ``out_dir``/0, 1, …; their number."""
     pycolmap.set_random_seed(seed)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = seed
     options.num_threads = _threads(threads)
+    options.image_names = names
     options.min_model_size = 3
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
@@ -130,13 +132,15 @@ def map_global(
     database: str,
     image_dir: str,
     out_dir: str,
+    names: list[str],
     refine: bool,
     seed: int,
     threads: int | None,
 ) -> int:
-    """Global mapping (GLOMAP); the models go to ``out_dir``/0, 1, …; their number."""
+    """Global mapping (GLOMAP) of ``names``; the models go to ``out_dir``/0, 1, …; their number."""
     pycolmap.set_random_seed(seed)
     options = pycolmap.GlobalPipelineOptions()
+    options.image_names = names
     options.random_seed = options.mapper.random_seed = seed
     options.num_threads = options.mapper.num_threads = _threads(threads)
     adjustment = options.mapper.bundle_adjustment

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,8 +34,13 @@ class MovingPoses:
         self.camera: PinholeCamera | None = None
         self.jitter = 0.0
         self.points = dataset.points.cloud.xyz if dataset.points else np.zeros((0, 3))
+        self.quarantined: dict[str, str] = {}
 
     model_dir = None
+
+    def release(self, names: Collection[str]) -> None:
+        for name in names:
+            self.quarantined.pop(name, None)
 
     def update(
         self,
@@ -382,3 +387,40 @@ def test_the_expected_camera_needs_no_photograph(
     assert scene.expected_camera("3.png") == ball.by_name["3.png"].camera
     scene.add(FIRST, Monitor())
     assert scene.expected_camera("3.png") == estimated
+
+
+def test_a_removed_image_is_unlearnt_and_can_come_back(
+    moving: tuple[GrowingScene, MovingPoses],
+):
+    scene, source = moving
+    names = [view.name for view in source.dataset.views]
+    scene.add(names[:5], Monitor())
+    scene.train(Monitor())
+    assert scene.iteration > 0
+    scene.add(names[5:6], Monitor(), removed=[names[1]])
+    assert scene.visited == (names[0], *names[2:6])
+    assert [view.name for view in scene.views] == [names[0], *names[2:6]]
+    assert scene.iteration == 0  # retrained from scratch
+    scene.train(Monitor())
+    trained = scene.iteration
+    scene.add([names[1]], Monitor())
+    assert names[1] in {view.name for view in scene.views}
+    assert scene.iteration == trained
+
+
+def test_removing_an_image_without_a_pose_keeps_the_training(
+    moving: tuple[GrowingScene, MovingPoses],
+):
+    scene, source = moving
+    names = [view.name for view in source.dataset.views]
+    source.late = {names[4]}
+    scene.add(names[:5], Monitor())
+    scene.train(Monitor())
+    trained = scene.iteration
+    update = scene.add((), Monitor(), removed=[names[4]])
+    assert update.unregistered == ()
+    assert scene.iteration == trained > 0
+    source.quarantined[names[6]] = "it kills"
+    assert scene.quarantined == {names[6]: "it kills"}
+    scene.add([names[6]], Monitor(), removed=[names[6]])  # try it again
+    assert scene.quarantined == {}

@@ -59,7 +59,7 @@ def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
 
 def test_a_child_that_dies_is_an_error_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     use_child(monkeypatch, "import os; os.kill(os.getpid(), 9)")
-    with pytest.raises(ReconstructionError, match=r"died \(exit status -9\)") as caught:
+    with pytest.raises(ReconstructionError, match=r"died \(signal SIGKILL\)") as caught:
         run_native("match", {}, tmp_path / "native.log", Monitor())
     assert "memory" in caught.value.hint
 
