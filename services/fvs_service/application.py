@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.deletion.service import Deletions
+from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
@@ -49,6 +50,7 @@ class Application:
     upload_limit: ConcurrencyLimit
     scenes: Scenes
     images: Images
+    exclusions: Exclusions
     jobs: Jobs
     rankings: Rankings
     deletions: Deletions
@@ -108,6 +110,7 @@ def open_application(settings: Settings, make_runners: MakeRunners) -> Iterator[
                 upload_limit=ConcurrencyLimit("uploads", limits.open_uploads_per_tenant),
                 scenes=Scenes(storage.database, limits),
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
+                exclusions=Exclusions(storage.database, jobs),
                 jobs=jobs,
                 rankings=Rankings(storage.database, storage.blobs, storage.snapshots, runners, limits),
                 deletions=Deletions(storage.database, settings.removal_grace_s),

@@ -13,6 +13,17 @@ ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[^/\\\
 """The sender's name of the image; it is never a path."""
 
 
+MEDIA_TYPES = {
+    "JPEG": "image/jpeg",
+    "MPO": "image/jpeg",
+    "PNG": "image/png",
+    "TIFF": "image/tiff",
+    "WEBP": "image/webp",
+    "BMP": "image/bmp",
+}
+"""Format → media type."""
+
+
 class Verdict(StrEnum):
     """Whether an image can be used."""
 
@@ -36,6 +47,15 @@ class Registration(StrEnum):
     """It has no pose so far, mostly because it overlaps with no other image; every update tries it again."""
     UNUSED = "unused"
     """Not accepted, so never part of a model."""
+    EXCLUDED = "excluded"
+    """Left out on request; the next update makes a model without it."""
+    QUARANTINED = "quarantined"
+    """Left out because structure from motion dies on it; `reason` says how."""
+
+    @property
+    def left_out(self) -> bool:
+        """Whether updates leave the image out until it is included again."""
+        return self in (Registration.EXCLUDED, Registration.QUARANTINED)
 
 
 class ImageWarning(StrEnum):
@@ -143,7 +163,7 @@ class Image(Model):
     name: str
     verdict: Verdict
     reason: str
-    """Why it is not accepted; empty when it is."""
+    """Why it is not accepted, excluded or quarantined; else empty."""
     hint: str
     warnings: tuple[ImageWarning, ...]
     duplicate_of: Digest | None
@@ -157,6 +177,16 @@ class Image(Model):
     prior: Prior | None
     captured_at: Timestamp | None
     received_at: Timestamp
+
+    @property
+    def sha256(self) -> str:
+        """The digest without its prefix."""
+        return self.digest.removeprefix("sha256:")
+
+    @property
+    def media_type(self) -> str:
+        """The media type of its bytes."""
+        return MEDIA_TYPES.get(self.format or "", "application/octet-stream")
 
 
 class ImageList(Listing[Image]):

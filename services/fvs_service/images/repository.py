@@ -2,13 +2,14 @@
 
 from collections.abc import Collection, Iterable
 
-from sqlalchemy import func, select, update
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.images.model import Image, Registration, Verdict
-from fvs_service.storage.tables import ImageRow
+from fvs_service.storage.tables import ImageRow, SceneRow
 
 _HEX = len("sha256:")
+_LEFT_OUT = [registration.value for registration in Registration if registration.left_out]
 _VARIABLES = 500
 """Databases limit the values in one query."""
 
@@ -62,11 +63,15 @@ def images_after(session: Session, scene_id: str, number: int, limit: int) -> tu
     return tuple(map(_image, rows))
 
 
-def accepted_images(session: Session, scene_id: str) -> tuple[Image, ...]:
-    """All images of a scene that can be used, in the order of arrival."""
+def usable_images(session: Session, scene_id: str) -> tuple[Image, ...]:
+    """The images of a scene that updates use, in the order of arrival: accepted, and not left out."""
     rows = session.scalars(
         select(ImageRow)
-        .where(ImageRow.scene_id == scene_id, ImageRow.verdict == Verdict.ACCEPTED.value)
+        .where(
+            ImageRow.scene_id == scene_id,
+            ImageRow.verdict == Verdict.ACCEPTED.value,
+            ImageRow.registration.not_in(_LEFT_OUT),
+        )
         .order_by(ImageRow.number)
     )
     return tuple(map(_image, rows))
@@ -87,12 +92,51 @@ def known_digests(session: Session, scene_id: str, digests: Collection[str]) -> 
 
 
 def next_number(session: Session, scene_id: str) -> int:
-    """The number that the next image gets."""
-    return (session.scalar(select(func.max(ImageRow.number)).where(ImageRow.scene_id == scene_id)) or 0) + 1
+    """Take the next number of an image; none is given twice, even when its image is deleted."""
+    number = session.scalar(
+        update(SceneRow)
+        .where(SceneRow.id == scene_id)
+        .values(last_image_number=SceneRow.last_image_number + 1)
+        .returning(SceneRow.last_image_number)
+    )
+    assert number is not None
+    return int(number)
+
+
+def replace_image(session: Session, image: Image) -> None:
+    """Write an image's registration, reason and hint."""
+    row = session.get(ImageRow, (image.scene_id, image.sha256))
+    if row is not None:
+        row.registration = image.registration.value
+        row.document = image.model_dump(mode="json", exclude={"registration"})
+        session.flush()
+
+
+def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, ...]:
+    """Delete an image and its duplicates; returns them, none when the scene does not have it."""
+    row = session.get(ImageRow, (scene_id, digest[_HEX:]))
+    if row is None:
+        return ()
+    rows = [row]
+    if row.verdict == Verdict.ACCEPTED.value and row.pixels_sha256 is not None:
+        rows += session.scalars(
+            select(ImageRow).where(
+                ImageRow.scene_id == scene_id,
+                ImageRow.pixels_sha256 == row.pixels_sha256,
+                ImageRow.verdict == Verdict.DUPLICATE.value,
+            )
+        )
+    for found in rows:
+        session.delete(found)
+    session.flush()
+    return tuple(map(_image, rows))
 
 
 def register(session: Session, scene_id: str, registered: Iterable[str], unregistered: Iterable[str]) -> None:
-    """Record which accepted images, given by digest, have a pose in the current model."""
+    """Record which accepted images, given by digest, have a pose in the current model.
+
+    Those that are left out stay so: they were taken out while the model was made.
+    """
     for registration, digests in (
         (Registration.REGISTERED, list(registered)),
         (Registration.UNREGISTERED, list(unregistered)),
@@ -103,6 +147,7 @@ def register(session: Session, scene_id: str, registered: Iterable[str], unregis
                 .where(
                     ImageRow.scene_id == scene_id,
                     ImageRow.verdict == Verdict.ACCEPTED.value,
+                    ImageRow.registration.not_in(_LEFT_OUT),
                     ImageRow.sha256.in_(digest[_HEX:] for digest in digests[start : start + _VARIABLES]),
                 )
                 .values(registration=registration.value)

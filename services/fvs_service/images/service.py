@@ -5,13 +5,14 @@ then inspects them and commits the image, the bytes before the row: a crash in b
 acknowledged, and an image that is sent again is stored once.
 """
 
+import contextlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
+from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError, UnavailableError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
@@ -39,6 +40,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
+from fvs_service.storage.removals import keep, lock_scene
 
 _POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
 
@@ -107,6 +109,8 @@ class Images:
                 return found, False
             _require_frame(scene, metadata)
             twin = repository.same_pixels(session, scene_id, inspection.pixels_sha256)
+            if twin is None and inspection.verdict is Verdict.ACCEPTED:
+                self._require_stored(session, scene_id, staged)
             number = repository.next_number(session, scene_id)
             image = _image(scene, staged, metadata, inspection, twin, number)
             repository.add_image(session, image, inspection.pixels_sha256)
@@ -116,6 +120,22 @@ class Images:
             session.flush()
             self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
         return image, True
+
+    def original(self, principal: Principal, scene_id: str, digest: str) -> Image:
+        """An image whose bytes are kept; raises ``NotFoundError``."""
+        image = self.get(principal, scene_id, digest)
+        if image.verdict is not Verdict.ACCEPTED:
+            raise NotFoundError(
+                f"The bytes of the image are not kept: it is {image.verdict.value}.",
+                hint="Only accepted images can be downloaded."
+                if image.duplicate_of is None
+                else f"Download {image.duplicate_of}, which has the same pixels.",
+            )
+        return image
+
+    def content(self, image: Image, start: int, stop: int) -> Iterator[bytes]:
+        """The bytes of an accepted image, as they were sent."""
+        return self._blobs.chunks(image_key(image.scene_id, image.sha256), start, stop)
 
     def get(self, principal: Principal, scene_id: str, digest: str) -> Image:
         """One image; raises ``NotFoundError``."""
@@ -146,6 +166,16 @@ class Images:
         with self._database.reading() as session:
             return repository.same_pixels(session, scene_id, inspection.pixels_sha256) is not None
 
+    def _require_stored(self, session: Session, scene_id: str, staged: StagedFile) -> None:
+        """Raise when a deletion of the image has just removed the bytes that were stored for its row."""
+        lock_scene(session, scene_id)
+        key = image_key(scene_id, staged.digest.removeprefix("sha256:"))
+        if not self._blobs.exists(key):
+            raise UnavailableError(
+                "The image was deleted while it was sent.", hint="Send it again.", retry_after_s=1
+            )
+        keep(session, [key])
+
     def _set_origin(self, session: Session, scene: Scene, image: Image) -> None:
         prior = image.prior
         wanted = isinstance(scene.world, AutomaticWorld) and scene.origin is None
@@ -173,12 +203,16 @@ def blob_key(scene_id: str, digest: str) -> str:
 def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
     """Write accepted images into ``folder`` for the engine; returns them by file name.
 
-    Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept.
+    Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept. Images that
+    were deleted meanwhile are left out.
     """
-    named = {file_name(image): image for image in images}
-    for name, image in named.items():
-        if not (folder / name).exists():
-            blobs.export(blob_key(image.scene_id, image.digest), folder / name)
+    named = {}
+    for image in images:
+        name = file_name(image)
+        with contextlib.suppress(NotFoundError):
+            if not (folder / name).exists():
+                blobs.export(blob_key(image.scene_id, image.digest), folder / name)
+            named[name] = image
     return named
 
 

@@ -119,7 +119,7 @@ class Jobs:
         Called in the transaction that adds an image.
         """
         policy, counts = scene.policy, scene.images
-        if policy.trigger is Trigger.ON_REQUEST or counts.accepted < policy.first:
+        if policy.trigger is Trigger.ON_REQUEST or counts.usable < policy.first:
             return
         due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k
         if counts.pending >= due and repository.unprocessed_images(session, scene.id) >= due:

@@ -197,6 +197,15 @@ class ImageCounts(Model):
     rejected: Count = 0
     pending: Count = 0
     """Accepted, and not yet processed by an update."""
+    excluded: Count = 0
+    """Accepted, and left out on request."""
+    quarantined: Count = 0
+    """Accepted, and left out because structure from motion dies on them."""
+
+    @property
+    def usable(self) -> int:
+        """The number of images that an update uses."""
+        return self.accepted - self.excluded - self.quarantined
 
 
 class Scene(Model):

@@ -22,6 +22,7 @@ from fvs_service.scenes.model import (
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow
 
 _ALIGNMENT = TypeAdapter(Alignment)
+_LEFT_OUT = ("excluded", "quarantined")
 _NO_SCENE = "There is no such scene."
 
 
@@ -45,6 +46,7 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
             origin=None if origin is None else origin.model_dump(mode="json"),
             snapshot_id=None,
             working_bytes=0,
+            last_image_number=0,
             created_at=at,
         )
     )
@@ -188,5 +190,5 @@ def _counts(session: Session, scene_id: str) -> ImageCounts:
     ).all()
     received = sum(count for _, _, count in rows)
     accepted = sum(count for verdict, _, count in rows if verdict == "accepted")
-    pending = sum(count for _, registration, count in rows if registration == "pending")
-    return ImageCounts(received=received, accepted=accepted, rejected=received - accepted, pending=pending)
+    of = {state: sum(n for _, found, n in rows if found == state) for state in ("pending", *_LEFT_OUT)}
+    return ImageCounts(received=received, accepted=accepted, rejected=received - accepted, **of)

@@ -71,6 +71,7 @@ class SceneRow(Table):
     origin: Mapped[dict[str, Any] | None]
     snapshot_id: Mapped[str | None] = mapped_column(String(40))
     working_bytes: Mapped[int] = mapped_column(BigInteger)
+    last_image_number: Mapped[int]
     created_at: Mapped[datetime]
 
 

@@ -7,7 +7,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, OutOfSpaceError, StaleLeaseError
-from fvs_service.images.repository import accepted_images
+from fvs_service.images.repository import usable_images
 from fvs_service.jobs.model import JobError, WaitReason
 from fvs_service.jobs.repository import find_job
 from fvs_service.jobs.ticket import JobTicket
@@ -110,7 +110,7 @@ class Attempts:
         tries.start(self._progress(ticket))
         with self._storage.database.reading() as session:
             request = find_job(session, ticket.job_id).request
-            images = accepted_images(session, ticket.scene_id)
+            images = usable_images(session, ticket.scene_id)
         need = job_need_bytes(request, images, self._storage.settings.worker)
         with self._scenes.with_runner(
             ticket.scene_id, need, lambda: self._unwanted(ticket), _MEMORY_PATIENCE_S

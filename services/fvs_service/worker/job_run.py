@@ -17,8 +17,9 @@ from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import DiskFullError
 from fvs_service.application import Storage
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError
+from fvs_service.images.exclusion import quarantine
 from fvs_service.images.model import Image
-from fvs_service.images.repository import accepted_images
+from fvs_service.images.repository import usable_images
 from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
@@ -145,7 +146,7 @@ class JobRuns:
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
         """The images that had arrived when the attempt started: every try of it uses the same."""
         with self._storage.database.reading() as session:
-            images = accepted_images(session, job.scene_id)
+            images = usable_images(session, job.scene_id)
         last = max((image.number for image in images), default=0)
         stage = images_stage(job.attempt)
         kept = self._storage.ledger.stage(job.id, stage)
@@ -169,6 +170,8 @@ class JobRuns:
                     self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
                     stage = found.stage
+                case {"quarantined": dict(reasons)}:
+                    self._quarantine(scene, reasons, request.images)
                 case {"warning": str(sentence)}:
                     named = with_original_names(sentence, request.images)
                     self._storage.ledger.warn(scene.lease, job.id, named)
@@ -194,6 +197,11 @@ class JobRuns:
             return ChildDiedError(failure.message)
         named = with_original_names(failure.message, request.images)
         return _JobFailedError(failure.model_copy(update={"message": named}), stage)
+
+    def _quarantine(self, scene: LeasedScene, reasons: Mapping[str, str], images: tuple[Image, ...]) -> None:
+        named = {digest: with_original_names(reason, images) for digest, reason in reasons.items()}
+        with self._storage.database.writing() as session:
+            quarantine(session, scene.lease, named)
 
     def _commit(
         self, leased: LeasedScene, job: Job, outcome: JobOutcome, images: Mapping[str, Image]

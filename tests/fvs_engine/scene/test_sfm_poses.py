@@ -14,8 +14,14 @@ from fvs_engine.sfm.verification.positions import Positions
 
 def test_position_priors_reach_structure_from_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     passed: list[Any] = []
+    removed: list[Any] = []
 
     class Growing:
+        added = ("a.png", "gone.png")
+
+        def remove(self, names: Any) -> None:
+            removed.append(names)
+
         def add(self, _names: Any, _monitor: Any, positions: Any, _known: Any) -> None:
             passed.append(positions)
 
@@ -27,3 +33,4 @@ def test_position_priors_reach_structure_from_motion(tmp_path: Path, monkeypatch
     source.update(["a.png"], (), Monitor(), priors)
     source.update(["a.png"], (), Monitor())
     assert passed == [priors, None]
+    assert removed == [{"gone.png"}] * 2  # what is no longer visited loses its pose

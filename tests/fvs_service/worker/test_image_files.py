@@ -10,7 +10,7 @@ from fvs_service.images.model import Registration, Verdict
 from fvs_service.images.service import blob_key
 from fvs_service.model import now
 from fvs_service.storage.blobs import Blobs
-from fvs_service.worker.runner.image_files import prepare_images
+from fvs_service.worker.runner.image_files import discard_images, prepare_images
 from PIL import Image
 
 from fvs_engine.monitor import Monitor
@@ -62,11 +62,40 @@ def test_photographs_are_upright_files_in_the_order_of_arrival(
 ) -> None:
     images = [store(2), store(10, "WEBP"), store(1, exif={_ORIENTATION: 6}), store(3, "PNG")]
     blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
-    placed = prepare_images(blobs, images, folder, Monitor())
+    placed = prepare_images(blobs, images, folder, Monitor()).files
     assert [placed[name].number for name in sorted(placed)] == [1, 2, 3, 10]
     with Image.open(folder / min(placed)) as turned:
         assert turned.size == (48, 64)
     before = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
-    again = prepare_images(blobs, [*images, store(11)], folder, Monitor())
+    again = prepare_images(blobs, [*images, store(11)], folder, Monitor()).files
     assert len(again) == 5
     assert before.items() <= {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}.items()
+
+
+def test_a_number_that_is_given_again_does_not_bring_old_pixels_back(
+    tmp_path: Path, store: Callable[..., SceneImage]
+) -> None:
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    first, second = store(1), store(2)
+    other = second.model_copy(update={"number": 1, "digest": f"sha256:{'ab' * 32}"})
+    blobs.put(blobs.read(blob_key("scn", second.digest)), blob_key("scn", other.digest))
+    prepare_images(blobs, [first], folder, Monitor())
+    placed = prepare_images(blobs, [other], folder, Monitor())
+    assert list(placed.files) == ["000001-abababababab.jpg"]
+    discard_images(folder, placed.files)
+    assert [file.name for file in folder.iterdir()] == ["000001-abababababab.jpg"]
+
+
+def test_what_was_deleted_meanwhile_is_left_out_and_what_the_engine_rejects_is_named(
+    tmp_path: Path, store: Callable[..., SceneImage]
+) -> None:
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    images = [store(number) for number in (1, 2, 3)]
+    blobs.remove(blob_key("scn", images[1].digest))
+    out = io.BytesIO()
+    Image.new("L", (32, 900)).save(out, "JPEG")
+    blobs.put(out.getvalue(), blob_key("scn", images[2].digest))
+    placed = prepare_images(blobs, images, folder, Monitor())
+    assert list(placed.files.values()) == images[:1]
+    assert list(placed.rejected) == [images[2].digest]
+    assert "32×900 px" in placed.rejected[images[2].digest]

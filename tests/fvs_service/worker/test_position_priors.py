@@ -13,6 +13,7 @@ from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import RunJob
 from fvs_service.worker.runner import scene_jobs
+from fvs_service.worker.runner.image_files import PreparedImages
 from fvs_service.worker.runner.position_priors import position_priors
 
 from fvs_engine.errors import Cancelled
@@ -85,15 +86,15 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
     passed: list[Any] = []
     priors: list[FocalPrior | None] = []
 
-    def add(_names: Any, _monitor: Any, positions: Any) -> None:
+    def add(_names: Any, _monitor: Any, positions: Any, **_: Any) -> None:
         passed.append(positions)
         raise Cancelled("Enough.")
 
     def open_scene(_folder: Any, _dataset: Any, settings: SceneSettings, *_: Any) -> Any:
         priors.append(settings.sfm.focal_prior)
-        return SimpleNamespace(iteration=0, add=add)
+        return SimpleNamespace(iteration=0, add=add, visited=(), quarantined={})
 
-    prepare: Callable[..., Mapping[str, Image]] = lambda *_: _named(*images)  # noqa: E731
+    prepare: Callable[..., PreparedImages] = lambda *_: PreparedImages(_named(*images), {})  # noqa: E731
     monkeypatch.setattr(scene_jobs, "GrowingScene", SimpleNamespace(open=open_scene))
     monkeypatch.setattr(scene_jobs, "prepare_images", prepare)
     states: Any = SimpleNamespace(forget_live=lambda: None)

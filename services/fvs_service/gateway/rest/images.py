@@ -1,6 +1,7 @@
 """Images over REST."""
 
 from typing import Annotated, Any
+from urllib.parse import quote
 
 from fastapi import Depends, Header, Path, Query, Request, Response
 from pydantic import ValidationError
@@ -24,8 +25,10 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest, require_digest
 from fvs_service.gateway.rest.multipart import receive_files
+from fvs_service.gateway.rest.ranges import ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.model import (
+    MEDIA_TYPES,
     DigestAnswer,
     DigestCheck,
     Image,
@@ -60,6 +63,12 @@ _FORM: dict[str, Any] = {
             }
         },
     }
+}
+_BYTES = {"content": dict.fromkeys(sorted({*MEDIA_TYPES.values()}), _BINARY)}
+_CONTENT: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The whole image.", **_BYTES},
+    206: {"description": "The requested range.", **_BYTES},
+    304: {"description": "The image is the one that `If-None-Match` names."},
 }
 _KNOWN: dict[int | str, dict[str, Any]] = {
     200: {"model": Image, "description": "The scene had the image already."}
@@ -130,6 +139,55 @@ def list_images(app: App, caller: Caller, scene_id: SceneId, page: NumberedPagin
 def get_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Return an image: its verdict, and whether it is registered."""
     return app.images.get(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.delete("/images/sha256:{hexadecimal}", status_code=204)
+def delete_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> None:
+    """Delete an image, its bytes and its duplicates; the next update makes a model without it."""
+    app.exclusions.delete(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.post("/images/sha256:{hexadecimal}:exclude")
+def exclude_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
+    """Leave an image out of the next model; no effect when it is excluded already."""
+    return app.exclusions.exclude(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.post("/images/sha256:{hexadecimal}:include")
+def include_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
+    """Use an excluded or quarantined image again; no effect when it is neither."""
+    return app.exclusions.include(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.head("/images/sha256:{hexadecimal}/content", include_in_schema=False)
+@router.get("/images/sha256:{hexadecimal}/content", response_class=Response, responses=_CONTENT)
+def read_image(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    hexadecimal: Hex,
+    range_header: Annotated[str | None, Header(alias="Range", examples=["bytes=0-1023"])] = None,
+    if_range: Annotated[str | None, Header()] = None,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Download the original of an accepted image, byte for byte as it was sent, or a range of it."""
+    image = app.images.original(caller, scene_id, f"sha256:{hexadecimal}")
+    return ranged_response(
+        image.sha256,
+        image.size_bytes,
+        image.media_type,
+        lambda start, stop: app.images.content(image, start, stop),
+        range_header=range_header,
+        if_range=if_range,
+        if_none_match=if_none_match,
+        headers={"Content-Disposition": _attachment(image.name)},
+    )
+
+
+def _attachment(name: str) -> str:
+    """The header that names a download (RFC 6266)."""
+    plain = "".join(letter if " " <= letter <= "~" and letter not in '"\\%' else "_" for letter in name)
+    return f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"
 
 
 async def _receive(

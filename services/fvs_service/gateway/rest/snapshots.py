@@ -3,9 +3,8 @@
 from typing import Annotated
 
 from fastapi import Depends, Header, Path
-from fastapi.responses import Response, StreamingResponse
+from fastapi.responses import Response
 
-from fvs_service.errors import RangeError
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -15,8 +14,9 @@ from fvs_service.gateway.rest.dependencies import (
     SnapshotId,
     snapshot_operator,
 )
+from fvs_service.gateway.rest.ranges import ranged_response
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.snapshots.model import MEDIA_TYPES, Artifact, Snapshot, SnapshotChange, SnapshotList
+from fvs_service.snapshots.model import MEDIA_TYPES, Snapshot, SnapshotChange, SnapshotList
 
 router = json_router("/v1", "snapshots")
 
@@ -72,44 +72,12 @@ def read_artifact(
     """Download an artifact or a range of it; with `If-Range` an interrupted download resumes safely."""
     snapshot = app.storage.snapshots.get(caller, snapshot_id)
     artifact = app.storage.snapshots.artifact(caller, snapshot_id, name)
-    headers = {"ETag": _tag(artifact), "Accept-Ranges": "bytes"}
-    if if_none_match is not None and headers["ETag"] in if_none_match:
-        return Response(status_code=304, headers=headers)
-    span = byte_range(range_header, artifact.size_bytes) if if_range in (None, headers["ETag"]) else None
-    start, stop = span or (0, artifact.size_bytes)
-    headers["Content-Length"] = str(stop - start)
-    if span is not None:
-        headers["Content-Range"] = f"bytes {start}-{stop - 1}/{artifact.size_bytes}"
-    content = app.storage.snapshots.read(snapshot, name, start, stop)
-    return StreamingResponse(content, 200 if span is None else 206, headers, artifact.media_type)
-
-
-def byte_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """The first byte and the one after the last of a ``Range`` header; None for the whole artifact.
-
-    Headers that are not a single range of bytes are ignored, as RFC 9110 (section 14.2) allows. Raises
-    ``RangeError`` for a range that starts after the end.
-    """
-    unit, _, spec = (header or "").partition("=")
-    first, dash, last = spec.strip().partition("-")
-    if unit.strip() != "bytes" or not dash or not all(_is_number(part) for part in (first, last) if part):
-        return None
-    if not first:
-        if not last:
-            return None
-        start, stop = max(0, size - int(last)), size
-    else:
-        start, stop = int(first), min(size, int(last) + 1) if last else size
-        if last and int(last) < start:
-            return None
-    if start >= size or stop <= start:
-        raise RangeError(size)
-    return start, stop
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit() and len(text) < 19
-
-
-def _tag(artifact: Artifact) -> str:
-    return f'"{artifact.sha256}"'
+    return ranged_response(
+        artifact.sha256,
+        artifact.size_bytes,
+        artifact.media_type,
+        lambda start, stop: app.storage.snapshots.read(snapshot, name, start, stop),
+        range_header=range_header,
+        if_range=if_range,
+        if_none_match=if_none_match,
+    )

@@ -2,8 +2,8 @@
 
 A request is ``RankViews``, ``RenderView``, ``RunJob``, ``CancelJob``, ``YieldScene`` or ``Ping``. The
 response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects with
-``progress`` (a ``StageProgress``), ``warning`` (a sentence) or ``wanted`` (another worker asks for the scene)
-precede it.
+``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason) or ``wanted``
+(another worker asks for the scene) precede it.
 """
 
 from typing import Annotated, Literal

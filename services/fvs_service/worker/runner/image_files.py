@@ -1,7 +1,8 @@
 """The scene's images as files for the engine: upright, 8 bits, named in the order of arrival."""
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.images.catalog import catalog_images
@@ -9,32 +10,63 @@ from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_service.images.model import Image
-from fvs_service.images.service import export_images
+from fvs_service.images.service import export_images, file_name
 from fvs_service.storage.blobs import Blobs
 
 
-def prepare_images(
-    blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor
-) -> Mapping[str, Image]:
-    """Write the missing images into ``folder``; returns file name → image in the order of arrival.
+@dataclass(frozen=True)
+class PreparedImages:
+    """The images of a job as files for the engine.
+
+    ``files``: file name → image in the order of arrival; ``rejected``: digest → why the engine rejects it.
+    """
+
+    files: Mapping[str, Image]
+    rejected: Mapping[str, str]
+
+
+def prepare_images(blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor) -> PreparedImages:
+    """Write the missing images into ``folder``.
 
     Files have the names that ``file_name`` gives, with another suffix where the format had to change. Images
-    that the engine cannot use are left out.
+    that were deleted meanwhile are left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    missing = [image for image in images if image.number not in _present(folder)]
+    rejected: dict[str, str] = {}
+    there = _present(folder)
+    missing = [image for image in images if _stem(file_name(image)) not in there]
     if missing:
         arrivals = folder.with_name("arrivals")
         shutil.rmtree(arrivals, ignore_errors=True)
-        export_images(blobs, tuple(missing), arrivals)
+        arrivals.mkdir()
+        arrived = export_images(blobs, tuple(missing), arrivals)
         ready = fresh_folder(folder.with_name("ready"))
-        photographs = catalog_images(arrivals, monitor=monitor).photographs
-        for file in normalise_images(photographs, ready, monitor=monitor).values():
+        catalog = catalog_images(arrivals, monitor=monitor)
+        for file in normalise_images(catalog.photographs, ready, monitor=monitor).values():
             file.replace(folder / file.name)
+        rejected = {
+            arrived[bad.name].digest: f"The engine rejects it: {bad.reason}" for bad in catalog.rejected
+        }
         shutil.rmtree(arrivals)
     present = _present(folder)
-    return {present[image.number]: image for image in images if image.number in present}
+    stems = {_stem(file_name(image)): image for image in images}
+    return PreparedImages(
+        {present[stem]: image for stem, image in stems.items() if stem in present}, rejected
+    )
 
 
-def _present(folder: Path) -> dict[int, str]:
-    return {int(file.name.split("-")[0]): file.name for file in folder.iterdir() if file.name[0].isdigit()}
+def discard_images(folder: Path, kept: Collection[str]) -> None:
+    """Delete the files of images that are no longer used; ``kept`` are the names of the others."""
+    for name in _present(folder).values():
+        if name not in kept:
+            (folder / name).unlink(missing_ok=True)
+
+
+def _present(folder: Path) -> dict[str, str]:
+    """Stem → name of the image files in ``folder``."""
+    return {_stem(file.name): file.name for file in folder.iterdir() if file.name[0].isdigit()}
+
+
+def _stem(name: str) -> str:
+    """The number and the beginning of the digest in a file's name."""
+    return name.partition(".")[0]

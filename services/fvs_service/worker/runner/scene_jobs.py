@@ -15,7 +15,8 @@ from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
-from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.batch.mapping import leave_out, registered_names
+from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
@@ -34,7 +35,7 @@ from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import JobOutcome, RunJob
 from fvs_service.worker.runner.artifacts import write_artifacts
-from fvs_service.worker.runner.image_files import prepare_images
+from fvs_service.worker.runner.image_files import PreparedImages, discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.position_priors import position_priors
@@ -46,6 +47,8 @@ _MOST_EVALUATED = 16
 """New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
 
 Warn = Callable[[str], None]
+Quarantine = Callable[[Mapping[str, str]], None]
+"""Takes the digests of images to quarantine, with the reasons."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +79,13 @@ class SceneJobs:
         self._scene: GrowingScene | None = None
         self._start_iteration = 0  # of the running update
 
-    def run(self, request: RunJob, monitor: JobMonitor, warn: Warn) -> JobOutcome:
+    def run(
+        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine = lambda _reasons: None
+    ) -> JobOutcome:
         """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``."""
         try:
             if request.request.kind is JobKind.UPDATE:
-                return self._update(request, monitor, warn)
+                return self._update(request, monitor, warn, quarantine)
             return self._fine(request, monitor)
         except BaseException:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
@@ -106,8 +111,11 @@ class SceneJobs:
         ):
             self._states.publish(request.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
-    def _update(self, request: RunJob, monitor: JobMonitor, warn: Warn) -> JobOutcome:
-        images = self._images(request, monitor)
+    def _update(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
+        prepared = self._images(request, monitor)
+        if prepared.rejected:
+            quarantine(prepared.rejected)
+        images = prepared.files
         if len(images) < 2:
             raise ReconstructionError(
                 f"The scene has {len(images)} usable images, and a model needs two or more.",
@@ -115,7 +123,17 @@ class SceneJobs:
             )
         scene = self._open_scene(request, monitor)
         self._start_iteration = scene.iteration
-        update = scene.add(tuple(images), monitor, position_priors(images, request.origin))
+        # Whoever includes a quarantined image again wants it tried again.
+        removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
+        try:
+            update = scene.add(
+                tuple(images), monitor, position_priors(images, request.origin), removed=removed
+            )
+        finally:
+            found = {images[name].digest: why for name, why in scene.quarantined.items() if name in images}
+            if found:
+                quarantine(found)
+        images = {name: image for name, image in images.items() if name not in scene.quarantined}
         previous = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)
@@ -123,6 +141,7 @@ class SceneJobs:
             scene.save()
         scene.train(monitor)
         scene.save()
+        discard_images(self._folder.images, images)
         assert scene.model_dir is not None  # training needs views, whose poses are those of this model
         model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
         measured = {"new_images_psnr_db": None if previous is None else previous.psnr_db}
@@ -143,7 +162,7 @@ class SceneJobs:
         views = spread(new, _MOST_EVALUATED)
         return measure(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
 
-    def _images(self, request: RunJob, monitor: Monitor) -> Mapping[str, Image]:
+    def _images(self, request: RunJob, monitor: Monitor) -> PreparedImages:
         return prepare_images(self._blobs, request.images, self._folder.images, monitor)
 
     def _open_scene(self, request: RunJob, monitor: Monitor) -> GrowingScene:
@@ -189,9 +208,9 @@ class SceneJobs:
         return kept
 
     def _fine(self, request: RunJob, monitor: JobMonitor) -> JobOutcome:
-        placed = self._images(request, monitor)
+        placed = self._images(request, monitor).files
         fine = self._fine_folder(request.job_id)
-        cameras = self._cameras_of(fine, request.camera, monitor)
+        cameras = self._cameras_of(fine, request.camera, placed, monitor)
         wanted, settings = request.request, self._settings
         photographs = Photographs(self._folder.images, wanted.long_side_px or self._usual_side())
         views = []
@@ -233,9 +252,16 @@ class SceneJobs:
                 shutil.rmtree(other)
         return folder
 
-    def _cameras_of(self, fine: Path, camera: CameraPrior | None, monitor: Monitor) -> Reconstruction:
-        """The cameras that the fine model is trained with; later updates do not change them."""
+    def _cameras_of(
+        self, fine: Path, camera: CameraPrior | None, images: Mapping[str, Image], monitor: Monitor
+    ) -> Reconstruction:
+        """The cameras that the fine model is trained with; later updates do not change them.
+
+        When an image has been left out since, the training starts again without it.
+        """
         kept = fine / "sparse"
+        if kept.exists() and any(view.name not in images for view in read_colmap(kept).views):
+            fresh_folder(fine)
         if not kept.exists():
             reconstruction = GrowingReconstruction.open(
                 self._folder.growing / "sfm", self._folder.images, self._sfm(camera), monitor
@@ -244,7 +270,9 @@ class SceneJobs:
             if model_dir is None:
                 raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
             partial = fresh_folder(fine / "sparse.partial")
-            shutil.copytree(model_dir, partial, dirs_exist_ok=True)
+            model = open_colmap(model_dir)
+            leave_out(model, [name for name in registered_names(model) if name not in images])
+            model.write_binary(partial)
             partial.rename(kept)
         return read_colmap(kept)
 

@@ -170,7 +170,10 @@ class RunnerServer:
                 lambda iteration: self._jobs.publish_state(request, iteration),
             )
             outcome = self._jobs.run(
-                request, self._monitor, lambda sentence: connection.send({"warning": sentence})
+                request,
+                self._monitor,
+                lambda sentence: connection.send({"warning": sentence}),
+                lambda reasons: connection.send({"quarantined": dict(reasons)}),
             )
             return outcome.model_dump(mode="json")
         finally:
