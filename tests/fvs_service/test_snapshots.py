@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 from fvs_service.errors import RangeError, StaleLeaseError
-from fvs_service.gateway.rest.snapshots import byte_range
+from fvs_service.gateway.rest.ranges import byte_range
 from fvs_service.scenes.model import Alignment
 from hypothesis import given
 from hypothesis import strategies as st

@@ -147,6 +147,21 @@ def get_image(scene_id: str, digest: str) -> Request:
     return Request("GET", f"{images_of(scene_id)}/{_part(digest)}")
 
 
+def exclude_image(scene_id: str, digest: str) -> Request:
+    """Exclude an image; excluding it again changes nothing."""
+    return Request("POST", f"{images_of(scene_id)}/{_part(digest)}:exclude")
+
+
+def include_image(scene_id: str, digest: str) -> Request:
+    """Include an image again; including it twice changes nothing."""
+    return Request("POST", f"{images_of(scene_id)}/{_part(digest)}:include")
+
+
+def delete_image(scene_id: str, digest: str) -> Request:
+    """Delete an image."""
+    return Request("DELETE", f"{images_of(scene_id)}/{_part(digest)}")
+
+
 def images_of(scene_id: str) -> str:
     """Path of a scene's list of images."""
     return f"/v1/scenes/{_part(scene_id)}/images"
@@ -217,14 +232,24 @@ def get_snapshot(snapshot_id: str) -> Request:
     return Request("GET", f"/v1/snapshots/{_part(snapshot_id)}")
 
 
-def read_artifact(snapshot_id: str, name: str, start: int = 0, tag: str | None = None) -> Request:
-    """Get an artifact of a snapshot, from byte ``start`` if its ETag is still ``tag``."""
+def artifact_of(snapshot_id: str, name: str) -> str:
+    """Path of an artifact of a snapshot."""
+    return f"/v1/snapshots/{_part(snapshot_id)}/artifacts/{_part(name)}"
+
+
+def original_of(scene_id: str, digest: str) -> str:
+    """Path of the bytes of an image."""
+    return f"{images_of(scene_id)}/{_part(digest)}/content"
+
+
+def read_content(path: str, start: int = 0, tag: str | None = None) -> Request:
+    """Get an artifact or an original, from byte ``start`` if its ETag is still ``tag``."""
     headers: dict[str, str] = {"Accept-Encoding": "identity"}
     if start:
         headers["Range"] = f"bytes={start}-"
         if tag is not None:
             headers["If-Range"] = tag
-    return Request("GET", f"/v1/snapshots/{_part(snapshot_id)}/artifacts/{_part(name)}", headers=headers)
+    return Request("GET", path, headers=headers)
 
 
 def _computed(request: Request, timeout_s: float | None) -> Request:

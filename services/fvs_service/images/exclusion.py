@@ -60,7 +60,6 @@ class Exclusions:
             repository.replace_image(session, changed)
             _publish(session, changed, EventKind.IMAGE_INCLUDED)
             self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
-        self._jobs.submit_unsubmitted()
         return changed
 
     def delete(self, principal: Principal, scene_id: str, digest: str) -> None:

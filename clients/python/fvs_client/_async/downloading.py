@@ -1,4 +1,4 @@
-"""Download artifacts of snapshots: resumed after a broken connection, verified by digest."""
+"""Download artifacts and original images: resumed after a broken connection, verified by digest."""
 
 import hashlib
 import time
@@ -17,12 +17,12 @@ _RANGE_NOT_SATISFIABLE = 416
 
 async def download(
     session: AsyncSession,
-    snapshot_id: str,
+    path: str,
     artifact: Artifact,
     target: Path,
     on_progress: Callable[[DownloadProgress], object] | None,
 ) -> Path:
-    """Write the artifact to ``target`` and return it.
+    """Write the artifact, which the service has at ``path``, to ``target`` and return it.
 
     An interrupted download resumes where it ended, also in another process. ``target`` appears complete and
     verified, or not at all; nothing is downloaded when it is the artifact already. Raises
@@ -37,7 +37,7 @@ async def download(
         attempt += 1
         had = part.size_bytes
         try:
-            await _fetch(session, snapshot_id, part, on_progress)
+            await _fetch(session, path, part, on_progress)
             break
         except FvsError as error:
             if part.size_bytes > had:
@@ -50,9 +50,9 @@ async def download(
     return target
 
 
-async def read(session: AsyncSession, snapshot_id: str, artifact: Artifact) -> bytes:
+async def read(session: AsyncSession, path: str, artifact: Artifact) -> bytes:
     """The content of a small artifact, verified; raises ``DamagedDownloadError``."""
-    content = await session.content(requests.read_artifact(snapshot_id, artifact.name))
+    content = await session.content(requests.read_content(path))
     if hashlib.sha256(content).hexdigest() != artifact.sha256:
         raise damaged(artifact, hint="Try again.")
     return content
@@ -60,7 +60,7 @@ async def read(session: AsyncSession, snapshot_id: str, artifact: Artifact) -> b
 
 async def _fetch(
     session: AsyncSession,
-    snapshot_id: str,
+    path: str,
     part: Part,
     on_progress: Callable[[DownloadProgress], object] | None,
 ) -> None:
@@ -71,7 +71,7 @@ async def _fetch(
     if part.size_bytes > artifact.size_bytes:
         part.discard()
     start = part.size_bytes
-    request = requests.read_artifact(snapshot_id, artifact.name, start, f'"{artifact.sha256}"')
+    request = requests.read_content(path, start, f'"{artifact.sha256}"')
     try:
         async with session.open(request) as response:
             resumed = response.status_code == 206 and response.headers.get("content-range", "").startswith(

@@ -28,7 +28,9 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
         An interrupted download resumes where it ended. Raises ``DamagedDownloadError``.
         """
         artifact, target = artifact_named(self, name), target_path(path, name)
-        return await downloading.download(self._session, self.id, artifact, target, on_progress)
+        return await downloading.download(
+            self._session, requests.artifact_of(self.id, name), artifact, target, on_progress
+        )
 
     async def pin(self) -> Self:
         """Have the scene's retention keep the snapshot for ever."""
@@ -44,7 +46,9 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
 
     async def cameras(self) -> SnapshotCameras:
         """The cameras of the registered images, in the model's frame."""
-        content = await downloading.read(self._session, self.id, artifact_named(self, "cameras.json"))
+        artifact = artifact_named(self, "cameras.json")
+        path = requests.artifact_of(self.id, artifact.name)
+        content = await downloading.read(self._session, path, artifact)
         return SnapshotCameras.model_validate_json(content)
 
 

@@ -1,5 +1,5 @@
 # Generated from _async/downloading.py by `make generate`. Do not edit.
-"""Download artifacts of snapshots: resumed after a broken connection, verified by digest."""
+"""Download artifacts and original images: resumed after a broken connection, verified by digest."""
 
 import hashlib
 import time
@@ -18,12 +18,12 @@ _RANGE_NOT_SATISFIABLE = 416
 
 def download(
     session: Session,
-    snapshot_id: str,
+    path: str,
     artifact: Artifact,
     target: Path,
     on_progress: Callable[[DownloadProgress], object] | None,
 ) -> Path:
-    """Write the artifact to ``target`` and return it.
+    """Write the artifact, which the service has at ``path``, to ``target`` and return it.
 
     An interrupted download resumes where it ended, also in another process. ``target`` appears complete and
     verified, or not at all; nothing is downloaded when it is the artifact already. Raises
@@ -38,7 +38,7 @@ def download(
         attempt += 1
         had = part.size_bytes
         try:
-            _fetch(session, snapshot_id, part, on_progress)
+            _fetch(session, path, part, on_progress)
             break
         except FvsError as error:
             if part.size_bytes > had:
@@ -51,9 +51,9 @@ def download(
     return target
 
 
-def read(session: Session, snapshot_id: str, artifact: Artifact) -> bytes:
+def read(session: Session, path: str, artifact: Artifact) -> bytes:
     """The content of a small artifact, verified; raises ``DamagedDownloadError``."""
-    content = session.content(requests.read_artifact(snapshot_id, artifact.name))
+    content = session.content(requests.read_content(path))
     if hashlib.sha256(content).hexdigest() != artifact.sha256:
         raise damaged(artifact, hint="Try again.")
     return content
@@ -61,7 +61,7 @@ def read(session: Session, snapshot_id: str, artifact: Artifact) -> bytes:
 
 def _fetch(
     session: Session,
-    snapshot_id: str,
+    path: str,
     part: Part,
     on_progress: Callable[[DownloadProgress], object] | None,
 ) -> None:
@@ -72,7 +72,7 @@ def _fetch(
     if part.size_bytes > artifact.size_bytes:
         part.discard()
     start = part.size_bytes
-    request = requests.read_artifact(snapshot_id, artifact.name, start, f'"{artifact.sha256}"')
+    request = requests.read_content(path, start, f'"{artifact.sha256}"')
     try:
         with session.open(request) as response:
             resumed = response.status_code == 206 and response.headers.get("content-range", "").startswith(

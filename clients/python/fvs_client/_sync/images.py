@@ -1,14 +1,18 @@
 # Generated from _async/images.py by `make generate`. Do not edit.
-"""The images of a scene: upload, check, get and list them."""
+"""The images of a scene: upload, check, get, list, exclude, delete and download them."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
+from os import PathLike
+from pathlib import Path
 
 from fvs_client import requests
-from fvs_client._sync import uploading
+from fvs_client._sync import downloading, uploading
 from fvs_client._sync.session import Session
+from fvs_client.downloads import DownloadProgress, target_path
 from fvs_client.image_files import Paths
 from fvs_client.models.images import DigestAnswer, Image, ImageMetadata
+from fvs_client.models.snapshots import Artifact
 from fvs_client.uploads import Describe, UploadProgress, UploadReport
 
 
@@ -55,6 +59,40 @@ class SceneImages:
     def get(self, digest: str) -> Image:
         """Get an image's record."""
         return self._session.fetch(Image, requests.get_image(self._scene_id, digest))
+
+    def exclude(self, digest: str) -> Image:
+        """Leave an image out of the next update's model; its bytes stay."""
+        return self._session.fetch(Image, requests.exclude_image(self._scene_id, digest))
+
+    def include(self, digest: str) -> Image:
+        """Use an excluded or quarantined image again, in the next update."""
+        return self._session.fetch(Image, requests.include_image(self._scene_id, digest))
+
+    def delete(self, digest: str) -> None:
+        """Delete an image with its bytes; the next update makes a model without it."""
+        self._session.content(requests.delete_image(self._scene_id, digest))
+
+    def download(
+        self,
+        image: Image,
+        path: str | PathLike[str] = ".",
+        *,
+        on_progress: Callable[[DownloadProgress], object] | None = None,
+    ) -> Path:
+        """Write the original of ``image`` to ``path`` (or into that folder, under its name), verified.
+
+        Returns where it is. An interrupted download resumes where it ended. Raises ``DamagedDownloadError``,
+        and ``NotFoundError`` for an image that was not accepted, whose bytes are not kept.
+        """
+        artifact = Artifact(
+            name=image.name,
+            media_type="application/octet-stream",
+            size_bytes=image.size_bytes,
+            sha256=image.digest.removeprefix("sha256:"),
+        )
+        source = requests.original_of(self._scene_id, image.digest)
+        target = target_path(path, image.name)
+        return downloading.download(self._session, source, artifact, target, on_progress)
 
     def list(self) -> Iterator[Image]:
         """All images in order of arrival."""

@@ -1,18 +1,26 @@
-"""``fvs-client images`` and ``upload``."""
+"""``fvs-client images``, ``upload``, ``originals``, ``exclude``, ``include`` and ``delete-images``."""
 
+from collections import Counter
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from fvs_client.cli.exit_codes import SOME_FILES
-from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import print_json, print_table
-from fvs_client.cli.progress import describe_outcome, display, upload_progress
-from fvs_client.cli.session import find_scene, service
+from fvs_client.cli.progress import describe_outcome, display, download_progress, upload_progress
+from fvs_client.cli.session import confirm, find_scene, service
+from fvs_client.errors import NotFoundError
 from fvs_client.image_files import SUFFIXES, find_image_files
 from fvs_client.models.images import Image, Registration
 from fvs_client.uploads import UploadedFile, UploadProgress, UploadReport
+
+ImageArguments = Annotated[
+    list[str], typer.Argument(metavar="IMAGE...", help="Names, numbers or digests of images.")
+]
 
 
 def images(
@@ -84,6 +92,80 @@ def upload(
         typer.echo(_summary(report))
     if not report.ok:
         raise typer.Exit(SOME_FILES)
+
+
+def originals(
+    context: typer.Context,
+    scene: SceneArgument,
+    images: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[IMAGE]...", help="Names, numbers or digests.", show_default="all"),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = Path(),
+    as_json: JsonOption = False,
+) -> None:
+    """Download accepted images again, all by default, as they were sent. Interrupted downloads resume."""
+    with service(context, as_json=as_json, patient=True) as client:
+        found = find_scene(client, scene).images
+        out.mkdir(parents=True, exist_ok=True)
+        listed = list(found.list())
+        chosen = _named(listed, images) if images else [image for image in listed if image.accepted]
+        counts = Counter(image.name for image in chosen)
+        files = []
+        for image in chosen:
+            unique = counts[image.name] == 1
+            target = out / (image.name if unique else f"{image.number:06d}-{image.name}")
+            with display("Downloading", as_json=as_json, in_bytes=True) as shown:
+                files.append(found.download(image, target, on_progress=partial(download_progress, shown)))
+    if as_json:
+        print_json({"files": [str(file) for file in files]})
+    else:
+        for file in files:
+            typer.echo(file)
+
+
+def exclude(context: typer.Context, scene: SceneArgument, images: ImageArguments) -> None:
+    """Leave images out of the next update's model; their bytes stay."""
+    with service(context, as_json=False) as client:
+        found = find_scene(client, scene).images
+        for image in _named(list(found.list()), images):
+            typer.echo(f"{found.exclude(image.digest).name} excluded")
+
+
+def include(context: typer.Context, scene: SceneArgument, images: ImageArguments) -> None:
+    """Use excluded or quarantined images again, in the next update."""
+    with service(context, as_json=False) as client:
+        found = find_scene(client, scene).images
+        for image in _named(list(found.list()), images):
+            typer.echo(f"{image.name} {found.include(image.digest).registration.value}")
+
+
+def delete(
+    context: typer.Context, scene: SceneArgument, images: ImageArguments, yes: YesOption = False
+) -> None:
+    """Delete images with their bytes; the next update makes a model without them."""
+    with service(context, as_json=False) as client:
+        found = find_scene(client, scene).images
+        chosen = _named(list(found.list()), images)
+        confirm(f"Delete {', '.join(image.name for image in chosen)}, for good?", yes=yes)
+        for image in chosen:
+            with suppress(NotFoundError):  # a duplicate that went with its image
+                found.delete(image.digest)
+            typer.echo(f"{image.name} deleted")
+
+
+def _named(listed: list[Image], wanted: list[str]) -> list[Image]:
+    """The images with these names, numbers or digests."""
+    chosen = {}
+    for text in wanted:
+        found = [image for image in listed if text in (image.name, image.digest, str(image.number))]
+        if len(found) > 1:
+            numbers = ", ".join(str(image.number) for image in found)
+            raise typer.BadParameter(f"{len(found)} images are called {text}: give a number ({numbers}).")
+        if not found:
+            raise typer.BadParameter(f"The scene has no image {text}; `fvs-client images` lists them.")
+        chosen[found[0].digest] = found[0]
+    return list(chosen.values())
 
 
 def _remarks(image: Image) -> str:

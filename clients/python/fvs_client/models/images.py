@@ -26,6 +26,8 @@ class Registration(Word):
     REGISTERED = "registered"
     UNREGISTERED = "unregistered"
     UNUSED = "unused"
+    EXCLUDED = "excluded"
+    QUARANTINED = "quarantined"
 
 
 class _PosePrior(BaseModel):
@@ -69,7 +71,7 @@ class Image(Answer):
     name: str
     verdict: Verdict
     reason: str
-    """Why the image was not accepted; empty otherwise."""
+    """Why the image was not accepted, excluded or quarantined; empty otherwise."""
     hint: str
     warnings: tuple[str, ...]
     duplicate_of: str | None

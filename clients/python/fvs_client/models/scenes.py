@@ -145,6 +145,10 @@ class ImageCounts(Answer):
     rejected: int
     pending: int
     """Accepted, and not processed by an update yet."""
+    excluded: int = 0
+    """Accepted, and left out on request."""
+    quarantined: int = 0
+    """Accepted, and left out because structure from motion dies on them."""
 
 
 class SceneData(Answer):
