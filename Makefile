@@ -54,7 +54,7 @@ test: setup
 	$(MAKE) --no-print-directory --jobs=2 check kernels
 	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow"
 
-unit: setup kernels
+unit: setup
 	$(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
 
 kernels: setup
