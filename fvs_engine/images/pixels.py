@@ -120,7 +120,8 @@ def reduced_size(width: int, height: int, long_side_px: int) -> tuple[int, int]:
 def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> DecodedImage:
     image_format = image.format or ""
     converted = image.mode != "RGB" or image.has_transparency_data
-    turned = _orientation(_exif(image)) != 1
+    # Pillow decodes a PNG to read its EXIF, which may follow the pixels.
+    turned = image_format == "PNG" or _orientation(_exif(image)) != 1
     needed = decoding_bytes(image, content, turned=turned, converted=converted)
     limits.require(image.width, image.height, needed)
     if image_format in ("PNG", "WEBP") and getattr(image, "is_animated", False):
@@ -128,7 +129,7 @@ def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> D
             "it is an animation.", hint="Save the frames you want as separate photographs."
         )
     image.load()
-    exif = _exif(image)  # a PNG may have it after its pixels
+    exif = _exif(image)
     orientation = _orientation(exif)
     plain = (
         image_format in ("JPEG", "MPO", "PNG")

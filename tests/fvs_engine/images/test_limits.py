@@ -62,6 +62,22 @@ def test_what_is_within_the_limits_is_decoded():
     assert decode(png_of(1_000, 1_000, color_type=6, rows=1_000), LIMITS).rgb.size == (1_000, 1_000)
 
 
+@pytest.mark.parametrize("image_format", ["PNG", "TIFF", "WEBP", "JPEG", "BMP"])
+def test_nothing_is_decoded_before_the_limits_are_checked(
+    image_format: str, monkeypatch: pytest.MonkeyPatch
+):
+    out = io.BytesIO()
+    Image.new("RGB", (64, 64)).save(out, image_format)
+
+    def load(_image: Image.Image) -> None:
+        raise AssertionError("decoded")
+
+    with Image.open(io.BytesIO(out.getvalue())) as opened:
+        monkeypatch.setattr(type(opened), "load", load)
+    with pytest.raises(TooLargeError):
+        decode(out.getvalue(), ImageLimits(max_pixels=1_000))
+
+
 def test_a_progressive_jpeg_counts_its_coefficients():
     image = Image.new("RGB", (1_000, 1_000))
     once, often = io.BytesIO(), io.BytesIO()
