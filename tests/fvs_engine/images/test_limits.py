@@ -63,9 +63,7 @@ def test_what_is_within_the_limits_is_decoded():
 
 
 @pytest.mark.parametrize("image_format", ["PNG", "TIFF", "WEBP", "JPEG", "BMP"])
-def test_nothing_is_decoded_before_the_limits_are_checked(
-    image_format: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_nothing_is_decoded_before_the_limits_are_checked(image_format: str, monkeypatch: pytest.MonkeyPatch):
     out = io.BytesIO()
     Image.new("RGB", (64, 64)).save(out, image_format)
 
