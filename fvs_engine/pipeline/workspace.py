@@ -6,6 +6,7 @@ sfm/                           features, matches and the COLMAP model of the pho
 undistorted/                   images/ and sparse/: pinhole cameras, opened by COLMAP and splat viewers
 splat/checkpoint.safetensors   training can go on from here
 splat/point_cloud.ply          the Gaussians, in the layout that splat viewers read
+splat/point_cloud.spz          the same, compressed and rounded
 metrics.json                   quality on held-out views, and what the training cost
 renders/                       held-out views as the model renders them
 ranking/                       ranking.json and contact_sheet.png of the last `fvs rank`

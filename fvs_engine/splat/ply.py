@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import PlyData, PlyElement
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import replacing
@@ -59,7 +59,7 @@ def read_ply(path: Path) -> Gaussians:
         vertices = PlyData.read(str(path))["vertex"].data
     except FileNotFoundError:
         raise InvalidInputError(f"{path}: there is no such file.") from None
-    except (PlyParseError, KeyError, UnicodeDecodeError, ValueError, OSError) as error:
+    except Exception as error:  # damaged bytes can make the parser raise anything
         raise InvalidInputError(
             f"{path} cannot be read as a PLY with vertices: {error}",
             hint="Give a file in the 3DGS layout, such as `fvs` writes.",

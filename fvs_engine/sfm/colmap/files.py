@@ -1,7 +1,7 @@
 """Check that COLMAP's binary files are complete, before pycolmap reads them.
 
 pycolmap does not check the counts in a file: beyond the end of a truncated one it reads garbage, and may
-allocate gigabytes before it fails. Source: COLMAP's
+allocate gigabytes before it fails, or never return. Source: COLMAP's
 ``doc/format.rst`` and ``reconstruction_io_binary.cc``.
 """
 
@@ -18,6 +18,12 @@ _IMAGE_HEAD_BYTES = 4 + 7 * 8 + 4  # id, quaternion and translation, camera id
 _OBSERVATION_BYTES = 8 + 8 + 8  # x, y, point id
 _POINT_HEAD_BYTES = 8 + 3 * 8 + 3 + 8  # id, position, colour, error
 _TRACK_ELEMENT_BYTES = 4 + 4  # image id, observation index
+_RIG_HEAD = struct.Struct("<II")  # id, number of sensors
+_SENSOR_BYTES = 4 + 4  # type, id
+_POSE_BYTES = 7 * 8  # quaternion and translation
+_FRAME_HEAD_BYTES = 4 + 4 + _POSE_BYTES  # id, rig id, pose
+_NUMBER = struct.Struct("<I")
+_DATA_BYTES = 4 + 4 + 8  # sensor, data id
 
 
 def damaged_file(folder: Path) -> Path | None:
@@ -26,12 +32,25 @@ def damaged_file(folder: Path) -> Path | None:
         "cameras.bin": _after_camera,
         "images.bin": _after_image,
         "points3D.bin": _after_point,
+        "rigs.bin": _after_rig,
+        "frames.bin": _after_frame,
     }
     for name, after in walks.items():
         file = folder / name
         if file.is_file() and not _is_whole(file.read_bytes(), after):
             return file
-    return None
+    names = folder / "images.txt"
+    return names if names.is_file() and not _is_text(names) else None
+
+
+def _is_text(file: Path) -> bool:
+    try:
+        with file.open(encoding="utf-8") as lines:
+            for _ in lines:
+                pass
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
@@ -41,7 +60,7 @@ def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
         offset = _COUNT.size
         for _ in range(count):
             offset = after(content, offset)
-    except (struct.error, ValueError):  # a field extends beyond the end
+    except (struct.error, ValueError, OverflowError):  # a field extends beyond the end; a name is no text
         return False
     return offset == len(content)
 
@@ -54,6 +73,7 @@ def _after_camera(content: bytes, offset: int) -> int:
 
 def _after_image(content: bytes, offset: int) -> int:
     end_of_name = content.index(b"\0", offset + _IMAGE_HEAD_BYTES) + 1
+    content[offset + _IMAGE_HEAD_BYTES : end_of_name].decode()
     (observations,) = _COUNT.unpack_from(content, end_of_name)
     return end_of_name + _COUNT.size + int(observations) * _OBSERVATION_BYTES
 
@@ -61,3 +81,19 @@ def _after_image(content: bytes, offset: int) -> int:
 def _after_point(content: bytes, offset: int) -> int:
     (track,) = _COUNT.unpack_from(content, offset + _POINT_HEAD_BYTES)
     return offset + _POINT_HEAD_BYTES + _COUNT.size + int(track) * _TRACK_ELEMENT_BYTES
+
+
+def _after_rig(content: bytes, offset: int) -> int:
+    _, sensors = _RIG_HEAD.unpack_from(content, offset)
+    offset += _RIG_HEAD.size + (_SENSOR_BYTES if sensors else 0)
+    for _ in range(sensors - 1):
+        has_pose = content[offset + _SENSOR_BYTES : offset + _SENSOR_BYTES + 1]
+        if not has_pose:
+            raise ValueError("cut short")
+        offset += _SENSOR_BYTES + 1 + (_POSE_BYTES if has_pose != b"\0" else 0)
+    return offset
+
+
+def _after_frame(content: bytes, offset: int) -> int:
+    (count,) = _NUMBER.unpack_from(content, offset + _FRAME_HEAD_BYTES)
+    return offset + _FRAME_HEAD_BYTES + _NUMBER.size + int(count) * _DATA_BYTES

@@ -110,7 +110,7 @@ def _read_json(file: Path) -> dict[str, Any]:
         raise InvalidInputError(
             f"{file} cannot be read: {error.strerror}.", hint="Check the path."
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{file} is not JSON: {error}.", hint="Export it again.") from error
     if not isinstance(head, dict):
         raise InvalidInputError(f"{file} is not a transforms.json.", hint="It must be a JSON object.")
@@ -129,7 +129,7 @@ def _locate(file: Path, file_path: str) -> tuple[str, Path | None]:
 def _camera_from_model(file: Path, name: str, frame: Mapping[str, Any]) -> RigidTransform:
     try:
         matrix = np.asarray(frame.get("transform_matrix"), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError(f"The transform_matrix of {name} in {file} is no matrix.") from error
     if matrix.shape not in {(4, 4), (3, 4)}:
         raise InvalidInputError(f"The transform_matrix of {name} in {file} is not 4×4.")
@@ -179,13 +179,21 @@ def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
 
 
 def _focal(size: float, angle_rad: float | None) -> float | None:
-    return None if angle_rad is None else 0.5 * size / math.tan(0.5 * angle_rad)
+    """From the field of view; an angle that is none gives no camera."""
+    if angle_rad is None:
+        return None
+    if not 0 < angle_rad < math.pi:
+        raise InvalidInputError(f"A field of view of {angle_rad:g} rad is not between 0 and π.")
+    return 0.5 * size / math.tan(0.5 * angle_rad)
 
 
 def _number(file: Path, entry: Mapping[str, Any], key: str) -> float | None:
     value = entry.get(key)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InvalidInputError(f"{key} in {file} is {value!r}, not a finite number.")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # an integer beyond the floats
+        pass
+    raise InvalidInputError(f"{key} in {file} is {str(value)[:40]}, not a finite number.")

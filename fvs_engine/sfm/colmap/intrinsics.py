@@ -30,7 +30,7 @@ def read_intrinsics(file: Path) -> KnownIntrinsics:
     try:
         fields = json.loads(text) if text.lstrip().startswith("{") else _fields_of_line(text)
         return KnownIntrinsics.model_validate(fields)
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise InvalidInputError(f"{file} is not JSON: {error}.", hint=_HINT) from error
     except ValidationError as error:
         raise InvalidInputError(f"{file} is no camera: {first_error(error)}.", hint=_HINT) from error

@@ -45,7 +45,10 @@ def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -
     snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
     assert snapshot["metrics"]["registered"] == 5
     names = {artifact["name"] for artifact in snapshot["artifacts"]}
-    assert names == {"alignment.json", "cameras.json", "colmap.zip", "metrics.json", "point_cloud.ply"}
+    files = {"alignment.json", "cameras.json", "colmap.zip", "metrics.json"}
+    assert names == {*files, "point_cloud.ply", "point_cloud.spz"}
+    sizes = {artifact["name"]: artifact["size_bytes"] for artifact in snapshot["artifacts"]}
+    assert sizes["point_cloud.spz"] < 0.3 * sizes["point_cloud.ply"]
     archive = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/colmap.zip").content
     with zipfile.ZipFile(io.BytesIO(archive)) as model:
         assert {Path(name).name for name in model.namelist()} == {

@@ -13,10 +13,11 @@ from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.sfm.colmap.model import MODEL_FILES
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import write_ply
+from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image
 from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
-from fvs_service.snapshots.service import CAMERAS, COLMAP, GAUSSIANS, METRICS
+from fvs_service.snapshots.service import CAMERAS, COLMAP, COMPRESSED, GAUSSIANS, METRICS
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,7 @@ def write_artifacts(
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     write_ply(folder / GAUSSIANS, gaussians)
+    write_spz(folder / COMPRESSED, gaussians)
     (folder / CAMERAS).write_text(_cameras(views, images, points).model_dump_json(indent=1))
     (folder / METRICS).write_text(metrics.model_dump_json(indent=1))
     with zipfile.ZipFile(folder / COLMAP, "w") as archive:
@@ -45,7 +47,7 @@ def write_artifacts(
             entry = zipfile.ZipInfo(f"sparse/0/{name}.bin")
             entry.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(entry, (colmap / f"{name}.bin").read_bytes())
-    return (GAUSSIANS, CAMERAS, METRICS, COLMAP)
+    return (GAUSSIANS, COMPRESSED, CAMERAS, METRICS, COLMAP)
 
 
 def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points: Array) -> SnapshotCameras:
