@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import json
+import os
 import threading
 from datetime import timedelta
 from pathlib import Path
@@ -333,6 +334,16 @@ def test_workers_remove_working_folders_of_deleted_scenes_only(gateway: Any) -> 
     gateway.client.delete(f"/v1/scenes/{deleted}")
     Sweeps(gateway.application.storage).remove_working_folders()
     assert {name for name, folder in folders.items() if folder.exists()} == set(folders) - {deleted}
+
+
+def test_writes_that_a_crash_interrupted_are_swept(open_gateway: Any) -> None:
+    gateway = open_gateway()
+    old, new = (gateway.settings.root / "blobs" / f".{name}.partial" for name in ("old", "new"))
+    for file in (old, new):
+        file.write_bytes(b"half")
+    os.utime(old, (1, 1))
+    Sweeps(gateway.application.storage).sweep()
+    assert (old.exists(), new.exists()) == (False, True)
 
 
 def test_one_worker_at_a_time_sweeps(open_gateway: Any) -> None:

@@ -5,6 +5,7 @@ Of all workers one at a time removes rows and blobs; each removes the working fo
 
 import shutil
 import threading
+from datetime import timedelta
 
 import structlog
 from sqlalchemy import CursorResult, update
@@ -14,6 +15,7 @@ from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.application import Storage
 from fvs_service.deletion.retention import RetentionRules
+from fvs_service.model import now
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.removals import deleted_scenes
 from fvs_service.storage.tables import SweepRow
@@ -31,6 +33,7 @@ class Sweeps:
         self._storage = storage
         settings = storage.settings
         self._retention = RetentionRules(storage.database, settings.retention, settings.removal_grace_s)
+        self._grace = timedelta(seconds=settings.removal_grace_s)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -47,6 +50,8 @@ class Sweeps:
         self.remove_working_folders()
         if self._is_mine():
             deleted, removed = self._retention.apply(), self._storage.removals.run()
+            for file in self._storage.blobs.unfinished(now() - self._grace):
+                file.unlink(missing_ok=True)
             if deleted or removed:
                 _log.info("swept", deleted=deleted, removed=removed)
 
