@@ -13,7 +13,7 @@ from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.settings import Settings
 
-_STOP_WITHIN_S = 2
+_STOP_WITHIN_S = 1
 """Requests that take longer are given up; the supervisor's patience is longer than this."""
 _UNREAD_MS = 120_000
 _SWITCH_S = 0.001

@@ -26,7 +26,7 @@ from fvs_service.settings import Settings
 
 _POLL_S = 0.1
 _START_S = 60.0
-_STOP_S = 4.0
+_STOP_S = 3.5
 """How long children may take to end by themselves; they are killed after it."""
 _KILLED_S = 1.0
 _QUICK_S = 5.0

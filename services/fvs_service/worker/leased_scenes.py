@@ -23,7 +23,7 @@ from fvs_service.worker.runner_child import RunnerChild
 
 _POLL_S = 0.25
 _YIELD_S = 2.0
-_RETIRE_S = 2.5
+_RETIRE_S = 2.0
 """How long a runner may take to save its checkpoint; the supervisor's patience is longer than this."""
 _START_PATIENCE_S = 60.0
 """The request that needed the runner has failed by then."""

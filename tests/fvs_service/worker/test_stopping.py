@@ -32,7 +32,7 @@ def stop(service: Any, number: signal.Signals = signal.SIGTERM) -> float:
     return took_s
 
 
-def until(condition: Callable[[], object], timeout_s: float = 300.0) -> None:
+def until(condition: Callable[[], object], timeout_s: float = 600.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline
