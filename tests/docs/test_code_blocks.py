@@ -110,6 +110,7 @@ def test_the_blocks_of_tutorials_run_against_a_real_service(
     _run(page, real_service, photographs, tmp_path)
 
 
+@pytest.mark.timeout(900)  # the programs of a tutorial import torch again and again, on whatever machine
 @pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
 def test_the_blocks_run(page: Path, played_service: str, photographs: Path, tmp_path: Path) -> None:
     _run(page, played_service, photographs, tmp_path)
