@@ -4,6 +4,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.gc_collector import GCCollector
 from prometheus_client.process_collector import ProcessCollector
 
+_LAGS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
 
 
@@ -45,3 +46,9 @@ class Metrics:
             "fvs_rankings_open", "Rankings and renders that are waited for.", registry=self.registry
         )
         self.streams = Gauge("fvs_event_streams", "Event streams that are open.", registry=self.registry)
+        self.loop_lag = Histogram(
+            "fvs_loop_lag_seconds",
+            "How late the event loop runs what is due.",
+            buckets=_LAGS,
+            registry=self.registry,
+        )

@@ -62,3 +62,10 @@ def test_metrics_show_workers_queue_and_room(fleet: Any) -> None:
     assert float(lines["fvs_queue_oldest_seconds"]) > 0
     assert float(lines["fvs_disk_free_bytes"]) > 0
     assert float(lines["fvs_database_up"]) == 1
+
+
+def test_the_lag_of_the_event_loop_is_measured(gateway: Any) -> None:
+    deadline = time.monotonic() + 20
+    while "fvs_loop_lag_seconds_count 0.0" in gateway.client.get("/metrics").text:
+        assert time.monotonic() < deadline
+    assert "fvs_loop_lag_seconds_count" in gateway.client.get("/metrics").text

@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
 from fvs_service.fleet_metrics import FleetCollector
+from fvs_service.gateway.loop_lag import watch_loop
 from fvs_service.gateway.rest import (
     events,
     images,
@@ -56,7 +57,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             fleet = FleetCollector(application.storage.database, settings.root, settings.lease_s)
             metrics.registry.register(fleet)
             app.state.parsing = anyio.CapacityLimiter(_PARSERS)
-            watching = asyncio.create_task(feed.watch())
+            watching = asyncio.gather(feed.watch(), watch_loop(metrics.loop_lag))
             try:
                 yield
             finally:

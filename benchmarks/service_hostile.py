@@ -1,0 +1,193 @@
+"""Lag of the gateway's event loop, and an honest client's uploads, while hostile requests arrive.
+
+    python benchmarks/service_hostile.py [--seconds 300] [--rate 100] [--connections 20] [--json hostile.json]
+
+Starts `fvs serve` without a model. For half of the time only the honest client is there: it sends images,
+checks 10,000 digests and reads the scene. For the other half so many connections send hostile requests of
+every kind in turn beside it, at the rate given. The lag is the gateway's own `fvs_loop_lag_seconds`, of which
+the bucket is known: a lag is at most the number shown.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import io
+import itertools
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx2
+import numpy as np
+from fvs_service.serving.running import running_service
+from measurement import report
+from PIL import Image
+
+_BYTES = 1_400_000
+
+
+def post(path: str, body: bytes, kind: str = "application/json", *headers: str) -> bytes:
+    more = "".join(f"{header}\r\n" for header in headers)
+    head = (
+        f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+    )
+    return f"{head}{more}\r\n".encode() + body
+
+
+def requests_of(scene: str) -> dict[str, bytes]:
+    """One request of each kind."""
+    check, rank = f"/v1/scenes/{scene}/images:check", f"/v1/scenes/{scene}/rankings"
+    form, sent = f"/v1/scenes/{scene}/images", "multipart/form-data; boundary=b"
+    chunked = f"POST {check} HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
+    many = ",".join(f'"k{number}":1' for number in range(40_000))
+    query = "&".join(f"k{number}" for number in range(2_000))
+    return {
+        "wrong digests": post(check, b'{"digests":[' + b"1," * (_BYTES // 2) + b"1]}"),
+        "10,000 wrong digests": post(check, b'{"digests":[' + b"1," * 9_999 + b"1]}"),
+        "empty candidates": post(rank, b'{"candidates":[' + b"{}," * (_BYTES // 3) + b"{}]}"),
+        "2,000 empty candidates": post(rank, b'{"candidates":[' + b"{}," * 1_999 + b"{}]}"),
+        "no such scene": post("/v1/scenes/scn_none/rankings", b"[" * _BYTES),
+        "deep lists": post(rank, b"[" * _BYTES),
+        "long numbers": post(check, b'{"digests":[' + (b"9" * 4_000 + b",") * (_BYTES // 4_001) + b"1]}"),
+        "escapes": post("/v1/scenes", b'{"name":"' + b"\\n" * (_BYTES // 2) + b'"}'),
+        "many keys": post("/v1/scenes", f"{{{many}}}".encode()),
+        "spaces": post("/v1/scenes", b" " * _BYTES),
+        "form of headers": post(form, b"--b\r\n" + b"a: b\r\n" * 50_000, sent),
+        "form of boundaries": post(form, b"\r\n--" * 100_000, sent),
+        "chunks of a byte": f"{chunked}\r\n".encode() + b"1\r\na\r\n" * 50_000,
+        "headers": b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 10_000,
+        "pipelined": b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n" * 1_000,
+        "query": f"GET /v1/scenes?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode(),
+        "foreign page": post(f"/v1/scenes/{scene}/jobs", b"{}", "text/plain", "Origin: https://evil.example"),
+        "hang-up": post("/v1/scenes", b"{" * 100_000)[:1_000],
+        "gzip": post("/v1/scenes", b"\x1f\x8b" * 1_000, "application/json", "Content-Encoding: gzip"),
+    }
+
+
+@dataclass
+class Attack:
+    """Connections that send hostile requests at a rate."""
+
+    address: tuple[str, int]
+    kinds: dict[str, bytes]
+    rate: float
+    connections: int
+    stop: threading.Event = field(default_factory=threading.Event)
+    sent: int = 0
+
+    def run(self) -> None:
+        turns, lock = itertools.cycle(self.kinds.values()), threading.Lock()
+        threads = [threading.Thread(target=self._one, args=(turns, lock)) for _ in range(self.connections)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    def _one(self, turns: Any, lock: threading.Lock) -> None:
+        while not self.stop.wait(self.connections / self.rate):
+            with lock:
+                content = next(turns)
+                self.sent += 1
+            with contextlib.suppress(OSError), socket.create_connection(self.address, 5) as connection:
+                connection.settimeout(5)
+                connection.sendall(content)
+                connection.recv(4_096)
+
+
+def photograph(number: int) -> bytes:
+    pixels = np.random.default_rng(number).integers(0, 256, (600, 800, 3), dtype=np.uint8)
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "JPEG")
+    return out.getvalue()
+
+
+def honest(client: httpx2.Client, scene: str, until: float, numbers: "itertools.count[int]") -> list[float]:
+    """Seconds of each round: an upload, a check of 10,000 digests, the scene."""
+    digests = [f"sha256:{number:064x}" for number in range(10_000)]
+    seconds = []
+    while time.monotonic() < until:
+        content = photograph(next(numbers))
+        path = f"/v1/scenes/{scene}/images/sha256:{hashlib.sha256(content).hexdigest()}"
+        began = time.perf_counter()
+        client.put(path, content=content).raise_for_status()
+        client.post(f"/v1/scenes/{scene}/images:check", json={"digests": digests}).raise_for_status()
+        client.get(f"/v1/scenes/{scene}").raise_for_status()
+        seconds.append(time.perf_counter() - began)
+    return seconds
+
+
+def lags(client: httpx2.Client) -> dict[float, float]:
+    """Observations by the upper bound of their bucket, cumulated."""
+    start = 'fvs_loop_lag_seconds_bucket{le="'
+    lines = [line for line in client.get("/metrics").text.splitlines() if line.startswith(start)]
+    pairs = [line.removeprefix(start).split('"} ') for line in lines]
+    return {float(bound): float(count) for bound, count in pairs}
+
+
+def share(before: dict[float, float], after: dict[float, float], least: float) -> float:
+    """The bound under which this share of the observations between the two lies, in ms."""
+    total = after[float("inf")] - before[float("inf")]
+    return 1e3 * next(bound for bound in after if after[bound] - before[bound] >= least * total)
+
+
+def phase(client: httpx2.Client, work: Callable[[], list[float]]) -> tuple[list[float], dict[str, Any]]:
+    before = lags(client)
+    seconds = work()
+    after = lags(client)
+    return seconds, {
+        "lag p50 ms ≤": share(before, after, 0.5),
+        "lag p99 ms ≤": share(before, after, 0.99),
+        "lag max ms ≤": share(before, after, 1.0),
+        "honest rounds": len(seconds),
+        "median round s": round(median(seconds), 3),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=300)
+    parser.add_argument("--rate", type=float, default=100)
+    parser.add_argument("--connections", type=int, default=20)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    numbers = itertools.count()
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        with (
+            running_service(root / "root", root / "log") as service,
+            httpx2.Client(base_url=service.url, timeout=120) as client,
+        ):
+            scene = client.post("/v1/scenes", json={"name": "honest"}).json()["id"]
+            parts = urlsplit(service.url)
+            attack = Attack(
+                (parts.hostname or "", parts.port or 0), requests_of(scene), given.rate, given.connections
+            )
+
+            def alone() -> list[float]:
+                return honest(client, scene, time.monotonic() + given.seconds / 2, numbers)
+
+            _, quiet = phase(client, alone)
+            attacking = threading.Thread(target=attack.run)
+            attacking.start()
+            try:
+                _, hostile = phase(client, alone)
+            finally:
+                attack.stop.set()
+                attacking.join()
+    hostile["hostile requests/s"] = round(attack.sent / (given.seconds / 2), 1)
+    hostile["slowdown"] = round(hostile["median round s"] / quiet["median round s"], 2)
+    rows = [{"phase": "alone", **quiet}, {"phase": "hostile", **hostile}]
+    report("Hostile requests", rows, given.json)
+
+
+if __name__ == "__main__":
+    main()
