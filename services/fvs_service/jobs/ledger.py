@@ -15,7 +15,7 @@ from fvs_service.jobs import repository
 from fvs_service.jobs.model import Job, JobError, JobState
 from fvs_service.model import now
 from fvs_service.scenes.lease import Lease, require_lease
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.tables import JobRow, JobStageRow
 
 _REPORT_EVERY_S = 0.25
@@ -38,13 +38,14 @@ class Ledger:
             if job.state.ended or job.attempt != attempt:
                 return None
             if job.state is JobState.RUNNING:
-                return job
+                return repository.change(session, job_id, in_state=(JobState.RUNNING,), taken_at_ms=now_ms())
             started = repository.change(
                 session,
                 job_id,
                 in_state=(JobState.QUEUED,),
                 state=JobState.RUNNING.value,
                 worker_id=lease.worker_id,
+                taken_at_ms=now_ms(),  # the start of the runner is no part of the turn
                 started_at=now(),
             )
             publish(session, lease.scene_id, EventKind.JOB_STARTED, {"job_id": job_id, "attempt": attempt})

@@ -1,10 +1,11 @@
 """The order of turns: fair between tenants, then between a tenant's scenes; updates before fine models.
 
 A worker gives a job a *turn*. The next turn goes to the tenant with the fewest jobs in a turn, of those to
-the one whose last turn began the longest ago; within the tenant to an update before a fine model, then to the
-scene whose last turn began the longest ago. A job whose turn has lasted ``turn_ms`` makes room for a job that
-the order prefers, and waits for its next turn. So nobody starves: a waiting tenant gets a turn after at most
-one turn of each other tenant, and a fine model that has waited for ``_PATIENCE`` turns counts as an update.
+the one whose last turn began the longest ago. Within the tenant it goes to an update before a fine model, to
+a job that has begun before one that has not, then to the scene whose last turn began the longest ago. A job
+whose turn has lasted ``turn_ms`` makes room for a job that the order prefers, and waits for its next turn.
+So nobody starves: a waiting tenant gets a turn after at most one turn of each other tenant, and a fine model
+that has waited for ``_PATIENCE`` turns counts as an update.
 
 Everything here is a function of the open jobs; the database is in ``jobs.queue``.
 """
@@ -28,7 +29,8 @@ class OpenJob:
     """What the order depends on of a job that is queued or running; times are the database's.
 
     ``worker_id`` is the worker whose turn it is in, None while it waits. ``obstacle`` is what the last worker
-    lacked, which is tried again from ``not_before_ms`` on. ``served_ms``: when its scene's last turn began.
+    lacked, which is tried again from ``not_before_ms`` on. ``served_ms``: when its scene's last turn began;
+    ``begun``: it had a turn.
     """
 
     id: str
@@ -39,6 +41,7 @@ class OpenJob:
     served_ms: int = 0
     worker_id: str | None = None
     taken_at_ms: int = 0
+    begun: bool = False
     cancel_requested: bool = False
     obstacle: WaitReason | None = None
     not_before_ms: int = 0
@@ -145,10 +148,10 @@ class Order:
     def _scenes_in_turn(self) -> frozenset[str]:
         return frozenset(job.scene_id for job in self.running)
 
-    def _within_tenant(self, job: OpenJob) -> tuple[bool, bool, int, int, str]:
-        """The order of a tenant's jobs; those that cannot have a turn come last."""
+    def _within_tenant(self, job: OpenJob) -> tuple[bool, bool, int, bool, int, str]:
+        """The order of a tenant's jobs; those that cannot have a turn come last, those begun go on first."""
         blocked = job.scene_id in self._scenes_in_turn or job.not_before_ms > self.now_ms
-        return blocked, not job.cancel_requested, self._rank(job), job.served_ms, job.id
+        return blocked, not job.cancel_requested, self._rank(job), not job.begun, job.served_ms, job.id
 
     def _rank(self, job: OpenJob) -> int:
         """0 before 1: fine models let updates go first, but not for ever."""

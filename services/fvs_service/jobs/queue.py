@@ -114,6 +114,7 @@ class JobQueue:
                 served.c.served_ms,
                 JobRow.worker_id,
                 JobRow.taken_at_ms,
+                (JobRow.state == JobState.RUNNING.value).label("begun"),
                 JobRow.cancel_requested,
                 JobRow.obstacle,
                 JobRow.not_before_ms,

@@ -54,6 +54,11 @@ def test_updates_go_before_fine_models_and_scenes_take_turns() -> None:
     assert _names(_order(jobs)) == ["4", "3", "2", "1"]
 
 
+def test_a_job_that_has_begun_goes_on_before_others_of_its_tenant_begin() -> None:
+    jobs = [_job("1", "a"), _job("2", "a", begun=True, served_ms=50), _job("3", "a", FINE, begun=True)]
+    assert _names(_order(jobs)) == ["2", "1", "3"]
+
+
 def test_a_fine_model_that_waited_for_long_counts_as_an_update() -> None:
     jobs = [_job("1", "a", FINE), _job("2", "a", waiting_since_ms=699_000)]
     assert _names(_order(jobs, now_ms=700_000)) == ["1", "2"]

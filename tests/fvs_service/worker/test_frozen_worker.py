@@ -35,10 +35,9 @@ def _freeze(service: Any, worker: int) -> None:
     while True:
         os.kill(worker, signal.SIGSTOP)
         try:
-            for name in ("fvs.sqlite3", "queue.sqlite3"):
-                with contextlib.closing(sqlite3.connect(service.root / name, timeout=2)) as database:
-                    database.execute("BEGIN IMMEDIATE")
-                    database.rollback()
+            with contextlib.closing(sqlite3.connect(service.root / "fvs.sqlite3", timeout=2)) as database:
+                database.execute("BEGIN IMMEDIATE")
+                database.rollback()
         except sqlite3.OperationalError:
             os.kill(worker, signal.SIGCONT)
             time.sleep(0.01)
