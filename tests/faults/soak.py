@@ -242,7 +242,10 @@ def _kill(watch: Watch, rng: random.Random) -> int:
 def _memory_mb(pid: int) -> float:
     """The anonymous memory of a process."""
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1000
+    sizes = [int(line.split()[1]) for line in lines if line.startswith("RssAnon")]
+    if not sizes:
+        raise ProcessLookupError(pid)  # it has just ended
+    return sizes[0] / 1000
 
 
 def _size_mb(folder: Path) -> float:

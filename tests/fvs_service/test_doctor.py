@@ -73,7 +73,7 @@ def test_every_orphan_is_found_and_mended(gateway: Any) -> None:
     (gateway.settings.scenes / "scn_none").mkdir()
     (gateway.settings.staging / "1.upload").write_bytes(b"half")
     with storage.database.writing() as session:
-        session.execute(update(JobRow).values(worker_id="worker-9"))
+        session.execute(update(JobRow).where(JobRow.state == "queued").values(worker_id="worker-9"))
     deleted = gateway.scene()
     gateway.client.delete(f"/v1/scenes/{deleted}")
     found = [

@@ -13,6 +13,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
@@ -25,7 +26,7 @@ from fvs_service.doctor.examination import examine
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.ids import new_id
 from fvs_service.jobs.model import JobKind, JobRequest
-from fvs_service.jobs.repository import add_job
+from fvs_service.jobs.repository import add_job, jobs_of_scene
 from fvs_service.model import Page, now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease
@@ -81,9 +82,12 @@ def _commit(storage: Storage, scene_id: str, rng: random.Random) -> None:
     assert lease is not None
     with storage.database.writing() as session:
         request = JobRequest(kind=JobKind.UPDATE)
-        job_id = add_job(session, new_id("job"), scene_id, LOCAL_USER.tenant_id, request, now()).id
+        jobs = jobs_of_scene(session, scene_id, None, 10_000)
+        job = next((job for job in jobs if not job.state.ended), None)  # of a process that was killed
+        if job is None:
+            job = add_job(session, new_id("job"), scene_id, LOCAL_USER.tenant_id, request, now())
     try:
-        _finish(storage, lease, job_id, rng)
+        _finish(storage, lease, job.id, rng)
     except BaseException:
         storage.leases.release(lease)
         raise
@@ -130,11 +134,14 @@ def _start(root: Path, work: Callable[[Storage, random.Random], None], seed: int
     pid = os.fork()
     if pid == 0:
         end_with_parent(parent)
-        # The child must never return into the tests.
-        with contextlib.suppress(BaseException), open_storage(_settings(root)) as storage:
-            os.write(tell, b".")
-            work(storage, random.Random(seed))
-        os._exit(1)
+        try:
+            with open_storage(_settings(root)) as storage:
+                os.write(tell, b".")
+                work(storage, random.Random(seed))
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(1)  # it must never return into the tests
     os.close(tell)
     os.read(ready, 1)
     os.close(ready)
