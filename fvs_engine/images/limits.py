@@ -19,7 +19,7 @@ _STORED_BYTES = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16L": 2, "I;16B": 2}
 _RGB_BYTES = 4
 _COEFFICIENT_BYTES = 2
 _WEBP_BYTES = 16
-"""Bytes per pixel that the WebP decoder takes besides the image: measured 15.5."""
+"""Bytes per pixel that the WebP decoder may take besides the image: an estimate of its frames."""
 _START_OF_SCAN = b"\xff\xda"
 
 
