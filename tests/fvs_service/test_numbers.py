@@ -27,6 +27,7 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             "world": {"kind": "enu", "origin": ORIGIN},
             "camera": {"focal_length_px": 3000.0, "width_px": 4000},
             "policy": {"trigger": "every-k-images", "k": 10, "first": 8},
+            "retention": {"snapshots": 10, "snapshot_days": 30, "rankings": 10, "ranking_days": 30},
         }
     ],
     "/v1/scenes/{scene_id}/jobs": [
