@@ -71,6 +71,8 @@ class Dispatcher:
                 self._dispatch_runner()
             except (SQLAlchemyError, ServiceError) as error:
                 _log.warning("no jobs can be taken", reason=type(error).__name__)
+            except Exception:  # a worker that sends heartbeats and takes no jobs would go unnoticed
+                _log.exception("no jobs can be taken")
 
     def _dispatch_jobs(self) -> None:
         for ticket in self._queue.taken_by(self._worker_id):
