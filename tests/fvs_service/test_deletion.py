@@ -397,7 +397,8 @@ def test_blobs_are_kept_and_listed(tmp_path: Path, gateway: Any) -> None:
     file.write_bytes(b"content")
     for _ in range(2):
         blobs.keep(file, "scenes/s/artifacts/x")
-    assert file.exists()
+    file.write_bytes(b"changed")
+    assert blobs.read("scenes/s/artifacts/x") == b"content"
     assert [(found.key, found.size_bytes) for found in blobs.below("scenes/s/")] == [
         ("scenes/s/artifacts/x", 7)
     ]

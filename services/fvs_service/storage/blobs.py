@@ -70,16 +70,13 @@ class Blobs:
         if self._folder is None:
             obstore.put(self._store, key, file)
             return
-        linked = self._folder / f".{uuid4().hex}{_PARTIAL}"
+        copied = self._folder / f".{uuid4().hex}{_PARTIAL}"
         with full_disk_as_error():
             try:
-                try:
-                    linked.hardlink_to(file)
-                except OSError:  # another file system, or one without hard links
-                    shutil.copyfile(file, linked)
-                self.adopt(linked, key)
+                shutil.copyfile(file, copied)  # not a link: who writes to the file must not change the blob
+                self.adopt(copied, key)
             finally:
-                linked.unlink(missing_ok=True)
+                copied.unlink(missing_ok=True)
 
     def put(self, content: bytes, key: str) -> None:
         """Store ``content`` under ``key``."""
