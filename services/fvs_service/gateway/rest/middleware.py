@@ -1,12 +1,16 @@
 """Middleware of all requests: an id, a log line, metrics."""
 
+import asyncio
 import re
 import time
 from http import HTTPStatus
 
 import structlog
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from fvs_service.errors import UnavailableError
+from fvs_service.gateway.rest.problems import problem_response
 from fvs_service.ids import new_id
 from fvs_service.telemetry import Metrics
 
@@ -32,17 +36,21 @@ class RequestContext:
         request_id = offered if _REQUEST_ID.match(offered) else new_id("req")
         scope.setdefault("state", {})["request_id"] = request_id
         started, status = time.perf_counter(), HTTPStatus.INTERNAL_SERVER_ERROR.value
+        responding = False
 
         async def send_with_id(message: Message) -> None:
-            nonlocal status
+            nonlocal status, responding
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, responding = message["status"], True
                 message = {**message, "headers": [*message["headers"], *_headers(request_id)]}
             await send(message)
 
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
                 await self._app(scope, receive, send_with_id)
+            except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
+                if not responding:
+                    await problem_response(Request(scope), _stopping())(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - started
                 route = getattr(scope.get("route"), "path", "unknown")
@@ -56,6 +64,10 @@ class RequestContext:
                         status=status,
                         ms=round(seconds * 1000, 1),
                     )
+
+
+def _stopping() -> UnavailableError:
+    return UnavailableError("The service is stopping.", hint="Send the request again.", retry_after_s=5)
 
 
 def _headers(request_id: str) -> list[tuple[bytes, bytes]]:

@@ -1,0 +1,36 @@
+"""The middleware of all requests."""
+
+import asyncio
+import json
+from typing import Any
+
+from fvs_service.gateway.rest.middleware import RequestContext
+from fvs_service.telemetry import Metrics
+from starlette.types import Message, Receive, Scope, Send
+
+
+def test_a_request_that_is_cut_when_the_service_stops_is_told_to_come_again() -> None:
+    sent: list[Message] = []
+
+    async def endless(_scope: Scope, _receive: Receive, _send: Send) -> None:
+        await asyncio.Event().wait()
+
+    async def receive() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    async def stop_while_it_is_handled() -> None:
+        scope: Any = {"type": "http", "method": "PUT", "path": "/v1/scenes", "headers": []}
+        context = RequestContext(endless, Metrics())
+        handling = asyncio.create_task(context(scope, receive, send))
+        await asyncio.sleep(0)
+        handling.cancel()
+        await handling
+
+    asyncio.run(stop_while_it_is_handled())
+    start, body = sent
+    assert start["status"] == 503
+    assert (b"retry-after", b"5") in start["headers"]
+    assert json.loads(body["body"])["retryable"]
