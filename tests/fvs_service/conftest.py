@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import io
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -270,9 +271,15 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         yield gateway
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _plain_logs() -> None:
+@pytest.fixture(autouse=True)
+def _plain_logs() -> Iterator[None]:
+    """Log as the service does, in the tests of the service alone."""
     configure_logging(machine=True)
+    root = logging.getLogger()
+    own = tuple(root.handlers)
+    yield
+    for handler in own:
+        root.removeHandler(handler)
 
 
 @pytest.fixture(scope="session")

@@ -60,7 +60,9 @@ def pin(session: Session, snapshot_id: str, *, pinned: bool) -> None:
 
 
 def with_artifacts(session: Session, scene_id: str, wanted: Mapping[str, str]) -> Snapshot | None:
-    """The newest snapshot of a scene with all these artifacts (name → SHA-256)."""
+    """The newest snapshot of a scene with all these artifacts (name → SHA-256); None when none are given."""
+    if not wanted:
+        return None
     same = or_(
         *(
             and_(SnapshotArtifactRow.name == name, SnapshotArtifactRow.sha256 == sha256)
