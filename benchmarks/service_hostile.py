@@ -73,7 +73,7 @@ def requests_of(scene: str) -> dict[str, bytes]:
 
 @dataclass
 class Attack:
-    """Connections that send hostile requests at a rate."""
+    """Connections that send hostile requests at a fixed rate."""
 
     address: tuple[str, int]
     kinds: dict[str, bytes]

@@ -9,7 +9,7 @@ _REST = re.compile(r"(?<![\w:/.~-])(?!v1/)(?:[^\s'\"`,;():/]+/){2,}([^\s'\"`,;()
 
 
 def without_paths(sentence: str) -> str:
-    """A message of the engine or of a library with the names of files in place of their paths."""
+    """Replace the paths in a message of the engine or of a library by file names."""
     for pattern, name in ((_QUOTED, r"\1\2\1"), (_PLAIN, r"\1"), (_REST, r"\1")):
         sentence = pattern.sub(name, sentence)
     return sentence

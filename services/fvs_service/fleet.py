@@ -37,7 +37,7 @@ class WorkerStatus(Model):
 
 
 def workers_of(session: Session, lease_s: float) -> tuple[WorkerStatus, ...]:
-    """All workers, by id; ``lease_s`` is how long the fleet's leases last."""
+    """List all workers by id; ``lease_s`` is the duration of the fleet's leases."""
     leases = (
         select(SceneLeaseRow.worker_id, func.count().label("runners"))
         .where(SceneLeaseRow.endpoint.is_not(None), SceneLeaseRow.expires_at_ms > now_ms())

@@ -13,7 +13,7 @@ from fvs_service.model import WHOLE, Number
 
 QuantityT = TypeVar("QuantityT")
 AsText = Annotated[QuantityT, Field(strict=False)]
-"""A quantity in a query string."""
+"""A number in a query string."""
 
 Latitude = Annotated[Number, Field(ge=-90, le=90)]
 Longitude = Annotated[Number, Field(ge=-180, le=180)]

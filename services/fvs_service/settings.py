@@ -138,7 +138,7 @@ class Settings(BaseSettings):
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()
     sweep_s: PositiveFloat = 10.0
-    """Between two sweeps, which apply the retention and remove what was deleted."""
+    """Interval of the sweeps, which apply retention and remove deleted blobs."""
     removal_grace_s: PositiveFloat = 180.0
     """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""
 

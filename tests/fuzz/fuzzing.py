@@ -4,6 +4,7 @@ A case is a number: it chooses a seed file and its mutations, so that a finding 
 alone. A child that dies or hangs is replaced, and goes on after the case that killed it.
 """
 
+import argparse
 import faulthandler
 import json
 import math
@@ -12,10 +13,11 @@ import random
 import resource
 import signal
 import struct
+import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -26,7 +28,7 @@ Files = Mapping[str, bytes]
 """Name → content: the files of one input."""
 
 MEMORY_BYTES = 500_000_000
-"""Bound of what a parser may take for one input, all of which are a few kB."""
+"""Memory limit of a parser for one input; all inputs are a few kB."""
 CPU_S = 10
 """A case that takes longer hangs."""
 
@@ -235,6 +237,19 @@ def _stuck(_number: int, _frame: object) -> None:
     raise TimeoutError
 
 
-def as_json(report: Report) -> str:
-    """One line."""
-    return json.dumps(asdict(report))
+def run(targets: Sequence[Target], description: str | None) -> int:
+    """Fuzz the targets that the command line names, all by default; the exit status is 1 for findings."""
+    options = argparse.ArgumentParser(description=description)
+    options.add_argument("targets", nargs="*", choices=[[], *(target.name for target in targets)])
+    options.add_argument("--minutes", type=float, default=20.0, help="processor time per target")
+    options.add_argument("--first", type=int, default=0, help="number of the first case")
+    given = options.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    clean = True
+    for target in targets:
+        if not given.targets or target.name in given.targets:
+            report = fuzz(target, cases=10**9, cpu_s=60 * given.minutes, first=given.first)
+            sys.stdout.write(json.dumps(asdict(report)) + "\n")
+            sys.stdout.flush()
+            clean = clean and report.clean
+    return 0 if clean else 1

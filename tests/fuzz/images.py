@@ -1,13 +1,11 @@
-"""Fuzz the inspection of uploads, EXIF and XMP: ``python tests/fuzz/images.py [--minutes M] [TARGET ...]``.
+"""Fuzz inspection, EXIF and XMP: ``python tests/fuzz/images.py [--minutes M] [--first N] [TARGET ...]``.
 
 ``M`` is processor time per target. The report of each is a line of JSON on stdout; the exit status is 1 when
 something was found.
 """
 
-import argparse
 import io
 import math
-import signal
 import sys
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from fvs_service.settings import Limits
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parent))  # for the children, which import this file by its path
-from fuzzing import Files, Target, as_json, fuzz
+from fuzzing import Files, Target, run
 
 from fvs_engine.geometry.priors import read_priors
 
@@ -100,23 +98,5 @@ TARGETS = (
 )
 
 
-def main() -> int:
-    """Fuzz the chosen targets."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("targets", nargs="*", choices=[[], *(target.name for target in TARGETS)])
-    options.add_argument("--minutes", type=float, default=10.0)
-    options.add_argument("--first", type=int, default=0)
-    given = options.parse_args()
-    clean = True
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for target in TARGETS:
-        if not given.targets or target.name in given.targets:
-            report = fuzz(target, cases=10**9, cpu_s=60 * given.minutes, first=given.first)
-            sys.stdout.write(as_json(report) + "\n")
-            sys.stdout.flush()
-            clean = clean and report.clean
-    return 0 if clean else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(TARGETS, __doc__))

@@ -4,10 +4,8 @@
 something was found.
 """
 
-import argparse
 import gzip
 import json
-import signal
 import sys
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import pycolmap
 import torch
 
 sys.path.insert(0, str(Path(__file__).parent))  # for the children, which import this file by its path
-from fuzzing import Files, Target, as_json, fuzz
+from fuzzing import Files, Target, run
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.pipeline.candidates import read_candidates
@@ -192,23 +190,5 @@ TARGETS = (
 )
 
 
-def main() -> int:
-    """Fuzz the chosen targets."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("targets", nargs="*", choices=[[], *(target.name for target in TARGETS)])
-    options.add_argument("--minutes", type=float, default=20.0)
-    options.add_argument("--first", type=int, default=0)
-    given = options.parse_args()
-    clean = True
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for target in TARGETS:
-        if not given.targets or target.name in given.targets:
-            report = fuzz(target, cases=10**9, cpu_s=60 * given.minutes, first=given.first)
-            sys.stdout.write(as_json(report) + "\n")
-            sys.stdout.flush()
-            clean = clean and report.clean
-    return 0 if clean else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(TARGETS, __doc__))

@@ -188,7 +188,7 @@ async def _unrendered(request: RankViews) -> RankedViews:
 
 @pytest.fixture(scope="module")
 def gateway(running: Any, settings_of: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A gateway of our own: it refuses counts that would only make the tests slow."""
+    """A gateway with low limits: large counts would only make the tests slow."""
     limits = {"limits": {"candidates_per_ranking": 16, "open_jobs_per_tenant": 1_000}}
     with running(settings_of(tmp_path_factory.mktemp("numbers"), limits)) as gateway:
         yield gateway

@@ -19,7 +19,7 @@ _GRAVITY_RAD = np.deg2rad(1.0)
 _YAW_RAD = np.deg2rad(5.0)
 """Standard errors of gravity and of yaw, which the cameras of one flight share: more cameras do not help."""
 _MAX_GRAVITY_ERROR_RAD = np.deg2rad(8.0)
-"""Angle to gravity after the fit from which on the attitudes contradict the positions."""
+"""Largest angle to gravity after the fit; beyond it the attitudes contradict the positions."""
 _MAX_YAW_ERROR_RAD = np.deg2rad(15.0)
 """Heading error from which on a compass is disturbed."""
 _MAX_MISFIT = 2.0

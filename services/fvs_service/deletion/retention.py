@@ -24,7 +24,7 @@ _RANKINGS_AT_ONCE = 500
 
 @dataclass(frozen=True)
 class _Kept:
-    """A snapshot as far as retention must know it."""
+    """The properties of a snapshot that retention depends on."""
 
     id: str
     kind: str

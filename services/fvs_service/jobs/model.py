@@ -94,7 +94,7 @@ class Waiting(Model):
     message: str
     """The reason as a sentence."""
     eta_s: Number | None
-    """An estimate of the time until its turn; null when nothing is known yet."""
+    """Estimated time until its turn; null while unknown."""
 
 
 class Job(Model):

@@ -144,7 +144,7 @@ def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **v
 
 
 def cancel_idle(session: Session, job_id: str) -> Job | None:
-    """Cancel a job for which no worker computes; None when one does, or the job has ended."""
+    """Cancel a job that no worker runs; None when a worker runs it, or it has ended."""
     row = session.scalar(
         update(JobRow)
         .where(

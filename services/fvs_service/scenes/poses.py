@@ -192,7 +192,7 @@ class WorldFrame:
 
 
 def require_on_earth(world_from_cameras: Mapping[str, RigidTransform]) -> None:
-    """Check poses by their ids; raises ``InvalidRequestError`` for one that a request could not give.
+    """Check poses by id; raises ``InvalidRequestError`` for a pose beyond the ranges of requests.
 
     Poses in the model frame and those of generators can be that far away.
     """

@@ -16,7 +16,7 @@ _EXIT_BY_SIGNAL = 128
 
 
 class StopSignals:
-    """A context of the main thread in which SIGTERM and SIGINT set ``stopping``.
+    """Set ``stopping`` on SIGTERM and SIGINT, within a block of the main thread.
 
     A process that is still there ``within_s`` after the first signal, or at a second one, calls ``kill`` and
     ends. A thread of its own sees to that: handlers in Python run only between two steps of the main thread,

@@ -22,7 +22,7 @@ MAX_TRIES = 6
 """An attempt fails after this many tries without progress."""
 _PAUSE_S = 0.5
 _MEMORY_PATIENCE_S = 5.0
-"""After this long without enough memory other jobs may have the turn."""
+"""Time to wait for memory before the turn goes to another job."""
 
 _log = structlog.get_logger()
 

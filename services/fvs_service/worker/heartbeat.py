@@ -65,6 +65,6 @@ class Heartbeats:
             return tuple(claimed)
 
     def forget(self, worker_id: str) -> None:
-        """Delete a dead worker whose jobs were put back."""
+        """Delete the row of a dead worker, after its jobs were put back."""
         with self._database.writing() as session:
             session.execute(delete(WorkerRow).where(WorkerRow.id == worker_id))

@@ -44,7 +44,7 @@ _CONNECT_S = 5.0
 _STOP_S = 1.0
 """A runner that does not stop a canceled job within this time is killed: under 2 s with the polling."""
 _SAVE_S = 60.0
-"""A runner that pauses its job saves a checkpoint, within this time."""
+"""Time within which a paused runner must save its checkpoint."""
 _LOOK_EVERY_S = 0.5
 _RESUMABLE = ("train",)
 """Stages that go on from where they were stopped; others start again."""

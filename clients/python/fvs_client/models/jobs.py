@@ -56,7 +56,7 @@ class WaitReason(Word):
     SCENE = "scene"
     """Another job of the scene goes first."""
     TENANT_LIMIT = "tenant-limit"
-    """As many of the tenant's jobs run as may run at once."""
+    """The tenant's limit of running jobs is reached."""
     MEMORY = "memory"
     """The workers' memory is in use."""
     DISK = "disk"
@@ -73,7 +73,7 @@ class JobWaiting(Answer):
     reason: WaitReason
     message: str
     eta_s: float | None
-    """An estimate of the time until its turn."""
+    """Estimated time until its turn."""
 
 
 class JobData(Answer):

@@ -16,7 +16,7 @@ class Limits(Answer):
 
 
 class WorkerStatus(Answer):
-    """A worker of the service: whether it lives, and what it has loaded."""
+    """A worker of the service: whether it is alive, and the scenes it has loaded."""
 
     id: str
     alive: bool
