@@ -5,7 +5,6 @@ import os
 import shutil
 import sqlite3
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -94,9 +93,9 @@ def test_a_service_on_a_full_disk_refuses_waits_and_goes_on(
         refused = service.client.post(f"/v1/scenes/{scene}/images", files={"files": ("a.jpg", content)})
         assert (refused.status_code, refused.json()["code"]) == (507, "out-of-space")
         other = service.start(service.scene())
-        time.sleep(1.0)
-        waiting = service.job(other)
-        assert (waiting["state"], waiting["waiting"]["reason"]) == ("queued", "disk")
+        # Workers say with their heartbeats that they take no jobs.
+        waiting = service.wait(other, lambda found: found["waiting"]["reason"] == "disk")
+        assert waiting["state"] == "queued"
         for text in (refused.text, str(paused), str(waiting)):
             assert str(disk) not in text
         filling.unlink()
