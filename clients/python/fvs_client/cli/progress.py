@@ -89,7 +89,7 @@ def job_progress(shown: Display, job: JobData) -> None:
         text = f"{job.stage or job.state.value}{left}"
     else:
         details["waiting"] = job.waiting.model_dump(mode="json")
-        soon = "" if job.waiting.eta_s is None else f" About {_duration(job.waiting.eta_s)}."
+        soon = "" if not job.waiting.eta_s else f" About {_duration(job.waiting.eta_s)}."
         text = f"waits, number {job.waiting.place} in line. {job.waiting.message}{soon}"
     shown.show(job.progress, 1.0, text, details)
 
