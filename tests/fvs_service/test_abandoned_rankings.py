@@ -22,17 +22,28 @@ _VIEW_S = 0.01
 
 @dataclass
 class Scoring:
-    """Stands for the engine: every view takes 0.01 s, and ``began`` has the seed of each ranking."""
+    """Stands for the engine: every view takes 0.01 s, and ``began`` has the seed of each ranking.
+
+    A ranking ends only while ``may_end`` is set.
+    """
 
     began: list[int] = field(default_factory=list)
     ended: list[int] = field(default_factory=list)
+    busy: threading.Event = field(default_factory=threading.Event)
+    may_end: threading.Event = field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self.may_end.set()
 
     def __call__(self, request: RankViews, _state: Any, _rasterizer: Any, monitor: Monitor) -> RankedViews:
         self.began.append(request.seed)
+        self.busy.set()
         for done in range(len(request.views)):
             monitor.check()
             time.sleep(_VIEW_S)
             monitor.report("score", done + 1, len(request.views))
+        while not self.may_end.wait(_VIEW_S):
+            monitor.check()
         self.ended.append(request.seed)
         candidates = [
             RankedCandidate(number, view.name, 0.0, CandidateStatus.RANKED, 1.0, None)
@@ -110,10 +121,13 @@ def test_the_same_question_over_many_connections_is_computed_once(scene: Scene) 
 
 
 def test_who_asks_again_after_a_timeout_does_not_ask_for_more_work(scene: Scene) -> None:
-    patient = threading.Thread(target=scene.ask, args=(150,))
+    scene.scoring.may_end.clear()
+    patient = threading.Thread(target=scene.ask, args=(20,))
     patient.start()
+    assert scene.scoring.busy.wait(60)
     for _ in range(4):
-        scene.abandon(150, 0, after_s=0.3)
+        scene.abandon(20, 0, after_s=0.3)
+    scene.scoring.may_end.set()
     patient.join()
     assert scene.scoring.began == [0]
 
