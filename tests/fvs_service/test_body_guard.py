@@ -108,7 +108,7 @@ def test_a_client_that_hangs_up_is_no_failure_of_the_service(
         "JSON": ("POST /v1/scenes", "application/json"),
     }[kind]
     with socket.create_connection((url.host, url.port)) as connection:
-        head = f"{path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {sent}\r\nContent-Length: 99999\r\n\r\n"
+        head = f"{path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {sent}\r\nContent-Length: 9999\r\n\r\n"
         connection.sendall(head.encode() + b"--b")
         time.sleep(0.1)
     deadline = time.monotonic() + 20

@@ -13,9 +13,9 @@ MAX_HEAD_BYTES = 32_768
 """The request line and all headers."""
 _MAX_HEADERS = 100
 _MAX_PIPELINED = 8
-_SMALL_PIECE_BYTES, _FREE_PIECES = 64, 4_096
+_SMALL_PIECE_BYTES, _FREE_PIECES = 64, 256
 """A body may have this many pieces of any size; all of its pieces must then be larger on average."""
-_READ_BYTES = 65_536
+_READ_BYTES = 262_144
 
 
 class _LimitError(Exception):

@@ -33,8 +33,8 @@ from fvs_service.telemetry import Metrics
 
 _THREADS = 160
 """Threads of handlers that may wait at the same time, for the database or for a runner."""
-_PARSERS = 2
-"""Threads that parse bodies: more would only keep the event loop from the interpreter."""
+_PARSERS = 1
+"""Threads that parse bodies: they hold the interpreter, and more would only keep the event loop from it."""
 
 
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:

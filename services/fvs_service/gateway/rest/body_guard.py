@@ -19,6 +19,9 @@ from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
 
 _MAX_QUERY_FIELDS = 64
+_WITH_LISTS = ("/rankings", "/images:check")
+_WITHOUT_LISTS_BYTES = 65_536
+"""Of JSON for other paths."""
 
 
 class BodyGuard:
@@ -66,7 +69,9 @@ class BodyGuard:
             return limits.image_bytes
         if method == "POST" and path.endswith("/images"):
             return limits.multipart_bytes
-        return limits.json_bytes
+        if path.endswith(_WITH_LISTS):
+            return limits.json_bytes
+        return min(limits.json_bytes, _WITHOUT_LISTS_BYTES)
 
 
 class _Patience:

@@ -19,6 +19,7 @@ from fvs_service.gateway.rest.dependencies import (
     Caller,
     Counters,
     NumberedPaging,
+    Parsing,
     SceneId,
     SceneUploader,
     scene_uploader,
@@ -111,13 +112,14 @@ async def put_image(
 
 @router.post("/images", openapi_extra=_FORM)
 async def post_images(
-    app: App, caller: SceneUploader, metrics: Counters, scene_id: SceneId, request: Request
+    app: App, caller: SceneUploader, metrics: Counters, parsing: Parsing, scene_id: SceneId, request: Request
 ) -> UploadAnswer:
     """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
     await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
     with app.upload_limit.slot(caller.tenant_id):
-        async for file in receive_files(request, app.staging, app.storage.settings.limits.multipart_files):
+        most = app.storage.settings.limits.multipart_files
+        async for file in receive_files(request, app.staging, most, parsing):
             metadata = _named(file.name)
             image, new = await run_in_threadpool(app.images.store, caller, scene_id, file.staged, metadata)
             _count(metrics, image, created=new)

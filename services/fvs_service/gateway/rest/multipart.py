@@ -6,10 +6,10 @@ No file is kept in memory, and files that arrived before the connection broke ar
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
+import anyio.to_thread
 from python_multipart import MultipartParser
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import parse_options_header
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
@@ -30,9 +30,12 @@ class UploadedFile:
 
 
 async def receive_files(
-    request: Request, staging: StagingArea, max_files: int
+    request: Request, staging: StagingArea, max_files: int, parsing: anyio.CapacityLimiter
 ) -> AsyncIterator[UploadedFile]:
     """The files of a form; each is deleted before the next one, unless it was moved into the blobs.
+
+    ``parsing`` limits the threads that parse: the parser is in Python, and many at a time would keep the
+    interpreter from the event loop.
 
     Raises ``UnsupportedMediaTypeError`` for another kind of body, ``MalformedRequestError`` for a broken one,
     ``InvalidRequestError`` for too many files and for parts that are not files.
@@ -46,7 +49,7 @@ async def receive_files(
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
         async for block in blocks(request):
-            await run_in_threadpool(parser.write, block)  # a parser in Python, and files
+            await anyio.to_thread.run_sync(parser.write, block, limiter=parsing)  # and writes the files
             while parts.complete:
                 receiver, file = parts.complete.pop(0)
                 with receiver:
