@@ -4,7 +4,6 @@
 something was found.
 """
 
-import gzip
 import json
 import sys
 from pathlib import Path
@@ -24,7 +23,6 @@ from fvs_engine.sfm.colmap.intrinsics import read_intrinsics
 from fvs_engine.sfm.colmap.model import MODEL_FILES, open_colmap
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
-from fvs_engine.splat.spz import read_spz, write_spz
 from fvs_engine.views import PinholeView
 
 
@@ -59,23 +57,6 @@ def _ply_seeds(folder: Path) -> list[Files]:
         {"model.ply": f"{head}end_header\n{row}\n{row}\n".encode()},
         {"model.ply": f"{head}{lists}end_header\n{row}\n{row}\n3 0 1 1\n".encode()},
     ]
-
-
-def _spz_seeds(folder: Path) -> list[Files]:
-    """The file, and its content, which ``_read_spz`` compresses: mutations of a gzip rarely get that far."""
-    folder.mkdir(exist_ok=True)
-    files: list[Files] = []
-    for degree in (0, 1, 3):
-        write_spz(folder / "model.spz", _gaussians(5, degree))
-        packed = (folder / "model.spz").read_bytes()
-        files += [{"model.raw": gzip.decompress(packed)}] * 3 + [{"model.spz": packed}]
-    return files
-
-
-def _read_spz(folder: Path) -> object:
-    if (folder / "model.raw").exists():
-        (folder / "model.spz").write_bytes(gzip.compress((folder / "model.raw").read_bytes()))
-    return read_spz(folder / "model.spz")
 
 
 def _model() -> pycolmap.Reconstruction:
@@ -181,7 +162,6 @@ def _read_intrinsics(folder: Path) -> object:
 
 TARGETS = (
     Target("ply", _ply_seeds, _read_ply),
-    Target("spz", _spz_seeds, _read_spz),
     Target("colmap-binary", _binary_seeds, _read_colmap),
     Target("colmap-text", _text_seeds, _read_colmap),
     Target("transforms", _transforms_seeds, _read_transforms),
