@@ -6,7 +6,8 @@
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
 # make coverage   branch coverage of `make test`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
-# make generate   the synchronous client from the asynchronous one, after a change of clients/python/fvs_client/_async
+# make generate   code that is made from other code: the synchronous client from clients/python/fvs_client/_async, and
+#                 the messages of gRPC from proto/
 # make lint       format and fix what can be fixed, then lint
 # make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/measurements.md)
 
@@ -47,6 +48,7 @@ check: setup
 	$(BIN)/lint-imports
 	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools"
 	$(BIN)/python clients/generate_sync.py --check
+	$(BIN)/python proto/generate.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client
 
 # The kernels are compiled beside the checks: each takes one core.
@@ -75,6 +77,7 @@ coverage: setup kernels
 
 generate: setup
 	$(BIN)/python clients/generate_sync.py
+	$(BIN)/python proto/generate.py
 
 lint: setup
 	$(BIN)/ruff format .

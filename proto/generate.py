@@ -1,0 +1,86 @@
+"""Generate what is made from the protos: the service's Python code and the client's descriptors.
+
+* `services/fvs/v1`: messages, their types, stubs. The protos' package is its path, so that its imports are
+  right as they come.
+* `clients/python/fvs_client/rpc/contract.binpb`: all descriptors, from which the client makes its messages.
+
+``--check`` writes nothing and exits with 1 when a generated file is not current, when `buf` finds a fault of
+form or style, or when the protos break callers of those in the branch `main`.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+
+PROTO = Path(__file__).resolve().parent
+ROOT = PROTO.parent
+CODE, CONTRACT = ROOT / "services", ROOT / "clients/python/fvs_client/rpc/contract.binpb"
+PACKAGE = "fvs/v1"
+BUF = Path(sys.executable).parent / "buf"
+
+
+def generate(folder: Path) -> dict[Path, bytes]:
+    """Generate everything below ``folder``: content by the path it belongs to."""
+    contract = folder / CONTRACT.name
+    command = [
+        *(sys.executable, "-m", "grpc_tools.protoc"),
+        f"--proto_path={PROTO}",
+        f"--proto_path={files('grpc_tools') / '_proto'}",
+        *(f"--{kind}_out={folder}" for kind in ("python", "pyi", "grpc_python")),
+        *("--include_imports", f"--descriptor_set_out={contract}"),
+        *(str(path) for path in sorted((PROTO / PACKAGE).glob("*.proto"))),
+    ]
+    subprocess.run(command, check=True)
+    made = {CODE / path.relative_to(folder): path.read_bytes() for path in (folder / PACKAGE).iterdir()}
+    return {**made, CONTRACT: contract.read_bytes()}
+
+
+def outdated(generated: dict[Path, bytes]) -> list[Path]:
+    """The files that differ from ``generated``, are missing, or have no source."""
+    present = {path: path.read_bytes() for path in (CODE / PACKAGE).glob("*_pb2*")}
+    if CONTRACT.exists():
+        present[CONTRACT] = CONTRACT.read_bytes()
+    return sorted(
+        path for path in generated.keys() | present.keys() if generated.get(path) != present.get(path)
+    )
+
+
+def _faults() -> int:
+    """Lint the protos and compare them with those of ``main``: the number of checks that failed."""
+    checks = [["format", "--diff", "--exit-code"], ["lint"]]
+    if _has_main():
+        checks.append(["breaking", "--against", f"{ROOT / '.git'}#branch=main,subdir=proto"])
+    return sum(subprocess.run([BUF, *check], cwd=PROTO, check=False).returncode != 0 for check in checks)
+
+
+def _has_main() -> bool:
+    """Whether this is a whole clone with the protos in its ``main``; a worktree's ``.git`` is a file."""
+    known = ["git", "cat-file", "-e", "main:proto/buf.yaml"]
+    return (ROOT / ".git").is_dir() and subprocess.run(
+        known, cwd=ROOT, check=False, capture_output=True
+    ).returncode == 0
+
+
+def main() -> int:
+    """Write the generated files, or check them and the protos."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 when outdated")
+    check = parser.parse_args().check
+    with tempfile.TemporaryDirectory() as folder:
+        generated = generate(Path(folder))
+    paths = outdated(generated)
+    for path in paths:
+        if check:
+            print(f"{path} is not current: run `make generate`.", file=sys.stderr)  # noqa: T201
+        elif path in generated:
+            path.write_bytes(generated[path])
+        else:
+            path.unlink()
+    return 1 if check and (_faults() or paths) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
