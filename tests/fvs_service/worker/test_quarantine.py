@@ -1,0 +1,72 @@
+"""An image on which pycolmap crashes, sent to the whole service, and a kill while it is searched for."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+WORKER = "fvs_service.serving.process worker"
+SFM_CHILD = "fvs_engine.sfm.native.child"
+DEADLY = "deadly.png"
+WITHOUT_LIMITS = {
+    "FVS_LIMITS__IMAGE_MAX_SIDE_PX": "1000000",
+    "FVS_LIMITS__IMAGE_MAX_ASPECT_RATIO": "100000",
+    "FVS_LEASE_S": "5",
+}
+"""The default limits refuse the image at the upload."""
+
+
+def _image(service: Any, scene: str) -> dict[str, Any]:
+    items = service.client.get(f"/v1/scenes/{scene}/images").json()["items"]
+    return next(item for item in items if item["name"] == DEADLY)
+
+
+def _kill_in_the_search(service: Any, module: str, searches: int) -> None:
+    """Kill a process once so many SfM children, of which most are runs of the search, have been seen."""
+    seen: set[int] = set()
+    deadline = time.monotonic() + 240
+    while len(seen) < searches:
+        assert time.monotonic() < deadline
+        seen.update(service.processes(SFM_CHILD))
+    os.kill(service.processes(module)[0], signal.SIGKILL)
+
+
+def test_a_deadly_image_is_named_and_the_others_become_a_model(
+    serving: Callable[..., Any], tmp_path: Path, courtyard_photographs: list[Path]
+) -> None:
+    deadly = tmp_path / DEADLY
+    Image.new("1", (32, 200_000)).convert("L").save(deadly)
+    with serving(tmp_path / "root", WITHOUT_LIMITS) as service:
+        scene = service.scene()
+        service.send(scene, [*courtyard_photographs[:3], deadly, *courtyard_photographs[3:5]])
+        assert _image(service, scene)["verdict"] == "accepted"
+        update = service.start(scene)
+        _kill_in_the_search(service, WORKER, 3)
+        job = service.finish(update)
+        assert any(DEADLY in warning for warning in job["warnings"]), job["warnings"]
+        snapshot = service.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+        assert service.snapshot(snapshot)["metrics"]["registered"] == 5
+        image = _image(service, scene)
+        assert image["registration"] == "quarantined"
+        assert "SIGSEGV" in image["reason"]
+        assert service.rank(scene)["snapshot_id"] == snapshot
+
+        # Included again, it is tried again in the growing model, and quarantined again.
+        path = f"/v1/scenes/{scene}/images/{image['digest']}"
+        assert service.client.post(f"{path}:include").json()["registration"] == "pending"
+        service.send(scene, courtyard_photographs[5:6])
+        service.finish(service.start(scene))
+        assert _image(service, scene)["registration"] == "quarantined"
+        grown = service.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+        assert service.snapshot(grown)["metrics"]["registered"] == 6
+
+        assert service.client.delete(path).status_code == 204
+        service.send(scene, courtyard_photographs[6:7])
+        assert not service.finish(service.start(scene))["warnings"]
