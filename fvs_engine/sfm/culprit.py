@@ -32,8 +32,10 @@ def run_or_accuse(
 ) -> tuple[Item, NativeJobError] | None:
     """Run a native job on ``items``; None when it has succeeded, else the culprit and how the job died.
 
-    ``run`` may be called again, also with a part of the items; ``controls`` are items outside of ``items`` on
-    which the job is known to succeed. Raises the job's ``NativeJobError`` when no item alone is at fault.
+    ``run`` may be called again, also with a part of the items, but with no item before those that precede it:
+    COLMAP numbers images as they arrive, and the numbers affect the last digits of a model. ``controls`` are
+    items outside of ``items`` on which the job is known to succeed. Raises the job's ``NativeJobError`` when
+    no item alone is at fault.
     """
     began = time.monotonic()
     try:
@@ -91,10 +93,10 @@ class _Search(Generic[Item]):
         while len(group) > 1:
             half = len(group) // 2
             later, earlier = group[half:], group[:half]
-            if self.dies(later):
-                group = later
-            elif self.dies(earlier):
+            if self.dies(earlier):
                 group = earlier
+            elif self.dies(later):
+                group = later
             else:
                 break
         return group

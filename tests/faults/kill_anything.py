@@ -179,7 +179,8 @@ def main() -> None:
         print(f"{len(killer.left)} kills are planned", flush=True)
         lives = 0
         while killer.left and lives < MOST_LIVES:
-            require(live(service, photographs) == peaceful, "a model differs from that of the peaceful run")
+            models = live(service, photographs)
+            require(models == peaceful, f"models {models} differ from those of the peaceful run, {peaceful}")
             require_no_orphans(watch)
             require_health(service)
             lives += 1

@@ -1,5 +1,6 @@
 """The search for the item that kills a job, on jobs that only pretend."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -52,6 +53,16 @@ def test_kills_at_random_moments_accuse_only_who_dies_four_times_in_a_row(deaths
         return
     if accused is not None:
         assert all(deaths[: len(job.runs) - 1])
+
+
+@given(st.integers(0, 12), st.integers(1, 20))
+def test_kills_do_not_change_the_order_in_which_items_are_first_done(kills: int, count: int):
+    remaining = iter([True] * kills)
+    job = Job(lambda _items: next(remaining, False), crashed=False)
+    with contextlib.suppress(NativeJobError):
+        run_or_accuse(job, range(count))
+    done = dict.fromkeys(item for items in job.runs[kills:] for item in items)
+    assert list(done) == sorted(done)
 
 
 def test_a_machine_on_which_every_job_dies_accuses_nobody():
