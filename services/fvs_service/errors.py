@@ -210,6 +210,20 @@ class UnavailableError(
     """No worker, queue or database is available now."""
 
 
+class StorageUnavailableError(UnavailableError):
+    """The database or the object store cannot be reached or refuses the service; nothing is lost."""
+
+
+class IncompatibleDatabaseError(
+    ServiceError,
+    code="incompatible-database",
+    title="The database is of a newer version",
+    status=500,
+    retryable=False,
+):
+    """A newer version of the service has migrated the database."""
+
+
 class DeadlineError(
     ServiceError,
     code="deadline-exceeded",

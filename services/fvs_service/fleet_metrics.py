@@ -6,8 +6,8 @@ from pathlib import Path
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from sqlalchemy.exc import SQLAlchemyError
 
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.fleet import longest_wait_s, open_jobs, workers_of
 from fvs_service.storage.database import Database
 
@@ -31,7 +31,7 @@ class FleetCollector(Collector):
         reached = GaugeMetricFamily("fvs_database_up", "Whether the database can be reached.")
         try:
             yield from self._fleet()
-        except SQLAlchemyError:
+        except StorageUnavailableError:
             reached.add_metric((), 0)
         else:
             reached.add_metric((), 1)

@@ -1,9 +1,16 @@
-"""A gateway for tests: the real application, with an engine and runners that compute in this process."""
+"""A gateway for tests: the real application, with an engine and runners that compute in this process.
 
+With FVS_TEST_DATABASE=postgresql every gateway has a database of its own on a PostgreSQL server.
+"""
+
+import atexit
 import contextlib
+import functools
 import hashlib
 import io
 import logging
+import os
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -39,6 +46,7 @@ from fvs_service.snapshots.model import (
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
 from fvs_service.storage.tables import JobRow
 from PIL import Image
+from postgresql_server import PostgresqlServer, programs
 from sqlalchemy import select
 from starlette.testclient import TestClient
 
@@ -106,8 +114,6 @@ class ComputingRunners:
 
 @contextlib.contextmanager
 def _temporary_folder() -> Iterator[Path]:
-    import tempfile
-
     with tempfile.TemporaryDirectory() as name:
         yield Path(name)
 
@@ -249,6 +255,38 @@ def small_model(folder: Path, alignment: Alignment, seed: int = 5) -> NewSnapsho
     )
 
 
+@pytest.fixture(scope="session")
+def postgresql() -> PostgresqlServer:
+    """A PostgreSQL server that all tests share.
+
+    Where its programs are missing, tests skip; in CI (CI=true) they fail.
+    """
+    if programs() is None:
+        missing = "PostgreSQL is not installed (Debian: apt-get install postgresql)"
+        if os.environ.get("CI") == "true":
+            pytest.fail(missing)
+        pytest.skip(missing)
+    return _server()
+
+
+@functools.cache
+def _server() -> PostgresqlServer:
+    folder = tempfile.TemporaryDirectory(prefix="fvs-postgresql-")
+    server = PostgresqlServer(Path(folder.name) / "server")
+    server.start()
+    atexit.register(folder.cleanup)
+    atexit.register(server.stop)
+    return server
+
+
+@functools.cache
+def _database_of(root: Path) -> str | None:
+    """The URL of the database for a folder; None for SQLite."""
+    if os.environ.get("FVS_TEST_DATABASE") != "postgresql":
+        return None
+    return _server().create_database(hashlib.sha256(str(root).encode()).hexdigest()[:16])
+
+
 def _settings(root: Path, overrides: Overrides) -> Settings:
     limits = {"image_pixels": 2_000_000, **overrides.get("limits", {})}
     others = {name: value for name, value in overrides.items() if name != "limits"}
@@ -258,6 +296,7 @@ def _settings(root: Path, overrides: Overrides) -> Settings:
             "inspectors": 1,
             "reserve_bytes": 0,
             "event_poll_s": 0.02,
+            "database_url": _database_of(root),
             "limits": limits,
             **others,
         }

@@ -13,7 +13,6 @@ from fvs_service.model import now
 from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Retention
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import lock_scene
 from fvs_service.storage.tables import RankingRow, SceneRow, SnapshotRow
 
 REASON = "retention"
@@ -62,8 +61,7 @@ class RetentionRules:
         with self._database.reading() as session:
             if not (self._snapshots(session, scene_id, retention) or _rankings(session, scene_id, retention)):
                 return 0
-        with self._database.writing() as session:  # decide again: nothing changes from here on
-            lock_scene(session, scene_id)
+        with self._database.writing(scene_id) as session:  # decide again: nothing changes from here on
             snapshots = self._snapshots(session, scene_id, retention)
             rankings = _rankings(session, scene_id, retention)
             for snapshot_id in snapshots:

@@ -13,6 +13,7 @@ from fvs_service.rankings.repository import ranking_of
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
 from fvs_service.snapshots.repository import snapshot_of
 from fvs_service.storage.database import Database
+from fvs_service.storage.removals import lock_scene
 from fvs_service.storage.tables import JobRow
 
 REQUESTED = "requested"
@@ -29,7 +30,7 @@ class Deletions:
     def scene(self, principal: Principal, scene_id: str) -> None:
         """Delete a scene with its images, jobs, snapshots and rankings; running jobs stop."""
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)
             rows.delete_scene(session, scene_id)
 
@@ -40,6 +41,7 @@ class Deletions:
         """
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
+            lock_scene(session, snapshot_of(session, principal, snapshot_id).scene_id)
             snapshot = snapshot_of(session, principal, snapshot_id)
             if find_scene_head(session, snapshot.scene_id).snapshot_id == snapshot_id:
                 raise ConflictError(
@@ -58,6 +60,7 @@ class Deletions:
         """Delete a ranking with the renders of its candidates."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
+            lock_scene(session, ranking_of(session, principal, ranking_id).scene_id)
             ranking = ranking_of(session, principal, ranking_id)
             rows.delete_ranking(session, ranking.scene_id, ranking_id, REQUESTED)
 

@@ -9,7 +9,7 @@ from fvs_service.application import Storage
 from fvs_service.deletion import rows
 from fvs_service.doctor.finding import Finding
 from fvs_service.storage.blob_keys import artifact_key, image_key, manifest_key
-from fvs_service.storage.removals import has_row, lock_scene
+from fvs_service.storage.removals import has_row
 from fvs_service.storage.tables import (
     ImageRow,
     RemovalRow,
@@ -99,15 +99,13 @@ def _is_unknown(storage: Storage, key: str) -> bool:
 
 
 def _remove(storage: Storage, key: str) -> None:
-    with storage.database.writing() as session:
-        lock_scene(session, key.split("/")[1])
+    with storage.database.writing(key.split("/")[1]) as session:
         if not has_row(session, key):  # it may have got one since
             storage.blobs.remove(key)
 
 
 def _forget_image(storage: Storage, scene_id: str, sha256: str) -> None:
-    with storage.database.writing() as session:
-        lock_scene(session, scene_id)
+    with storage.database.writing(scene_id) as session:
         row = session.get(ImageRow, (scene_id, sha256))
         if row is not None and not storage.blobs.exists(image_key(scene_id, sha256)):
             session.delete(row)
@@ -132,8 +130,7 @@ def _drop_snapshot(storage: Storage, scene_id: str, snapshot_id: str) -> None:
     broken = {name for _, name in _broken_snapshots(storage)}
     if snapshot_id not in broken:
         return
-    with storage.database.writing() as session:
-        lock_scene(session, scene_id)
+    with storage.database.writing(scene_id) as session:
         whole = session.scalars(
             select(SnapshotRow.id).where(SnapshotRow.scene_id == scene_id).order_by(SnapshotRow.id.desc())
         )

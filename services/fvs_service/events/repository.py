@@ -3,21 +3,37 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import delete, event, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.events.model import Event, EventKind
 from fvs_service.model import now
+from fvs_service.storage.database import lock
 from fvs_service.storage.tables import EventRow
+
+_PUBLISHED = "fvs_published"
 
 
 def publish(
     session: Session, scene_id: str, kind: EventKind, data: Mapping[str, Any], *, subject: str | None = None
 ) -> None:
-    """Add an event; it is streamed once the transaction of ``session`` is committed."""
-    session.add(
+    """Add an event; it is streamed once the transaction of ``session`` is committed.
+
+    It gets its number at the very end, one transaction after the other: who has read an event has read all
+    with smaller numbers.
+    """
+    if _PUBLISHED not in session.info:
+        session.info[_PUBLISHED] = []
+        event.listen(session, "before_commit", _number, once=True)
+    session.info[_PUBLISHED].append(
         EventRow(scene_id=scene_id, kind=kind.value, subject=subject, data=dict(data), created_at=now())
     )
+
+
+def _number(session: Session) -> None:
+    session.flush()
+    lock(session, "events")  # the last lock of every transaction
+    session.add_all(session.info.pop(_PUBLISHED))
 
 
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:

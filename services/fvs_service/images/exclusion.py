@@ -19,7 +19,7 @@ from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import scene_head_of, scene_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import lock_scene, remove_later
+from fvs_service.storage.removals import remove_later
 
 _EXCLUDED = "It was excluded."
 _INCLUDE_HINT = "Include it again to use it."
@@ -36,7 +36,7 @@ class Exclusions:
     def exclude(self, principal: Principal, scene_id: str, digest: str) -> Image:
         """Leave an accepted image out of the next model; its bytes stay."""
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             image = _accepted_image(session, principal, scene_id, digest)
             if image.registration is Registration.EXCLUDED:
                 return image
@@ -50,7 +50,7 @@ class Exclusions:
     def include(self, principal: Principal, scene_id: str, digest: str) -> Image:
         """Use an excluded or quarantined image again: it is pending until the next update."""
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             image = _accepted_image(session, principal, scene_id, digest)
             if not image.registration.left_out:
                 return image
@@ -68,9 +68,8 @@ class Exclusions:
         Raises ``NotFoundError`` when the scene does not have it.
         """
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)
-            lock_scene(session, scene_id)
             deleted = repository.delete_image(session, scene_id, digest)
             if not deleted:
                 raise NotFoundError("The scene has no such image.")
@@ -95,7 +94,6 @@ def quarantine(session: Session, lease: Lease, reasons: Mapping[str, str]) -> No
 
 def _accepted_image(session: Session, principal: Principal, scene_id: str, digest: str) -> Image:
     scene_head_of(session, principal, scene_id)
-    lock_scene(session, scene_id)
     image = repository.find_image(session, scene_id, digest)
     if image is None:
         raise NotFoundError("The scene has no such image.")

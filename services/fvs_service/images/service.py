@@ -40,7 +40,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import keep, lock_scene
+from fvs_service.storage.removals import keep
 
 _POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
 
@@ -102,7 +102,7 @@ class Images:
         inspection = self._inspector.inspect(staged.path)
         if inspection.verdict is Verdict.ACCEPTED and not self._has_twin(scene_id, inspection):
             self._blobs.adopt(staged.path, blob_key(scene_id, staged.digest))
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, staged.digest)
             if found is not None:  # the same bytes, sent twice at once
@@ -168,7 +168,6 @@ class Images:
 
     def _require_stored(self, session: Session, scene_id: str, staged: StagedFile) -> None:
         """Raise when a deletion of the image has just removed the bytes that were stored for its row."""
-        lock_scene(session, scene_id)
         key = image_key(scene_id, staged.digest.removeprefix("sha256:"))
         if not self._blobs.exists(key):
             raise UnavailableError(

@@ -34,7 +34,7 @@ class JobQueue:
             if not _anything_waits(session):
                 return None
         try:
-            with self._database.writing() as session:
+            with self._database.writing("queue") as session:
                 chosen = self.order(session).next
                 if chosen is None or not _serve(session, chosen):
                     return None

@@ -15,7 +15,7 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits
-from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.database import Database, lock, now_ms
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
 
@@ -35,7 +35,7 @@ class Jobs:
         """
         principal.require(Scope.OPERATE, scene_id)
         remembered = IdempotencyKey(principal.tenant_id, key, f"jobs.create {scene_id}", request)
-        with self._database.writing() as session:
+        with self._database.writing(principal.tenant_id, scene_id) as session:
             scene = scene_of(session, principal, scene_id)
             known = remembered.resource(session, lambda job: repository.job_of(session, principal, job))
             if known is not None:
@@ -84,6 +84,7 @@ class Jobs:
         """Queue a failed or canceled job again; its finished stages are not repeated."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
+            lock(session, repository.job_of(session, principal, job_id).scene_id)
             job = repository.job_of(session, principal, job_id)
             if job.state not in (JobState.FAILED, JobState.CANCELED):
                 raise ConflictError(

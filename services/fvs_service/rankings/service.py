@@ -202,7 +202,7 @@ class Rankings:
             warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
             created_at=now(),
         )
-        with self._database.writing() as session:
+        with self._database.writing(principal.tenant_id, scene_id) as session:
             scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
             earlier = self._earlier(session, principal, remembered)
             if earlier is not None:  # the same request, sent twice at once

@@ -38,7 +38,7 @@ class Leases:
         Every acquired lease has a new token, which makes all earlier ones stale. Raises ``NotFoundError`` for
         a deleted scene.
         """
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             expires = now_ms() + self._duration_ms
             row = session.get(SceneLeaseRow, scene_id, with_for_update=True)
             if row is None:

@@ -24,7 +24,7 @@ class Scenes:
         """Create a scene; a repeated idempotency key returns the scene that it created."""
         principal.require(Scope.OPERATE)
         remembered = IdempotencyKey(principal.tenant_id, key, "scenes.create", request)
-        with self._database.writing() as session:
+        with self._database.writing(principal.tenant_id) as session:
             earlier = remembered.resource(session, lambda made: repository.scene_of(session, principal, made))
             if earlier is not None:
                 return earlier
@@ -55,7 +55,7 @@ class Scenes:
     def change(self, principal: Principal, scene_id: str, change: SceneChange) -> Scene:
         """Change a scene's name, policy or retention; raises ``NotFoundError``."""
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.writing() as session:
+        with self._database.writing(scene_id) as session:
             repository.change_scene(session, principal, scene_id, change)
             data = change.model_dump(mode="json", exclude_none=True)
             publish(session, scene_id, EventKind.SCENE_CHANGED, data)

@@ -116,6 +116,7 @@ class Snapshots:
         """Pin a snapshot, or no longer; raises ``NotFoundError``."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
+            lock_scene(session, repository.snapshot_of(session, principal, snapshot_id).scene_id)
             repository.snapshot_of(session, principal, snapshot_id)
             repository.pin(session, snapshot_id, pinned=change.pinned)
             return repository.snapshot_of(session, principal, snapshot_id)
@@ -159,7 +160,7 @@ class Snapshots:
         """Store the artifacts and their list; returns the blobs' keys."""
         stored = {_key(snapshot, name): file for name, file in files.items()}
         manifest = manifest_key(snapshot.scene_id, snapshot.id)
-        with self._database.writing() as session:
+        with self._database.writing(lease.scene_id) as session:
             require_lease(session, lease)
             for key in (*stored, manifest):
                 remove_later(session, snapshot.scene_id, key, after=_ABANDONED_AFTER)
@@ -173,9 +174,8 @@ class Snapshots:
         self, lease: Lease, job: Job, stage: str, made: NewSnapshot, snapshot: Snapshot, keys: tuple[str, ...]
     ) -> bool:
         """Add a snapshot whose blobs are stored; False when one was removed in between, as unused."""
-        with self._database.writing() as session:
+        with self._database.writing(lease.scene_id) as session:
             require_lease(session, lease)
-            lock_scene(session, lease.scene_id)
             if not all(map(self._blobs.exists, keys)):
                 return False
             repository.add_snapshot(session, snapshot)
@@ -199,7 +199,7 @@ class Snapshots:
     ) -> Snapshot | None:
         """Commit an update that ended with the model of an earlier snapshot, which is returned."""
         model = {item.name: item.sha256 for item in artifacts if item.name in _MODEL}
-        with self._database.writing() as session:
+        with self._database.writing(lease.scene_id) as session:
             require_lease(session, lease)
             earlier = repository.with_artifacts(session, lease.scene_id, model)
             if earlier is None:

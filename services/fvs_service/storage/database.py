@@ -1,8 +1,9 @@
-"""The database: SQLite in WAL mode on one machine, or another one that SQLAlchemy supports.
+"""The database: SQLite in WAL mode on one machine, PostgreSQL for several.
 
-``with database.reading() as session`` is a consistent read; ``with database.writing() as session`` commits at
-the end and takes SQLite's write lock at its start. Otherwise, of two transactions that first read and then
-write, one would fail instead of waiting.
+``with database.reading() as session`` is a consistent read; ``with database.writing(*subjects) as session``
+commits at the end. Transactions that write wait for each other at their start: on SQLite all of them, on
+PostgreSQL those with a subject in common (the id of a scene, of a tenant). What a transaction reads about its
+subjects stays true until it commits.
 """
 
 import sqlite3
@@ -13,17 +14,44 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import BigInteger, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import OperationalError
+from alembic.script import ScriptDirectory
+from sqlalchemy import (
+    URL,
+    BigInteger,
+    Connection,
+    Engine,
+    Inspector,
+    create_engine,
+    event,
+    func,
+    inspect,
+    make_url,
+    select,
+    text,
+)
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
-from fvs_service.errors import OutOfSpaceError
+from fvs_service.errors import IncompatibleDatabaseError, OutOfSpaceError, StorageUnavailableError
 
 _BUSY_S = 30
+_CONNECT_S = 5
+_CONNECTIONS = 48
+_IDLE_IN_TRANSACTION_S = 20
+"""A process that freezes in a transaction loses it, and its locks, after this time."""
+_KEEPALIVE = {
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 15_000,
+}
 _MIGRATIONS = Path(__file__).with_name("migrations")
+_VERSIONS = "alembic_version"
+_LOCKED = "fvs_locked"
 
 
 class now_ms(FunctionElement[int]):  # noqa: N801 - the name of an SQL function
@@ -44,39 +72,52 @@ def _now_ms_postgresql(_element: now_ms, _compiler: SQLCompiler, **_options: Any
 
 
 class Database:
-    """One engine and its transactions; safe to use from any thread."""
+    """One engine and its transactions; safe to use from any thread.
+
+    Every method raises ``StorageUnavailableError`` while the database cannot be reached; what has not been
+    committed by then is rolled back.
+    """
 
     def __init__(self, url: str) -> None:
-        self._engine = _create_engine(url)
+        parsed = make_url(url)
+        self._engine = _sqlite(parsed) if parsed.get_backend_name() == "sqlite" else _postgresql(parsed)
         self._writer = self._engine.execution_options(fvs_begin="BEGIN IMMEDIATE")
+        self._reader = self._engine
+        if self._engine.dialect.name == "postgresql":  # SQLite reads one state in any transaction
+            self._reader = self._engine.execution_options(
+                isolation_level="REPEATABLE READ", postgresql_readonly=True
+            )
 
     def migrate(self) -> None:
-        """Migrate the schema to the newest version; several processes may do so at once."""
+        """Migrate the schema to the newest version; several processes may do so at once.
+
+        Raises ``IncompatibleDatabaseError`` when a newer version of the service has migrated it further.
+        """
         config = Config()
         config.set_main_option("script_location", str(_MIGRATIONS))
-        with self._writer.begin() as connection:
-            config.attributes["connection"] = connection
+        with self.writing("migration") as session:
+            _require_known_version(
+                inspect(session.connection()), session, ScriptDirectory.from_config(config)
+            )
+            config.attributes["connection"] = session.connection()
             command.upgrade(config, "head")
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """A session that reads one consistent state."""
-        with Session(self._engine) as session:
+        with _reachable(), Session(self._reader) as session:
             yield session
 
     @contextmanager
-    def writing(self) -> Iterator[Session]:
+    def writing(self, *subjects: str) -> Iterator[Session]:
         """One transaction: committed when the block ends, rolled back when it raises.
 
-        Raises ``OutOfSpaceError`` when the disk is full.
+        It begins when no other transaction about one of the ``subjects`` is in progress. Raises
+        ``OutOfSpaceError`` when the disk is full.
         """
-        try:
-            with Session(self._writer) as session, session.begin():
-                yield session
-        except OperationalError as error:
-            if "full" in str(error.orig) or "disk I/O" in str(error.orig):
-                raise OutOfSpaceError("The database's disk is full.", hint="Free some space.") from error
-            raise
+        with _reachable(), Session(self._writer) as session, session.begin():
+            lock(session, *subjects)
+            yield session
 
     def connect(self) -> Connection:
         """A connection for checks of the schema and of health."""
@@ -87,13 +128,79 @@ class Database:
         self._engine.dispose()
 
 
-def _create_engine(url: str) -> Engine:
-    parsed = make_url(url)
-    if parsed.get_backend_name() != "sqlite":
-        return create_engine(parsed, pool_pre_ping=True)
-    if parsed.database:
-        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(parsed, connect_args={"timeout": _BUSY_S}, pool_size=48, max_overflow=48)
+def lock(session: Session, *subjects: str) -> None:
+    """Wait for other transactions about ``subjects``; what was read before is read again.
+
+    To be called before the transaction writes anything: else two of them may wait for each other.
+    """
+    if session.get_bind().dialect.name != "postgresql":
+        return  # it has the only lock
+    locked = session.info.setdefault(_LOCKED, set())
+    new = sorted(set(subjects) - locked)
+    if not new:
+        return
+    session.flush()
+    for subject in new:  # in one order everywhere
+        session.execute(select(func.pg_advisory_xact_lock(func.hashtextextended(subject, 0))))
+    locked.update(new)
+    session.expire_all()
+
+
+@contextmanager
+def _reachable() -> Iterator[None]:
+    try:
+        yield
+    except (DBAPIError, PoolTimeoutError) as error:
+        if isinstance(error, DBAPIError) and not (
+            error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
+        ):
+            raise
+        reason = str(error.orig) if isinstance(error, DBAPIError) else str(error)
+        if any(sign in reason for sign in ("full", "disk I/O", "No space left")):
+            raise OutOfSpaceError("The database's disk is full.", hint="Free some space.") from error
+        raise StorageUnavailableError(
+            "The database cannot be reached.",
+            hint="Try again soon. If it stays so, fvs doctor says why.",
+            retry_after_s=5,
+        ) from error
+
+
+def _require_known_version(schema: Inspector, session: Session, migrations: ScriptDirectory) -> None:
+    if not schema.has_table(_VERSIONS):
+        return
+    known = {script.revision for script in migrations.walk_revisions()}
+    for version in session.scalars(text(f"SELECT version_num FROM {_VERSIONS}")):
+        if version not in known:
+            raise IncompatibleDatabaseError(
+                f"The database has version {version} of the schema, and this program knows it up to "
+                f"{migrations.get_current_head()}.",
+                hint="A newer version of the service has migrated it: install that version, or restore a "
+                "backup from before.",
+            )
+
+
+def _postgresql(url: URL) -> Engine:
+    return create_engine(
+        url.set(drivername="postgresql+psycopg"),
+        pool_pre_ping=True,  # connections that a restart of the server has cut are replaced
+        pool_size=_CONNECTIONS // 4,
+        max_overflow=_CONNECTIONS,
+        connect_args={
+            "connect_timeout": _CONNECT_S,
+            "application_name": "fvs",
+            "options": f"-c lock_timeout={_BUSY_S}s "
+            f"-c idle_in_transaction_session_timeout={_IDLE_IN_TRANSACTION_S}s",
+            **_KEEPALIVE,
+        },
+    )
+
+
+def _sqlite(url: URL) -> Engine:
+    if url.database:
+        Path(url.database).parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(
+        url, connect_args={"timeout": _BUSY_S}, pool_size=_CONNECTIONS, max_overflow=_CONNECTIONS
+    )
 
     @event.listens_for(engine, "connect")
     def _configure(connection: sqlite3.Connection, _record: Any) -> None:

@@ -57,7 +57,11 @@ class IdempotencyKey:
         """Record the resource, in the transaction that creates it."""
         if self._key is None:
             return
-        session.execute(delete(IdempotencyRow).where(IdempotencyRow.created_at < now() - _KEPT_FOR))
+        session.execute(
+            delete(IdempotencyRow).where(
+                IdempotencyRow.tenant_id == self._tenant_id, IdempotencyRow.created_at < now() - _KEPT_FOR
+            )
+        )
         session.add(
             IdempotencyRow(
                 tenant_id=self._tenant_id,

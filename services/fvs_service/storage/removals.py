@@ -13,13 +13,12 @@ from sqlalchemy.orm import Session
 from fvs_service.model import now
 from fvs_service.storage.blob_keys import scene_prefix
 from fvs_service.storage.blobs import Blobs
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, lock
 from fvs_service.storage.tables import (
     EventRow,
     ImageRow,
     RankingRow,
     RemovalRow,
-    SceneRow,
     SnapshotArtifactRow,
     SnapshotRow,
 )
@@ -100,8 +99,7 @@ class Removals:
         single = [key for key in keys if not key.endswith("/")]
         if not single:
             return
-        with self._database.writing() as session:
-            lock_scene(session, scene_id)
+        with self._database.writing(scene_id) as session:
             for key in single:
                 if not has_row(session, key):
                     self._blobs.remove(key)
@@ -132,7 +130,7 @@ def lock_scene(session: Session, scene_id: str) -> None:
 
     Who refers to a blob in the transaction must find it stored in the same transaction.
     """
-    session.execute(select(SceneRow.id).where(SceneRow.id == scene_id).with_for_update())
+    lock(session, scene_id)
 
 
 def has_row(session: Session, key: str) -> bool:

@@ -250,7 +250,9 @@ class EventRow(Table):
 
     __tablename__ = "events"
 
-    number: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    number: Mapped[int] = mapped_column(
+        BigInteger().with_variant(Integer, "sqlite"), primary_key=True, autoincrement=True
+    )
     scene_id: Mapped[str] = mapped_column(String(40))
     kind: Mapped[str] = mapped_column(String(32))
     subject: Mapped[str | None] = mapped_column(String(80))

@@ -6,7 +6,12 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
-from fvs_service.errors import NotFoundError, OutOfSpaceError, StaleLeaseError
+from fvs_service.errors import (
+    NotFoundError,
+    OutOfSpaceError,
+    StaleLeaseError,
+    StorageUnavailableError,
+)
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.model import JobError, WaitReason
 from fvs_service.jobs.repository import find_job
@@ -21,6 +26,8 @@ from fvs_service.worker.tries import Tries
 MAX_TRIES = 6
 """An attempt fails after this many tries without progress."""
 _PAUSE_S = 0.5
+_STORAGE_PAUSE_S = 2.0
+"""Time between two tries while the database or the object store cannot be reached."""
 _MEMORY_PATIENCE_S = 5.0
 """Time to wait for memory before the turn goes to another job."""
 
@@ -66,6 +73,10 @@ class Attempts:
                 tries.excuse()
                 _log.warning("lease lost", job=ticket.job_id)
                 time.sleep(_PAUSE_S)
+            except StorageUnavailableError as error:
+                tries.excuse()
+                _log.warning("storage unavailable", job=ticket.job_id, reason=error.message)
+                time.sleep(_STORAGE_PAUSE_S)
             except OutOfSpaceError as error:
                 tries.because(error.message, disk_full=True)
                 return WaitReason.DISK
@@ -89,7 +100,7 @@ class Attempts:
         """Whether the attempt has ended, a later one has begun, or it is no longer this worker's."""
         try:
             return not self._storage.queue.has(ticket, self._worker_id)
-        except SQLAlchemyError:
+        except StorageUnavailableError:
             _log.warning("database unavailable", job=ticket.job_id)
             time.sleep(_PAUSE_S)
             return False
@@ -103,7 +114,7 @@ class Attempts:
         try:
             with self._storage.database.reading() as session:
                 return find_job(session, ticket.job_id).progress
-        except (SQLAlchemyError, NotFoundError):
+        except (StorageUnavailableError, NotFoundError):
             return 0.0
 
     def _try(self, ticket: JobTicket, tries: Tries) -> None:

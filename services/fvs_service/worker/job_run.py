@@ -6,7 +6,7 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from fvs_engine.errors import Cancelled, EngineError, ProcessDiedError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import DiskFullError
 from fvs_service.application import Storage
-from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError
+from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.images.exclusion import quarantine
 from fvs_service.images.model import Image
 from fvs_service.images.repository import usable_images
@@ -103,7 +103,7 @@ class JobRuns:
             raise
         except (ChildDiedError, JobPausedError):
             raise  # the runner itself lives, and keeps its model
-        except OutOfSpaceError:
+        except (OutOfSpaceError, StorageUnavailableError):
             self._scenes.drop(scene)
             raise
         except (ServiceError, EngineError) as error:
@@ -167,14 +167,15 @@ class JobRuns:
                 case {"progress": dict(reported)}:
                     found = StageProgress.model_validate(reported)
                     eta_s = progress.add(found)
-                    self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
+                    with contextlib.suppress(StorageUnavailableError):  # the next report has it all
+                        self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
                     stage = found.stage
                 case {"quarantined": dict(reasons)}:
-                    self._quarantine(scene, reasons, request.images)
+                    _patiently(scene, lambda: self._quarantine(scene, reasons, request.images))
                 case {"warning": str(sentence)}:
                     named = with_original_names(sentence, request.images)
-                    self._storage.ledger.warn(scene.lease, job.id, named)
+                    _patiently(scene, lambda: self._storage.ledger.warn(scene.lease, job.id, named))  # noqa: B023
                 case {"result": dict(outcome)}:
                     return JobOutcome.model_validate(outcome)
                 case Failure():
@@ -183,7 +184,8 @@ class JobRuns:
                     pass
                 case _:
                     raise stop.reason or RunnerGoneError("The runner died.")
-            stop.check()
+            with contextlib.suppress(StorageUnavailableError):
+                stop.check()
 
     def _end_of(self, failure: Failure, stop: "_Stop", stage: str | None, request: RunJob) -> Exception:
         """What a runner's failure means for the job."""
@@ -191,6 +193,8 @@ class JobRuns:
             return stop.reason
         if self._scenes.stopping:
             return RunnerGoneError(failure.message)  # the next worker continues
+        if failure.code == StorageUnavailableError.code:
+            return StorageUnavailableError(failure.message, hint=failure.hint)
         if failure.code in (DiskFullError.code, OutOfSpaceError.code):
             return JobPausedError(WaitReason.DISK)
         if failure.code == ProcessDiedError.code:
@@ -200,7 +204,7 @@ class JobRuns:
 
     def _quarantine(self, scene: LeasedScene, reasons: Mapping[str, str], images: tuple[Image, ...]) -> None:
         named = {digest: with_original_names(reason, images) for digest, reason in reasons.items()}
-        with self._storage.database.writing() as session:
+        with self._storage.database.writing(scene.lease.scene_id) as session:
             quarantine(session, scene.lease, named)
 
     def _commit(
@@ -298,6 +302,19 @@ class _Responses:
             self._received.put(error)
         finally:
             self._connection.close()
+
+
+def _patiently(scene: LeasedScene, write: Callable[[], object]) -> None:
+    """Write to the database; waits while it cannot be reached, as long as the runner has its lease."""
+    while True:
+        try:
+            write()
+        except StorageUnavailableError:
+            if not scene.child.alive:
+                raise
+            time.sleep(_POLL_S)
+        else:
+            return
 
 
 def _size_bytes(folder: Path) -> int:

@@ -1,9 +1,8 @@
 """Requests for the runners of cold scenes: written by gateways, taken by whichever worker is first."""
 
 from sqlalchemy import delete, select
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import IntegrityError
 
-from fvs_service.errors import UnavailableError
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import RunnerRequestRow
 
@@ -22,8 +21,6 @@ class RunnerRequests:
                     session.add(RunnerRequestRow(scene_id=scene_id))
         except IntegrityError:
             pass  # requested by another gateway meanwhile
-        except SQLAlchemyError as error:
-            raise UnavailableError("The database cannot be reached.", retry_after_s=5) from error
 
     def take(self) -> str | None:
         """Take one request: the id of its scene; None when there is none."""

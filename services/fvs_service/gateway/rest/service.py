@@ -8,7 +8,6 @@ from typing import Annotated
 from fastapi import Query, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import Field
-from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_engine.images.pixels import FORMATS
 from fvs_service.errors import OutOfSpaceError, UnavailableError
@@ -75,11 +74,8 @@ def live() -> Health:
 @router.get("/readyz")
 def ready(app: App, workers: _Workers = 0) -> Health:
     """Check that the gateway can store images, and that so many workers are alive; 503 or 507 otherwise."""
-    try:
-        with app.storage.database.reading() as session:
-            known = workers_of(session, app.storage.settings.lease_s)
-    except SQLAlchemyError as error:
-        raise UnavailableError("The database cannot be reached.", retry_after_s=5) from error
+    with app.storage.database.reading() as session:
+        known = workers_of(session, app.storage.settings.lease_s)
     settings = app.storage.settings
     if shutil.disk_usage(settings.root).free < settings.reserve_bytes:
         raise OutOfSpaceError("The disk is full.", hint="Free some space.", retry_after_s=60)

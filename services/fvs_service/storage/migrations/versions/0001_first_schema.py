@@ -103,7 +103,12 @@ def _create_tables_of_scenes() -> None:
     op.create_table("runner_requests", _reference("scene_id", "scenes", primary_key=True))
     op.create_table(
         "events",
-        sa.Column("number", sa.Integer(), primary_key=True, autoincrement=True),
+        sa.Column(
+            "number",
+            sa.BigInteger().with_variant(sa.Integer(), "sqlite"),
+            primary_key=True,
+            autoincrement=True,
+        ),
         sa.Column("scene_id", sa.String(40), nullable=False),
         sa.Column("kind", sa.String(32), nullable=False),
         sa.Column("subject", sa.String(80)),
