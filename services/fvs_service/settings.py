@@ -65,7 +65,7 @@ class WorkerSettings(Record):
     memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more than the reserve,
     and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting jobs of tenants with
     fewer running ones. ``threads`` is per job, by default all cores. A runner that is idle for ``idle_s``
-    ends.
+    ends. Jobs whose notification was lost are found after ``queue_poll_s``.
     """
 
     count: PositiveInt = 1
@@ -82,7 +82,7 @@ class WorkerSettings(Record):
     fine_iterations: PositiveInt = 30_000
     max_gaussians: PositiveInt = 100_000
     fine_max_gaussians: PositiveInt = 1_000_000
-    queue_poll_s: PositiveFloat = 0.15
+    queue_poll_s: PositiveFloat = 5.0
 
 
 class Retention(Record):
@@ -104,8 +104,9 @@ class Settings(BaseSettings):
     ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` and
     ``blobs_url`` are other places for the database and the blobs, by default SQLite and a folder in ``root``.
     ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
-    service, and origins besides its own whose pages may use it. A body that for ``upload_grace_s`` in all has
-    arrived more slowly than ``upload_bytes_per_s`` is refused.
+    service, and origins besides its own whose pages may use it. Events whose notification was lost are
+    found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
+    ``upload_bytes_per_s`` is refused.
     """
 
     model_config = SettingsConfigDict(
@@ -123,7 +124,7 @@ class Settings(BaseSettings):
     tls_client_ca: FilePath | None = None
     reserve_bytes: int = Field(default=500 * MEGABYTE, ge=0)
     lease_s: PositiveFloat = 20.0
-    event_poll_s: PositiveFloat = 0.2
+    event_poll_s: PositiveFloat = 2.0
     event_heartbeat_s: PositiveFloat = 15.0
     upload_idle_s: PositiveFloat = 30.0
     upload_grace_s: PositiveFloat = 30.0

@@ -6,6 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from fvs_service.events.repository import last_number
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
 
 
 def _messages(lines: Iterator[str]) -> Iterator[dict[str, str]]:
@@ -122,3 +125,41 @@ def _local() -> Any:
     from fvs_service.principal import LOCAL_USER
 
     return LOCAL_USER
+
+
+def test_events_arrive_when_they_are_committed(serve: Any) -> None:
+    server = serve(event_poll_s=3600)
+    scene = server.scene()
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
+        messages = _messages(stream.iter_lines())
+        server.queue(scene)
+        assert next(message for message in messages if "event" in message)["event"] == "job.queued"
+
+
+def test_a_lost_notification_only_delays_events(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvs_service.events.repository.announce", lambda *_: None)
+    server = serve(event_poll_s=0.02)
+    scene = server.scene()
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
+        messages = _messages(stream.iter_lines())
+        server.queue(scene)
+        assert next(message for message in messages if "event" in message)["event"] == "job.queued"
+
+
+def test_streams_go_on_when_the_database_was_away(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = threading.Event()
+
+    def fail_once(session: Session) -> int:
+        if not failed.is_set():
+            failed.set()
+            raise OperationalError("SELECT", {}, Exception("the server restarts"))
+        return last_number(session)
+
+    server = serve()
+    scene = server.scene()
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
+        messages = _messages(stream.iter_lines())
+        monkeypatch.setattr("fvs_service.events.feed.last_number", fail_once)
+        assert failed.wait(30)
+        server.queue(scene)
+        assert next(message for message in messages if "event" in message)["event"] == "job.queued"

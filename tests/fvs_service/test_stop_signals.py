@@ -130,3 +130,19 @@ def test_nothing_is_left_below_a_process_whatever_it_ignores(
     until = time.monotonic() + 30
     while Path(f"/proc/{orphan}").exists():
         assert time.monotonic() < until
+
+
+def test_the_end_of_a_child_ends_the_wait(started: Callable[[str], "subprocess.Popen[str]"]) -> None:
+    process = started("""
+        import subprocess, sys, time
+        from fvs_service.serving.stop_signals import StopSignals
+
+        with StopSignals(10, lambda: None) as signals:
+            print("ready", flush=True)
+            child = subprocess.Popen([sys.executable, "-c", ""])
+            began = time.monotonic()
+            stopping = signals.wait(600)
+            print(stopping, child.wait(), time.monotonic() - began < 300, flush=True)
+    """)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "False 0 True\n"

@@ -1,4 +1,7 @@
-"""Streams of events: one query of the database serves all streams of this process."""
+"""Streams of events: one query of the database serves all streams of this process.
+
+It is asked when a notification says that there are new events, and now and then without one.
+"""
 
 import asyncio
 import contextlib
@@ -6,15 +9,23 @@ from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
 import anyio.to_thread
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.concurrency import ConcurrencyLimit
+from fvs_service.errors import ServiceError
 from fvs_service.events.model import Event, EventKind
 from fvs_service.events.repository import events_after, last_number
 from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database
 
 _BATCH = 256
+_SPACING_S = 0.02
+"""Many notifications in a short time are one query."""
+_AFTER_ERROR_S = 1.0
 _Result = TypeVar("_Result")
+
+_log = structlog.get_logger()
 
 
 class EventFeed:
@@ -40,6 +51,9 @@ class EventFeed:
         self._followers = 0
         self._closed = False
         self._changed = asyncio.Condition()
+        self._followed = asyncio.Event()
+        self._notified = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
 
     def check(self, principal: Principal, scene_id: str) -> None:
         """Raise unless the principal may read the scene."""
@@ -50,17 +64,29 @@ class EventFeed:
         """The number of the newest event of all scenes: a stream after it has only new events."""
         return await self._read(last_number)
 
+    def notify(self) -> None:
+        """There are new events; from any thread."""
+        self._loop.call_soon_threadsafe(self._notified.set)
+
     async def watch(self) -> None:
-        """Poll for new events while there are streams, until cancelled."""
+        """While there are streams, look for events when notified and every ``poll_s``, until cancelled."""
         while True:
-            await asyncio.sleep(self._poll_s)
-            if self._followers == 0:
+            await self._followed.wait()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(self._poll_s):
+                    await self._notified.wait()
+            self._notified.clear()
+            try:
+                newest = await self._read(last_number)
+            except (SQLAlchemyError, ServiceError) as error:
+                _log.warning("no events can be read", reason=type(error).__name__)
+                await asyncio.sleep(_AFTER_ERROR_S)
                 continue
-            newest = await self._read(last_number)
             if newest > self._newest:
                 async with self._changed:
                     self._newest = newest
                     self._changed.notify_all()
+            await asyncio.sleep(_SPACING_S)
 
     async def close(self) -> None:
         """End all streams."""
@@ -74,6 +100,7 @@ class EventFeed:
         Ends only after the event that the scene was deleted, or when the feed is closed.
         """
         self._followers += 1
+        self._followed.set()
         try:
             while not self._closed:
                 seen = self._newest
@@ -87,6 +114,8 @@ class EventFeed:
                     yield None
         finally:
             self._followers -= 1
+            if self._followers == 0:
+                self._followed.clear()
 
     async def _wait(self, seen: int) -> bool:
         """Wait until there is an event newer than ``seen``; False when a heartbeat is due first."""

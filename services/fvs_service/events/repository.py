@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 from fvs_service.events.model import Event, EventKind
 from fvs_service.model import now
 from fvs_service.storage.database import lock
+from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import EventRow
 
 _PUBLISHED = "fvs_published"
@@ -22,6 +23,7 @@ def publish(
     It gets its number at the very end, one transaction after the other: who has read an event has read all
     with smaller numbers.
     """
+    announce(session, Topic.EVENTS)
     if _PUBLISHED not in session.info:
         session.info[_PUBLISHED] = []
         event.listen(session, "before_commit", _number, once=True)

@@ -1,12 +1,16 @@
 """The gateway's HTTP server: socket, TLS, and the rule that remote access needs keys."""
 
+import asyncio
+import contextlib
 import gc
 import socket
 import ssl
 import sys
 from collections.abc import Awaitable, Callable
+from types import FrameType
 
 import uvicorn
+from pebble import CONSTS
 
 from fvs_service.application import MakeRunners, open_storage
 from fvs_service.errors import ForbiddenError
@@ -17,6 +21,10 @@ from fvs_service.settings import Settings
 _STOP_WITHIN_S = 1
 """Requests that take longer are given up; the supervisor's patience is longer than this."""
 _UNREAD_MS = 120_000
+_INSPECTORS_S = 0.5
+"""How often pebble looks whether an inspector has died or takes too long; its 0.1 s is a load by itself."""
+_DATE_S = 1.0
+"""How often the date of responses is set."""
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
@@ -30,6 +38,7 @@ def run_gateway(
     """
     require_protection(settings)
     sys.setswitchinterval(_SWITCH_S)
+    CONSTS.sleep_unit = _INSPECTORS_S
     app = create_app(settings, make_runners)
     config = uvicorn.Config(
         app,
@@ -79,6 +88,8 @@ class _Server(uvicorn.Server):
     ) -> None:
         super().__init__(config)
         self._started, self._end_streams = started, end_streams
+        self._signaled = asyncio.Event()
+        self._wake: Callable[[], object] = lambda: None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Open the application, listen, and call ``started``."""
@@ -88,6 +99,19 @@ class _Server(uvicorn.Server):
         gc.freeze()
         if self.started:
             self._started()
+
+    async def main_loop(self) -> None:
+        """Wait for a signal; uvicorn looks for one ten times a second."""
+        loop = asyncio.get_running_loop()
+        self._wake = lambda: loop.call_soon_threadsafe(self._signaled.set)
+        while not await self.on_tick(0):  # which also sets the date of responses
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._signaled.wait(), _DATE_S)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End ``main_loop``."""
+        super().handle_exit(sig, frame)
+        self._wake()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End the streams of events, which would have no end of their own, and all other requests."""

@@ -14,10 +14,13 @@ from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import JobRow, TenantRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 _TRY_AGAIN_MS = 5_000
+_LOOKS = 8
+"""A worker that looks in vain because others were faster, so often in a row, leaves the queue to them."""
 
 
 class JobQueue:
@@ -30,17 +33,21 @@ class JobQueue:
 
     def take(self, worker_id: str) -> JobTicket | None:
         """Take the job that is next; None when none can have a turn."""
-        with self._database.reading() as session:
-            if not _anything_waits(session):
-                return None
-        try:
-            with self._database.writing("queue") as session:
-                chosen = self.order(session).next
-                if chosen is None or not _serve(session, chosen):
+        for _ in range(_LOOKS):
+            with self._database.reading() as session:
+                if not _anything_waits(session):
                     return None
-                return take_job(session, chosen.id, worker_id)
-        except IntegrityError:  # another worker was faster, with another job of the scene or of a new tenant
-            return None
+            try:
+                with self._database.writing("queue") as session:
+                    chosen = self.order(session).next
+                    if chosen is None:
+                        return None
+                    taken = take_job(session, chosen.id, worker_id) if _serve(session, chosen) else None
+            except IntegrityError:  # another worker took another job of the scene, or of a new tenant
+                continue
+            if taken is not None:
+                return taken
+        return None
 
     def taken_by(self, worker_id: str) -> tuple[JobTicket, ...]:
         """The jobs that a worker has taken and that have not ended."""
@@ -61,6 +68,7 @@ class JobQueue:
                 )
                 .values(**values)
             )
+            announce(session, Topic.JOBS)
 
     def put_back_all(self, worker_id: str) -> int:
         """Let the jobs of a worker that died wait for their next turn; returns their number."""
@@ -71,6 +79,7 @@ class JobQueue:
                 .values(**_waiting(None))
                 .returning(JobRow.id)
             )
+            announce(session, Topic.JOBS)
             return len(ids.all())
 
     def has(self, ticket: JobTicket, worker_id: str) -> bool:

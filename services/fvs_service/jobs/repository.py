@@ -11,6 +11,7 @@ from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
 from fvs_service.model import now
 from fvs_service.principal import Principal
 from fvs_service.storage.database import now_ms
+from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
@@ -46,6 +47,7 @@ def add_job(
     )
     session.add(row)
     session.flush()
+    announce(session, Topic.JOBS)
     return to_job(row)
 
 
@@ -140,6 +142,8 @@ def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **v
         .returning(JobRow)
         .execution_options(populate_existing=True)
     )
+    if row is not None and values.get("state", JobState.RUNNING) != JobState.RUNNING:
+        announce(session, Topic.JOBS)  # it waits again, or another one may have its place
     return None if row is None else to_job(row)
 
 
@@ -164,6 +168,7 @@ def cancel_idle(session: Session, job_id: str) -> Job | None:
         .returning(JobRow)
         .execution_options(populate_existing=True)
     )
+    announce(session, Topic.JOBS)  # those behind it may have their turn
     return None if row is None else to_job(row)
 
 

@@ -11,12 +11,13 @@ from types import TracebackType
 from typing import Self
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
+_HANDLED = (*_SIGNALS, signal.SIGCHLD)
 _EXIT_BY_SIGNAL = 128
 """Added to the number of the signal, as shells do."""
 
 
 class StopSignals:
-    """Set ``stopping`` on SIGTERM and SIGINT, within a block of the main thread.
+    """Set ``stopping`` on SIGTERM and SIGINT within a block of the main thread. SIGCHLD ends a ``wait``, too.
 
     A process that is still there ``within_s`` after the first signal, or at a second one, calls ``kill`` and
     ends. A thread of its own sees to that: handlers in Python run only between two steps of the main thread,
@@ -27,6 +28,7 @@ class StopSignals:
     def __init__(self, within_s: float, kill: Callable[[], object]) -> None:
         self._within_s, self._kill = within_s, kill
         self._stopping = threading.Event()
+        self._woken = threading.Event()
         self._deadline: float | None = None
 
     @property
@@ -35,13 +37,15 @@ class StopSignals:
         return self._stopping.is_set()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for a signal; returns whether there was one in time."""
-        return self._stopping.wait(timeout_s)
+        """Wait for a signal, or for a child to end; returns whether there has been a signal."""
+        self._woken.wait(timeout_s)
+        self._woken.clear()
+        return self.stopping
 
     def __enter__(self) -> Self:
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
-        self._handlers = {number: signal.signal(number, lambda *_: None) for number in _SIGNALS}
+        self._handlers = {number: signal.signal(number, lambda *_: None) for number in _HANDLED}
         self._wakeup = signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
         self._watcher = threading.Thread(target=self._watch, daemon=True, name="signals")
         self._watcher.start()
@@ -71,6 +75,7 @@ class StopSignals:
             for number in numbers:
                 if number in _SIGNALS:
                     self._arrived(signal.Signals(number))
+                self._woken.set()
 
     def _arrived(self, number: signal.Signals) -> None:
         if self.stopping:

@@ -24,7 +24,8 @@ from fvs_service.serving.process_tree import adopt_orphans, end_descendants, rea
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
-_POLL_S = 0.1
+_LOOK_S = 5.0
+"""Dead children are found by SIGCHLD, and after this time also without."""
 _START_S = 60.0
 _STOP_S = 3.5
 """How long children may take to end by themselves; they are killed after it."""
@@ -77,7 +78,7 @@ class Supervisor:
                 announce(url)
                 for worker in self._workers:
                     self._start(worker)
-                while not self._signals.wait(_POLL_S):
+                while not self._signals.wait(self._until_next_start_s()):
                     for child in (self._gateway, *self._workers):
                         self._restart_if_dead(child)
                     reap_adopted({process.pid for process in self._running().values()})
@@ -110,6 +111,11 @@ class Supervisor:
             arguments=[child.role],
             stdout=subprocess.PIPE if child is self._gateway else sys.stderr,
         )
+
+    def _until_next_start_s(self) -> float:
+        """The time until a child that died is started again."""
+        waiting = (child for child in (self._gateway, *self._workers) if child.process is None)
+        return max(0.0, min((child.due - time.monotonic() for child in waiting), default=_LOOK_S))
 
     def _restart_if_dead(self, child: _Child) -> None:
         if child.process is None:

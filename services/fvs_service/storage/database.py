@@ -7,7 +7,7 @@ subjects stays true until it commits.
 """
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from fvs_service.errors import IncompatibleDatabaseError, OutOfSpaceError, StorageUnavailableError
+from fvs_service.storage.notifications import Subscription, Topic, subscribe
 
 _BUSY_S = 30
 _CONNECT_S = 5
@@ -122,6 +123,10 @@ class Database:
     def connect(self) -> Connection:
         """A connection for checks of the schema and of health."""
         return self._engine.connect()
+
+    def subscribe(self, callbacks: Mapping[Topic, Callable[[], object]]) -> Subscription:
+        """Call back, from another thread, when a transaction that announced a topic was committed."""
+        return subscribe(self._engine, callbacks)
 
     def close(self) -> None:
         """Close all connections."""

@@ -15,6 +15,7 @@ from fvs_service.worker.runner_requests import RunnerRequests
 _RUNNERS_AT_ONCE = 4
 
 _STOP_S = 1.0
+_AFTER_ERROR_S = 0.5
 _log = structlog.get_logger()
 
 RunJob = Callable[[JobTicket], WaitReason | None]
@@ -26,7 +27,7 @@ class Dispatcher:
 
     The jobs that the worker has taken and does not run are run first: those of its predecessor of the same
     name, and those that could not be put back because the database was unavailable. ``has_room`` says whether
-    a job may start now.
+    a job may start now. It looks for jobs and requests when it is woken, and every ``poll_s``.
     """
 
     def __init__(
@@ -53,6 +54,8 @@ class Dispatcher:
         self._running: set[str] = set()
         self._starting = 0
         self._stopping = threading.Event()
+        self._woken = threading.Event()
+        self._woken.set()
         self._thread = threading.Thread(target=self._dispatch, daemon=True)
 
     def start(self) -> None:
@@ -62,17 +65,34 @@ class Dispatcher:
     def stop(self) -> None:
         """Take no more jobs; those that run go on."""
         self._stopping.set()
+        self.wake()
         self._thread.join(_STOP_S)  # it may be waiting for the database
 
+    def wake(self) -> None:
+        """Look for jobs and requests now; from any thread."""
+        self._woken.set()
+
     def _dispatch(self) -> None:
-        while not self._stopping.wait(self._poll_s):
-            try:
-                self._dispatch_jobs()
-                self._dispatch_runner()
-            except (SQLAlchemyError, ServiceError) as error:
-                _log.warning("no jobs can be taken", reason=type(error).__name__)
-            except Exception:  # a worker that sends heartbeats and takes no jobs would go unnoticed
-                _log.exception("no jobs can be taken")
+        pause_s = self._poll_s
+        while True:
+            self._woken.wait(pause_s)
+            self._woken.clear()
+            if self._stopping.is_set():
+                return
+            pause_s = self._poll_s if self._look() else min(_AFTER_ERROR_S, self._poll_s)
+
+    def _look(self) -> bool:
+        """Begin what waits; returns whether the database could be asked."""
+        try:
+            self._dispatch_jobs()
+            self._dispatch_runners()
+        except (SQLAlchemyError, ServiceError) as error:
+            _log.warning("no jobs can be taken", reason=type(error).__name__)
+        except Exception:  # a worker that sends heartbeats and takes no jobs would go unnoticed
+            _log.exception("no jobs can be taken")
+        else:
+            return True
+        return False
 
     def _dispatch_jobs(self) -> None:
         for ticket in self._queue.taken_by(self._worker_id):
@@ -97,17 +117,20 @@ class Dispatcher:
                 self._queue.put_back(ticket, self._worker_id, obstacle)
         except (SQLAlchemyError, ServiceError) as error:
             _log.warning("the job cannot be put back yet", job=ticket.job_id, reason=type(error).__name__)
+            self._stopping.wait(_AFTER_ERROR_S)
         except Exception:
             _log.exception("a job's turn failed", job=ticket.job_id)
+            self._stopping.wait(_AFTER_ERROR_S)
         finally:
             with self._lock:
                 self._running.discard(ticket.key)
+            self.wake()
 
-    def _dispatch_runner(self) -> None:
-        if self._starting >= _RUNNERS_AT_ONCE:
-            return
-        scene_id = self._requests.take()
-        if scene_id is not None:
+    def _dispatch_runners(self) -> None:
+        while self._starting < _RUNNERS_AT_ONCE:
+            scene_id = self._requests.take()
+            if scene_id is None:
+                return
             with self._lock:
                 self._starting += 1
             threading.Thread(target=self._start, args=(scene_id,), daemon=True).start()
@@ -120,3 +143,4 @@ class Dispatcher:
         finally:
             with self._lock:
                 self._starting -= 1
+            self.wake()

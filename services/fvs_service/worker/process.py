@@ -9,6 +9,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
+from fvs_service.storage.notifications import Topic
 from fvs_service.worker.attempts import Attempts
 from fvs_service.worker.dispatcher import Dispatcher
 from fvs_service.worker.heartbeat import Heartbeats
@@ -50,6 +51,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         has_room=lambda: not room.short,
     )
     sweeps = Sweeps(storage)
+    subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
     dispatcher.start()
     sweeps.start()
     _log.info("worker ready", worker=worker_id)
@@ -61,6 +63,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
     finally:
         sweeps.stop()
+        subscription.close()
         dispatcher.stop()
         scenes.stop()
 

@@ -4,6 +4,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.exc import IntegrityError
 
 from fvs_service.storage.database import Database
+from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import RunnerRequestRow
 
 
@@ -19,6 +20,7 @@ class RunnerRequests:
             with self._database.writing() as session:
                 if session.get(RunnerRequestRow, scene_id) is None:
                     session.add(RunnerRequestRow(scene_id=scene_id))
+                announce(session, Topic.RUNNERS)
         except IntegrityError:
             pass  # requested by another gateway meanwhile
 

@@ -1,11 +1,13 @@
 """The queue in the database, with two workers, and what waiting jobs say."""
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from fvs_service.jobs.model import WaitReason
-from fvs_service.jobs.queue import JobQueue
+from fvs_service.jobs.queue import JobQueue, take_job
+from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import update
@@ -42,6 +44,44 @@ def test_jobs_are_taken_once_in_the_fair_order(gateway: Any) -> None:
     next_one = queue.take("worker-1")
     assert next_one is not None
     assert next_one.job_id == a[2]  # its scene has not been served yet
+
+
+def test_a_worker_that_comes_too_late_looks_again_at_once(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (job_id,) = _jobs(gateway, "a", 1)
+    late = iter([True])
+
+    def take(*arguments: Any) -> Any:
+        return None if next(late, False) else take_job(*arguments)
+
+    monkeypatch.setattr("fvs_service.jobs.queue.take_job", take)
+    taken = _queue(gateway).take("worker-0")
+    assert taken is not None
+    assert taken.job_id == job_id
+
+
+def test_what_lets_a_job_have_its_turn_wakes_the_workers(gateway: Any) -> None:
+    woken = threading.Event()
+    subscription = gateway.application.storage.database.subscribe({Topic.JOBS: woken.set})
+
+    def wakes(change: Callable[[], object]) -> bool:
+        woken.clear()
+        change()
+        return woken.wait(30)
+
+    headers = gateway.key("a")
+    scene, queue = gateway.scene(headers), _queue(gateway)
+    assert wakes(lambda: gateway.queue(scene, headers=headers))
+    ticket = queue.take("worker-0")
+    assert ticket is not None
+    assert wakes(lambda: queue.put_back(ticket, "worker-0"))
+    assert queue.take("worker-0") == ticket
+    assert wakes(lambda: queue.put_back_all("worker-0"))
+    path = f"/v1/jobs/{ticket.job_id}"
+    assert wakes(lambda: gateway.client.post(f"{path}:cancel", headers=headers))
+    assert wakes(lambda: gateway.client.post(f"{path}:retry", headers=headers))
+    subscription.close()
 
 
 def test_workers_that_look_at_once_never_get_the_same_job(gateway: Any) -> None:

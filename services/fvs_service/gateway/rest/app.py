@@ -12,7 +12,7 @@ from fastapi import FastAPI
 from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
 from fvs_service.fleet_metrics import FleetCollector
-from fvs_service.gateway.loop_lag import watch_loop
+from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.rest import (
     events,
     images,
@@ -29,6 +29,7 @@ from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
 from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.settings import Settings
+from fvs_service.storage.notifications import Topic
 from fvs_service.telemetry import Metrics
 
 _THREADS = 160
@@ -40,6 +41,7 @@ _PARSERS = 1
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     """The gateway; it opens the services when it starts and closes them when it stops."""
     metrics = Metrics()
+    loop_lag = LoopLag(metrics.loop_lag)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -57,10 +59,12 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             fleet = FleetCollector(application.storage.database, settings.root, settings.lease_s)
             metrics.registry.register(fleet)
             app.state.parsing = anyio.CapacityLimiter(_PARSERS)
-            watching = asyncio.gather(feed.watch(), watch_loop(metrics.loop_lag))
+            watching = asyncio.gather(feed.watch(), loop_lag.watch())
+            subscription = application.storage.database.subscribe({Topic.EVENTS: feed.notify})
             try:
                 yield
             finally:
+                await anyio.to_thread.run_sync(subscription.close)
                 watching.cancel()
                 await asyncio.gather(watching, return_exceptions=True)
                 await application.runners.close()
@@ -75,7 +79,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     )
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(OriginGuard, settings=settings)
-    app.add_middleware(RequestContext, metrics=metrics)
+    app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag)
     problems.install(app)
     bodies = []
     for module in (scenes, images, jobs, events, rankings, snapshots, service):

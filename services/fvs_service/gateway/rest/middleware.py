@@ -10,6 +10,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import UnavailableError
+from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.rest.problems import problem_response
 from fvs_service.ids import new_id
 from fvs_service.telemetry import Metrics
@@ -23,9 +24,10 @@ _log = structlog.get_logger()
 class RequestContext:
     """Gives every request an id (its ``X-Request-Id`` if that is valid), logs it and counts it."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics, loop_lag: LoopLag) -> None:
         self._app = app
         self._metrics = metrics
+        self._loop_lag = loop_lag
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -35,19 +37,26 @@ class RequestContext:
         offered = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = offered if _REQUEST_ID.match(offered) else new_id("req")
         scope.setdefault("state", {})["request_id"] = request_id
+        self._loop_lag.handling()
         started, status = time.perf_counter(), HTTPStatus.INTERNAL_SERVER_ERROR.value
         responding = False
 
         async def send_with_id(message: Message) -> None:
             nonlocal status, responding
+            self._loop_lag.handling()
             if message["type"] == "http.response.start":
                 status, responding = message["status"], True
                 message = {**message, "headers": [*message["headers"], *_headers(request_id)]}
             await send(message)
 
+        async def receive_observed() -> Message:
+            message = await receive()
+            self._loop_lag.handling()
+            return message
+
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
-                await self._app(scope, receive, send_with_id)
+                await self._app(scope, receive_observed, send_with_id)
             except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
                 if not responding:
                     await problem_response(Request(scope), _stopping())(scope, receive, send_with_id)

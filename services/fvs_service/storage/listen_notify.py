@@ -1,0 +1,63 @@
+"""Notifications by PostgreSQL's LISTEN and NOTIFY, over a connection of their own."""
+
+import contextlib
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import structlog
+from sqlalchemy import Connection, Engine, func, select, text
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+_PREFIX = "fvs_"
+_LOOK_S = 5.0
+"""How often a listener sees whether it is closed."""
+_RECONNECT_S = 2.0
+
+_log = structlog.get_logger()
+
+
+def notify(session: Session, topic: str) -> None:
+    """Have the server notify all listeners when the transaction is committed."""
+    session.execute(select(func.pg_notify(f"{_PREFIX}{topic}", "")))
+
+
+class Listener:
+    """A connection that listens, and its thread. It connects again when it was lost, and then calls back."""
+
+    def __init__(self, engine: Engine, callbacks: Mapping[str, Callable[[], object]]) -> None:
+        self._engine = engine
+        self._callbacks = {f"{_PREFIX}{topic}": callback for topic, callback in callbacks.items()}
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True, name="notifications")
+        self._thread.start()
+
+    def close(self) -> None:
+        """Call back no more; the connection ends within seconds."""
+        self._closed.set()
+
+    def _listen(self) -> None:
+        import psycopg  # only where it is the driver
+
+        while not self._closed.is_set():
+            try:
+                with self._engine.connect() as connection:
+                    self._receive(connection)
+            except (SQLAlchemyError, psycopg.Error) as error:
+                _log.warning("notifications interrupted", reason=type(error).__name__)
+                self._closed.wait(_RECONNECT_S)
+
+    def _receive(self, connection: Connection) -> None:
+        connection.detach()  # the pool gets another one
+        connection.execution_options(isolation_level="AUTOCOMMIT")
+        for channel in self._callbacks:
+            connection.execute(text(f"LISTEN {channel}"))
+        for callback in self._callbacks.values():  # for what was not heard before
+            callback()
+        driver: Any = connection.connection.driver_connection
+        while not self._closed.is_set():
+            for received in driver.notifies(timeout=_LOOK_S, stop_after=1):
+                with contextlib.suppress(KeyError):
+                    if not self._closed.is_set():
+                        self._callbacks[received.channel]()
