@@ -20,7 +20,7 @@ EXIT_ORPHANED = 3
 """Exit status of a child whose parent is gone."""
 
 _PR_SET_PDEATHSIG = 1
-_WATCH_S = 0.5
+_WATCH_S = 1.0
 
 STOP_PATIENCE_S = 3.0
 """How long a child may take to end on SIGTERM before it is killed."""
@@ -104,7 +104,7 @@ def end_with_parent(parent: int, *, kernel: bool = True) -> None:
     """In a child: end when ``parent``, the process that made this one, has ended.
 
     The kernel kills the child at once where it can (Linux). It does so when the *thread* that made the child
-    ends, so children of short-lived threads take ``kernel=False``: only the polling of the parent's id, twice
+    ends, so children of short-lived threads take ``kernel=False``: only the polling of the parent's id, once
     a second, is left.
     """
     if kernel:

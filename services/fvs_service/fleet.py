@@ -11,11 +11,14 @@ from fvs_service.model import Count, Model, Number
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
 
+HEARTBEAT_S = 3.0
+"""How often a worker sends a heartbeat."""
+_SILENT_S = 4 * HEARTBEAT_S
+"""A worker without a heartbeat for this long is not alive: callers are told so, and nothing is expected of
+it. It may only be frozen, so its jobs stay its own."""
 MISSED_LEASES = 3
-"""A worker is dead after so many lease durations without a heartbeat: its supervisor would have restarted it
-long before."""
-_SILENT_S = 10.0
-"""A worker without a heartbeat for this long, five times the usual, is not alive to callers."""
+"""A worker is dead after so many lease durations without a heartbeat, and others take over its jobs: its
+supervisor would have restarted it long before."""
 
 
 class WorkerStatus(Model):

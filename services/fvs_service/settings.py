@@ -124,7 +124,7 @@ class Settings(BaseSettings):
     tls_client_ca: FilePath | None = None
     reserve_bytes: int = Field(default=500 * MEGABYTE, ge=0)
     lease_s: PositiveFloat = 20.0
-    event_poll_s: PositiveFloat = 2.0
+    event_poll_s: PositiveFloat = 5.0
     event_heartbeat_s: PositiveFloat = 15.0
     upload_idle_s: PositiveFloat = 30.0
     upload_grace_s: PositiveFloat = 30.0
@@ -138,7 +138,7 @@ class Settings(BaseSettings):
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()
-    sweep_s: PositiveFloat = 10.0
+    sweep_s: PositiveFloat = 20.0
     """Interval of the sweeps, which apply retention and remove deleted blobs."""
     removal_grace_s: PositiveFloat = 180.0
     """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""

@@ -2,8 +2,11 @@
 
 import asyncio
 import json
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from typing import Any
 
+from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.telemetry import Metrics
 from starlette.types import Message, Receive, Scope, Send
@@ -23,7 +26,8 @@ def test_a_request_that_is_cut_when_the_service_stops_is_told_to_come_again() ->
 
     async def stop_while_it_is_handled() -> None:
         scope: Any = {"type": "http", "method": "PUT", "path": "/v1/scenes", "headers": []}
-        context = RequestContext(endless, Metrics())
+        metrics = Metrics()
+        context = RequestContext(endless, metrics, LoopLag(metrics.loop_lag))
         handling = asyncio.create_task(context(scope, receive, send))
         await asyncio.sleep(0)
         handling.cancel()
@@ -34,3 +38,9 @@ def test_a_request_that_is_cut_when_the_service_stops_is_told_to_come_again() ->
     assert start["status"] == 503
     assert (b"retry-after", b"5") in start["headers"]
     assert json.loads(body["body"])["retryable"]
+
+
+def test_every_response_has_the_date(gateway: Any) -> None:
+    for path in ("/livez", "/nowhere"):
+        sent = parsedate_to_datetime(gateway.client.get(path).headers["date"])
+        assert abs((datetime.now(UTC) - sent).total_seconds()) < 60

@@ -6,12 +6,12 @@ import time
 from prometheus_client import Histogram
 
 _EVERY_S = 0.02
-_IDLE_EVERY_S = 2.0
+_IDLE_EVERY_S = 5.0
 _BUSY_FOR_S = 1.0
 
 
 class LoopLag:
-    """Observes the lag fifty times a second while requests are handled, else every two seconds."""
+    """Observes the lag fifty times a second while requests are handled, else every five seconds."""
 
     def __init__(self, lag: Histogram) -> None:
         self._lag = lag
@@ -35,7 +35,7 @@ class LoopLag:
             self._lag.observe(max(0.0, time.monotonic() - due))
 
     async def _idle(self) -> float | None:
-        """Wait for a request, or two seconds: returns when they were over, None when a request came first."""
+        """Wait for a request, or five seconds; returns when they were over, None when it came first."""
         self._handled.clear()
         due = time.monotonic() + _IDLE_EVERY_S
         try:

@@ -1,7 +1,6 @@
 """The gateway's HTTP server: socket, TLS, and the rule that remote access needs keys."""
 
 import asyncio
-import contextlib
 import gc
 import socket
 import ssl
@@ -21,10 +20,8 @@ from fvs_service.settings import Settings
 _STOP_WITHIN_S = 1
 """Requests that take longer are given up; the supervisor's patience is longer than this."""
 _UNREAD_MS = 120_000
-_INSPECTORS_S = 0.5
+_INSPECTORS_S = 1.0
 """How often pebble looks whether an inspector has died or takes too long; its 0.1 s is a load by itself."""
-_DATE_S = 1.0
-"""How often the date of responses is set."""
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
@@ -49,6 +46,7 @@ def run_gateway(
         log_config=None,  # see ``fvs_service.logs``
         access_log=False,
         server_header=False,
+        date_header=False,  # see ``RequestContext``
         timeout_keep_alive=30,
         timeout_graceful_shutdown=_STOP_WITHIN_S,
         ssl_certfile=settings.tls_certificate,
@@ -101,12 +99,11 @@ class _Server(uvicorn.Server):
             self._started()
 
     async def main_loop(self) -> None:
-        """Wait for a signal; uvicorn looks for one ten times a second."""
+        """Wait for a signal; uvicorn looks for one, and at the clock, ten times a second."""
         loop = asyncio.get_running_loop()
         self._wake = lambda: loop.call_soon_threadsafe(self._signaled.set)
-        while not await self.on_tick(0):  # which also sets the date of responses
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._signaled.wait(), _DATE_S)
+        while not await self.on_tick(0):
+            await self._signaled.wait()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End ``main_loop``."""

@@ -53,6 +53,8 @@ class Dispatcher:
         self._lock = threading.Lock()
         self._running: set[str] = set()
         self._starting = 0
+        self._left_over = True
+        """The worker may have taken jobs that it does not run."""
         self._stopping = threading.Event()
         self._woken = threading.Event()
         self._woken.set()
@@ -92,11 +94,14 @@ class Dispatcher:
             _log.exception("no jobs can be taken")
         else:
             return True
+        self._left_over = True
         return False
 
     def _dispatch_jobs(self) -> None:
-        for ticket in self._queue.taken_by(self._worker_id):
-            self._begin(ticket)
+        if self._left_over:
+            self._left_over = False
+            for ticket in self._queue.taken_by(self._worker_id):
+                self._begin(ticket)
         while len(self._running) < self._slots and self._has_room():
             taken = self._queue.take(self._worker_id)
             if taken is None:
@@ -117,14 +122,19 @@ class Dispatcher:
                 self._queue.put_back(ticket, self._worker_id, obstacle)
         except (SQLAlchemyError, ServiceError) as error:
             _log.warning("the job cannot be put back yet", job=ticket.job_id, reason=type(error).__name__)
-            self._stopping.wait(_AFTER_ERROR_S)
+            self._failed()
         except Exception:
             _log.exception("a job's turn failed", job=ticket.job_id)
-            self._stopping.wait(_AFTER_ERROR_S)
+            self._failed()
         finally:
             with self._lock:
                 self._running.discard(ticket.key)
             self.wake()
+
+    def _failed(self) -> None:
+        """Have the job run again, after a pause."""
+        self._stopping.wait(_AFTER_ERROR_S)
+        self._left_over = True
 
     def _dispatch_runners(self) -> None:
         while self._starting < _RUNNERS_AT_ONCE:

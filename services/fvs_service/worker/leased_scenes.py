@@ -22,6 +22,9 @@ from fvs_service.worker.protocol.messages import YieldScene
 from fvs_service.worker.runner_child import RunnerChild
 
 _POLL_S = 0.25
+_MAINTAIN_S = 1.0
+_EXTENSIONS = 4
+"""A lease is extended so many times in its duration."""
 _YIELD_S = 2.0
 _RETIRE_S = 2.0
 """How long a runner may take to save its checkpoint; the supervisor's patience is longer than this."""
@@ -37,11 +40,15 @@ class NoMemoryError(Exception):
 
 @dataclass
 class LeasedScene:
-    """A scene that this worker has leased, with its runner; ``users`` counts the blocks that use it."""
+    """A scene that this worker has leased, with its runner.
+
+    ``users`` counts the blocks that use it; before ``idle_from`` it has not been idle for too long.
+    """
 
     lease: Lease
     child: RunnerChild
     users: int = 0
+    idle_from: float = 0.0
 
     @property
     def endpoint(self) -> str:
@@ -233,9 +240,9 @@ class LeasedScenes:
 
     def _run_maintenance(self) -> None:
         """Until the worker stops: extend leases, drop dead runners, unload idle ones."""
-        every_s = self._storage.settings.lease_s / 5
+        every_s = self._storage.settings.lease_s / _EXTENSIONS
         extended = 0.0
-        while not self._stopping.wait(_POLL_S):
+        while not self._stopping.wait(min(_MAINTAIN_S, every_s)):
             due = time.monotonic() - extended >= every_s
             if due:
                 extended = time.monotonic()
@@ -251,8 +258,15 @@ class LeasedScenes:
                 self._drop_if_free(scene)
         elif due:
             self._extend(scene)
-            if scene.users == 0 and scene.child.idle_s() > self._storage.settings.worker.idle_s:
-                self._unload(scene)
+            if scene.users == 0 and time.monotonic() >= scene.idle_from:
+                self._unload_if_idle(scene)
+
+    def _unload_if_idle(self, scene: LeasedScene) -> None:
+        left_s = self._storage.settings.worker.idle_s - scene.child.idle_s()
+        if left_s < 0:
+            self._unload(scene)
+        else:
+            scene.idle_from = time.monotonic() + left_s
 
     def _extend(self, scene: LeasedScene) -> None:
         try:
@@ -309,7 +323,7 @@ class _StartingLease:
 
     def lost(self) -> bool:
         """Extend the lease when that is due; returns whether another worker has taken it."""
-        if time.monotonic() - self._extended < self._storage.settings.lease_s / 5:
+        if time.monotonic() - self._extended < self._storage.settings.lease_s / _EXTENSIONS:
             return False
         self._extended = time.monotonic()
         try:

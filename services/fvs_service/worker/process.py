@@ -9,6 +9,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
+from fvs_service.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
 from fvs_service.worker.attempts import Attempts
 from fvs_service.worker.dispatcher import Dispatcher
@@ -18,7 +19,6 @@ from fvs_service.worker.room import Room
 from fvs_service.worker.runner_requests import RunnerRequests
 from fvs_service.worker.sweep import Sweeps
 
-_HEARTBEAT_S = 2.0
 _EXIT_REPLACED = 5
 
 _log = structlog.get_logger()
@@ -56,7 +56,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     sweeps.start()
     _log.info("worker ready", worker=worker_id)
     try:
-        while not stop.wait(_HEARTBEAT_S):
+        while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
             _maintain(storage, worker_id, heartbeats, room, scenes)
     except _ReplacedError:
         _log.warning("replaced by another worker", worker=worker_id)

@@ -3,6 +3,7 @@
 import asyncio
 import re
 import time
+from email.utils import formatdate
 from http import HTTPStatus
 
 import structlog
@@ -81,6 +82,7 @@ def _stopping() -> UnavailableError:
 
 def _headers(request_id: str) -> list[tuple[bytes, bytes]]:
     return [
+        (b"date", formatdate(usegmt=True).encode()),
         (b"x-request-id", request_id.encode("latin-1")),
         (b"x-content-type-options", b"nosniff"),
         (b"cache-control", b"private, no-cache"),
