@@ -9,6 +9,7 @@ from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.deletion.service import Deletions
 from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.inspector import Inspector
+from fvs_service.images.partial_uploads import PartialUploads
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
 from fvs_service.jobs.ledger import Ledger
@@ -47,6 +48,7 @@ class Application:
     storage: Storage
     runners: SceneRunners
     staging: StagingArea
+    partial_uploads: PartialUploads
     upload_limit: ConcurrencyLimit
     scenes: Scenes
     images: Images
@@ -106,6 +108,11 @@ def open_application(settings: Settings, make_runners: MakeRunners) -> Iterator[
                 runners=runners,
                 staging=StagingArea(
                     settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
+                ),
+                partial_uploads=PartialUploads(
+                    settings.partial_uploads,
+                    keep_s=settings.partial_upload_s,
+                    per_tenant=limits.open_uploads_per_tenant,
                 ),
                 upload_limit=ConcurrencyLimit("uploads", limits.open_uploads_per_tenant),
                 scenes=Scenes(storage.database, limits),

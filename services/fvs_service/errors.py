@@ -1,7 +1,7 @@
-"""The errors of the service, each with its code and HTTP status.
+"""The errors of the service, each with its code, its HTTP status and its gRPC status.
 
-Services raise these errors; the transport turns them into problem documents (RFC 9457) without naming any of
-them.
+Services raise these errors; the transports turn them into problem documents (RFC 9457) and into
+``google.rpc.Status`` without naming any of them.
 """
 
 from collections.abc import Sequence
@@ -29,6 +29,7 @@ class ServiceError(Exception):
     code: ClassVar[str] = "internal"
     title: ClassVar[str] = "Something went wrong in the service"
     status: ClassVar[int] = 500
+    rpc_status: ClassVar[str] = "INTERNAL"
     retryable: ClassVar[bool] = True
 
     def __init_subclass__(
@@ -37,12 +38,14 @@ class ServiceError(Exception):
         code: str | None = None,
         title: str | None = None,
         status: int | None = None,
+        rpc_status: str | None = None,
         retryable: bool | None = None,
     ) -> None:
         super().__init_subclass__()
         cls.code = cls.code if code is None else code
         cls.title = cls.title if title is None else title
         cls.status = cls.status if status is None else status
+        cls.rpc_status = cls.rpc_status if rpc_status is None else rpc_status
         cls.retryable = cls.retryable if retryable is None else retryable
 
     def __init__(
@@ -65,19 +68,34 @@ class InternalError(ServiceError):
 
 
 class MalformedRequestError(
-    ServiceError, code="malformed-request", title="The request cannot be read", status=400, retryable=False
+    ServiceError,
+    code="malformed-request",
+    title="The request cannot be read",
+    status=400,
+    rpc_status="INVALID_ARGUMENT",
+    retryable=False,
 ):
     """The request cannot be parsed."""
 
 
 class UnauthenticatedError(
-    ServiceError, code="unauthenticated", title="A valid API key is needed", status=401, retryable=False
+    ServiceError,
+    code="unauthenticated",
+    title="A valid API key is needed",
+    status=401,
+    rpc_status="UNAUTHENTICATED",
+    retryable=False,
 ):
     """No key, or one that is unknown, expired or revoked."""
 
 
 class ForbiddenError(
-    ServiceError, code="forbidden", title="The API key does not allow this", status=403, retryable=False
+    ServiceError,
+    code="forbidden",
+    title="The API key does not allow this",
+    status=403,
+    rpc_status="PERMISSION_DENIED",
+    retryable=False,
 ):
     """The key is valid but lacks the scope."""
 
@@ -87,6 +105,7 @@ class ForeignOriginError(
     code="foreign-origin",
     title="Pages of this origin are not allowed",
     status=403,
+    rpc_status="PERMISSION_DENIED",
     retryable=False,
 ):
     """A browser sent the request for a page of another origin."""
@@ -97,12 +116,15 @@ class UnknownHostError(
     code="unknown-host",
     title="The service does not have this name",
     status=421,
+    rpc_status="PERMISSION_DENIED",
     retryable=False,
 ):
     """The request's ``Host`` is not a name of the service."""
 
 
-class NotFoundError(ServiceError, code="not-found", title="Not found", status=404, retryable=False):
+class NotFoundError(
+    ServiceError, code="not-found", title="Not found", status=404, rpc_status="NOT_FOUND", retryable=False
+):
     """It does not exist, or belongs to another tenant: the responses are the same."""
 
 
@@ -111,13 +133,18 @@ class MethodNotAllowedError(
     code="method-not-allowed",
     title="The method is not allowed here",
     status=405,
+    rpc_status="UNIMPLEMENTED",
     retryable=False,
 ):
     """The path exists, the method does not."""
 
 
 class SlowRequestError(
-    ServiceError, code="request-timeout", title="The request took too long to arrive", status=408
+    ServiceError,
+    code="request-timeout",
+    title="The request took too long to arrive",
+    status=408,
+    rpc_status="UNAVAILABLE",
 ):
     """The body stopped arriving, or arrived too slowly."""
 
@@ -127,6 +154,7 @@ class ConflictError(
     code="conflict",
     title="The request does not fit the current state",
     status=409,
+    rpc_status="FAILED_PRECONDITION",
     retryable=False,
 ):
     """The request contradicts the state of its resource."""
@@ -136,16 +164,30 @@ class NoSnapshotError(ConflictError, code="no-snapshot", title="The scene has no
     """The scene has no model yet."""
 
 
-class StaleLeaseError(ConflictError, code="stale-lease", title="Another worker has leased the scene"):
+class StaleLeaseError(
+    ConflictError, code="stale-lease", title="Another worker has leased the scene", rpc_status="ABORTED"
+):
     """Another worker has taken the lease: the operation must stop."""
 
 
-class GoneError(ServiceError, code="gone", title="It has been deleted", status=410, retryable=False):
+class GoneError(
+    ServiceError,
+    code="gone",
+    title="It has been deleted",
+    status=410,
+    rpc_status="NOT_FOUND",
+    retryable=False,
+):
     """What an idempotency key created has been deleted since."""
 
 
 class PayloadTooLargeError(
-    ServiceError, code="payload-too-large", title="The body is too large", status=413, retryable=False
+    ServiceError,
+    code="payload-too-large",
+    title="The body is too large",
+    status=413,
+    rpc_status="RESOURCE_EXHAUSTED",
+    retryable=False,
 ):
     """The body is larger than the limit."""
 
@@ -155,6 +197,7 @@ class UnsupportedMediaTypeError(
     code="unsupported-media-type",
     title="The body's type is not supported",
     status=415,
+    rpc_status="INVALID_ARGUMENT",
     retryable=False,
 ):
     """The route does not accept this type of body."""
@@ -165,6 +208,7 @@ class RangeError(
     code="range-not-satisfiable",
     title="The range is not satisfiable",
     status=416,
+    rpc_status="OUT_OF_RANGE",
     retryable=False,
 ):
     """The range lies outside of the artifact."""
@@ -175,7 +219,12 @@ class RangeError(
 
 
 class InvalidRequestError(
-    ServiceError, code="invalid-request", title="The request is not valid", status=422, retryable=False
+    ServiceError,
+    code="invalid-request",
+    title="The request is not valid",
+    status=422,
+    rpc_status="INVALID_ARGUMENT",
+    retryable=False,
 ):
     """The request can be parsed but not be fulfilled."""
 
@@ -197,7 +246,13 @@ class KeyReusedError(
     """An idempotency key was used with another request before."""
 
 
-class LimitExceededError(ServiceError, code="limit-exceeded", title="A limit is reached", status=429):
+class LimitExceededError(
+    ServiceError,
+    code="limit-exceeded",
+    title="A limit is reached",
+    status=429,
+    rpc_status="RESOURCE_EXHAUSTED",
+):
     """The tenant has reached a limit; ``retry_after_s`` says when to try again."""
 
     def __init__(self, message: str, *, hint: str = "", retry_after_s: int = 5) -> None:
@@ -205,7 +260,11 @@ class LimitExceededError(ServiceError, code="limit-exceeded", title="A limit is 
 
 
 class UnavailableError(
-    ServiceError, code="unavailable", title="The service is not available now", status=503
+    ServiceError,
+    code="unavailable",
+    title="The service is not available now",
+    status=503,
+    rpc_status="UNAVAILABLE",
 ):
     """No worker, queue or database is available now."""
 
@@ -229,18 +288,29 @@ class DeadlineError(
     code="deadline-exceeded",
     title="The answer took longer than the client waits",
     status=504,
+    rpc_status="DEADLINE_EXCEEDED",
     retryable=False,
 ):
     """The time that the client waits for the answer is over; what was computed for it has stopped."""
 
 
 class ClientGoneError(
-    ServiceError, code="client-gone", title="The client has closed the connection", status=499
+    ServiceError,
+    code="client-gone",
+    title="The client has closed the connection",
+    status=499,
+    rpc_status="CANCELLED",
 ):
     """The client hung up before its answer; nobody receives this one."""
 
 
-class OutOfSpaceError(ServiceError, code="out-of-space", title="There is no room left", status=507):
+class OutOfSpaceError(
+    ServiceError,
+    code="out-of-space",
+    title="There is no room left",
+    status=507,
+    rpc_status="RESOURCE_EXHAUSTED",
+):
     """The disk is full."""
 
 
@@ -248,8 +318,13 @@ def deadline_passed(timeout_s: float) -> DeadlineError:
     """The error for a request that could not be answered within ``timeout_s``."""
     return DeadlineError(
         f"There was no answer within {timeout_s:g} s.",
-        hint="Ask for fewer candidates or wait longer (X-Timeout-S).",
+        hint="Ask for fewer candidates or wait longer (X-Timeout-S; over gRPC the deadline).",
     )
+
+
+def stopping() -> UnavailableError:
+    """The error for a request that the service's stop cuts."""
+    return UnavailableError("The service is stopping.", hint="Send the request again.", retry_after_s=5)
 
 
 _OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (

@@ -106,7 +106,9 @@ class Settings(BaseSettings):
     ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
     service, and origins besides its own whose pages may use it. Events whose notification was lost are
     found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
-    ``upload_bytes_per_s`` is refused.
+    ``upload_bytes_per_s`` is refused. gRPC is served beside REST, unless ``grpc`` is false, by default on the
+    port after ``port`` (on a free one when that is 0). An upload that breaks off is kept for
+    ``partial_upload_s``.
     """
 
     model_config = SettingsConfigDict(
@@ -118,6 +120,8 @@ class Settings(BaseSettings):
     blobs_url: str | None = None
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65_535)
+    grpc: bool = True
+    grpc_port: int | None = Field(default=None, ge=0, le=65_535)
     require_keys: bool = False
     tls_certificate: FilePath | None = None
     tls_key: FilePath | None = None
@@ -129,6 +133,7 @@ class Settings(BaseSettings):
     upload_idle_s: PositiveFloat = 30.0
     upload_grace_s: PositiveFloat = 30.0
     upload_bytes_per_s: PositiveFloat = 500.0
+    partial_upload_s: PositiveFloat = 3600.0
     read_within_s: PositiveFloat = 120.0
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
@@ -157,6 +162,20 @@ class Settings(BaseSettings):
     def staging(self) -> Path:
         """The folder of uploads that have not fully arrived."""
         return self.root / "staging"
+
+    @property
+    def partial_uploads(self) -> Path:
+        """The folder of uploads that broke off and may be resumed."""
+        return self.root / "partial-uploads"
+
+    @property
+    def rpc_port(self) -> int | None:
+        """The port of gRPC; None when it is not served."""
+        if not self.grpc:
+            return None
+        if self.grpc_port is not None:
+            return self.grpc_port
+        return self.port + 1 if 0 < self.port < 65_535 else 0
 
     @property
     def loopback(self) -> bool:

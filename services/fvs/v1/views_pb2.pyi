@@ -62,36 +62,6 @@ class RankViewsRequest(_message.Message):
     idempotency_key: str
     def __init__(self, scene_id: _Optional[str] = ..., ranking: _Optional[_Union[RankingRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
-class StreamRankViewsRequest(_message.Message):
-    __slots__ = ("scene_id", "ranking", "idempotency_key")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    RANKING_FIELD_NUMBER: _ClassVar[int]
-    IDEMPOTENCY_KEY_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    ranking: RankingRequest
-    idempotency_key: str
-    def __init__(self, scene_id: _Optional[str] = ..., ranking: _Optional[_Union[RankingRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
-
-class ScoredCandidate(_message.Message):
-    __slots__ = ("id", "score", "status", "coverage")
-    ID_FIELD_NUMBER: _ClassVar[int]
-    SCORE_FIELD_NUMBER: _ClassVar[int]
-    STATUS_FIELD_NUMBER: _ClassVar[int]
-    COVERAGE_FIELD_NUMBER: _ClassVar[int]
-    id: str
-    score: float
-    status: CandidateStatus
-    coverage: float
-    def __init__(self, id: _Optional[str] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ...) -> None: ...
-
-class RankingPart(_message.Message):
-    __slots__ = ("candidate", "ranking")
-    CANDIDATE_FIELD_NUMBER: _ClassVar[int]
-    RANKING_FIELD_NUMBER: _ClassVar[int]
-    candidate: ScoredCandidate
-    ranking: Ranking
-    def __init__(self, candidate: _Optional[_Union[ScoredCandidate, _Mapping]] = ..., ranking: _Optional[_Union[Ranking, _Mapping]] = ...) -> None: ...
-
 class GetRankingRequest(_message.Message):
     __slots__ = ("ranking_id",)
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]

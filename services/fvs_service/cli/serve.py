@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -47,23 +48,29 @@ def serve(
     port: Annotated[
         int | None, typer.Option(min=0, max=65_535, help="0: a free one.", show_default="8000")
     ] = None,
+    grpc: Annotated[
+        bool | None, typer.Option("--grpc/--no-grpc", help="Serve gRPC beside REST.", show_default="--grpc")
+    ] = None,
+    grpc_port: Annotated[
+        int | None,
+        typer.Option(min=0, max=65_535, help="Of gRPC; 0: a free one.", show_default="the one after --port"),
+    ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Number of workers.", show_default="1")] = None,
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
-    """Start the service: REST under /v1, on loopback. Settings also come from FVS_… variables."""
+    """Start the service: REST under /v1 and gRPC, on loopback. Settings also come from FVS_… variables."""
     from fvs_service.serving.process_tree import kill_descendants
     from fvs_service.serving.stop_signals import StopSignals
 
     with StopSignals(STOP_WITHIN_S, kill_descendants) as signals:  # first: imports take seconds
-        _supervise(root, host, port, workers, signals, log_json=log_json)
+        given = {"root": root, "host": host, "port": port, "grpc": grpc, "grpc_port": grpc_port}
+        _supervise(given, workers, signals, log_json=log_json)
         sys.stdout.flush()
         os._exit(0)  # at once: the interpreter's own end takes seconds on a busy machine
 
 
 def _supervise(
-    root: Path | None,
-    host: str | None,
-    port: int | None,
+    given: Mapping[str, object],
     workers: int | None,
     signals: "StopSignals",
     *,
@@ -78,7 +85,7 @@ def _supervise(
 
     configure_logging(machine=log_json)
     log_uncaught()
-    settings = settings_of(root=root, host=host, port=port)
+    settings = settings_of(**given)
     if workers is not None:
         shared = settings.worker.model_copy(update={"count": workers})
         settings = settings.model_copy(update={"worker": shared})

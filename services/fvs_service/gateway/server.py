@@ -1,35 +1,62 @@
-"""The gateway's HTTP server: socket, TLS, and the rule that remote access needs keys."""
+"""The gateway's servers: sockets, TLS, and the rule that remote access needs keys."""
 
 import asyncio
 import gc
 import socket
 import ssl
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from types import FrameType
+from urllib.parse import urlsplit
 
+import structlog
 import uvicorn
+from fastapi import FastAPI
 from pebble import CONSTS
 
+from fvs_engine.records import Record
 from fvs_service.application import MakeRunners, open_storage
-from fvs_service.errors import ForbiddenError
+from fvs_service.errors import ForbiddenError, UnavailableError
 from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
+from fvs_service.gateway.rpc.calls import Gateway
+from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.settings import Settings
 
 _STOP_WITHIN_S = 1
-"""Requests that take longer are given up; the supervisor's patience is longer than this."""
+"""Calls, then requests that take longer are given up; the supervisor's patience is longer than both."""
 _UNREAD_MS = 120_000
 _INSPECTORS_S = 1.0
 """How often pebble looks whether an inspector has died or takes too long; its 0.1 s is a load by itself."""
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
+_log = structlog.get_logger()
+
+
+class Addresses(Record):
+    """Where the gateway listens: its URL, and the port of gRPC, None without it."""
+
+    url: str
+    rpc_port: int | None
+
+    @property
+    def rpc_url(self) -> str | None:
+        """The address of gRPC, as ``grpc://host:port``, or ``grpcs`` with TLS."""
+        if self.rpc_port is None:
+            return None
+        parts = urlsplit(self.url)
+        scheme = "grpcs" if parts.scheme == "https" else "grpc"
+        return f"{scheme}://{parts.netloc.rpartition(':')[0]}:{self.rpc_port}"
+
 
 def run_gateway(
-    settings: Settings, make_runners: MakeRunners, *, announce: Callable[[str], object] = lambda _: None
+    settings: Settings,
+    make_runners: MakeRunners,
+    *,
+    announce: Callable[[Addresses], object] = lambda _: None,
 ) -> None:
-    """Serve until SIGINT or SIGTERM; calls ``announce`` with the URL once requests are served.
+    """Serve until SIGINT or SIGTERM; calls ``announce`` once requests are served.
 
     Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
     """
@@ -58,7 +85,9 @@ def run_gateway(
     host, port = listening.getsockname()[:2]
     scheme = "http" if settings.tls_certificate is None else "https"
     url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-    _Server(config, lambda: announce(url), lambda: app.state.feed.close()).run(sockets=[listening])
+    GatewayServer(config, app, settings, lambda rpc: announce(Addresses(url=url, rpc_port=rpc))).run(
+        sockets=[listening]
+    )
 
 
 def listen(config: uvicorn.Config) -> socket.socket:
@@ -75,17 +104,22 @@ def listen(config: uvicorn.Config) -> socket.socket:
     return listening
 
 
-class _Server(uvicorn.Server):
-    """Calls ``started`` once it serves requests, and ``end_streams`` when it stops to."""
+class GatewayServer(uvicorn.Server):
+    """Serves REST and, unless the settings say otherwise, gRPC on one event loop.
+
+    Calls ``started`` with the port of gRPC, None without it, once it serves requests.
+    """
 
     def __init__(
         self,
         config: uvicorn.Config,
-        started: Callable[[], object],
-        end_streams: Callable[[], Awaitable[None]],
+        app: FastAPI,
+        settings: Settings,
+        started: Callable[[int | None], object] = lambda _: None,
     ) -> None:
         super().__init__(config)
-        self._started, self._end_streams = started, end_streams
+        self._app, self._settings, self._when_started = app, settings, started
+        self._rpc: RpcServer | None = None
         self._signaled = asyncio.Event()
         self._wake: Callable[[], object] = lambda: None
 
@@ -95,8 +129,22 @@ class _Server(uvicorn.Server):
         # What is loaded now stays. A full collection would look at all of it, and take 0.1 s each time.
         gc.collect()
         gc.freeze()
-        if self.started:
-            self._started()
+        if not self.started:
+            return
+        if self._settings.rpc_port is None:
+            self._when_started(None)
+            return
+        state = self._app.state
+        gateway = Gateway(state.application, state.feed, state.metrics, state.loop_lag, state.parsing)
+        rpc = RpcServer(gateway, self._settings)
+        try:
+            self._when_started(await rpc.start())
+        except UnavailableError as error:
+            _log.error(error.message, hint=error.hint)
+            await self.shutdown(sockets)
+            self.should_exit = True
+            return
+        self._rpc = rpc
 
     async def main_loop(self) -> None:
         """Wait for a signal; uvicorn looks for one, and at the clock, ten times a second."""
@@ -112,7 +160,9 @@ class _Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End the streams of events, which would have no end of their own, and all other requests."""
-        await self._end_streams()
+        await self._app.state.feed.close()
+        if self._rpc is not None:  # before the application closes
+            await self._rpc.stop(_STOP_WITHIN_S)
         await super().shutdown(sockets)
 
 

@@ -5,13 +5,16 @@ A file that is not moved into the blobs is deleted.
 
 import hashlib
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from uuid import uuid4
 
-from fvs_service.errors import PayloadTooLargeError
+from fvs_service.errors import DigestMismatchError, PayloadTooLargeError
 from fvs_service.storage.blobs import full_disk_as_error, require_room
+
+_HASHED_BYTES = 1_048_576
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,21 @@ class StagingArea:
         shutil.rmtree(self._folder)
         self._folder.mkdir()
 
-    def receive(self, expected_bytes: int | None) -> "Receiver":
+    def receive(
+        self, expected_bytes: int | None, begin: Callable[[Path], object] | None = None
+    ) -> "Receiver":
         """Start an upload; ``expected_bytes`` is its declared size, None without one.
 
-        Raises ``PayloadTooLargeError`` or ``OutOfSpaceError`` early when the size is declared.
+        ``begin`` writes the file's first bytes, when these arrived before. Raises ``PayloadTooLargeError`` or
+        ``OutOfSpaceError`` early when the size is declared.
         """
         if expected_bytes is not None and expected_bytes > self.max_bytes:
             raise too_large(self.max_bytes)
         require_room(self._folder, expected_bytes or self.max_bytes, self._reserve_bytes)
-        return Receiver(self._folder / f"{uuid4().hex}.upload", self.max_bytes)
+        path = self._folder / f"{uuid4().hex}.upload"
+        if begin is not None:
+            begin(path)
+        return Receiver(path, self.max_bytes)
 
 
 class Receiver:
@@ -57,7 +66,10 @@ class Receiver:
         self._hash = hashlib.sha256()
         self._size = 0
         with full_disk_as_error():
-            self._file = path.open("wb")
+            self._file = path.open("a+b")
+        self._file.seek(0)
+        while chunk := self._file.read(_HASHED_BYTES):
+            self._count(chunk)
 
     def __enter__(self) -> "Receiver":
         return self
@@ -70,11 +82,25 @@ class Receiver:
 
     def write(self, chunk: bytes) -> None:
         """Write the next bytes; raises ``PayloadTooLargeError`` and ``OutOfSpaceError``."""
-        self._size += len(chunk)
-        if self._size > self._max_bytes:
+        if self._size + len(chunk) > self._max_bytes:
             raise too_large(self._max_bytes)
         with full_disk_as_error():
             self._file.write(chunk)
+        self._count(chunk)
+
+    @property
+    def size_bytes(self) -> int:
+        """So many bytes have been written."""
+        return self._size
+
+    def part(self) -> Path:
+        """The file of an upload that breaks off; it is deleted unless it is moved."""
+        with full_disk_as_error():
+            self._file.close()
+        return self._path
+
+    def _count(self, chunk: bytes) -> None:
+        self._size += len(chunk)
         self._hash.update(chunk)
 
     def finish(self) -> StagedFile:
@@ -89,3 +115,12 @@ def too_large(max_bytes: int) -> PayloadTooLargeError:
     return PayloadTooLargeError(
         f"The body has more than {max_bytes} bytes.", hint="GET /v1/capabilities shows the limits."
     )
+
+
+def require_digest(actual: str, *declared: str | None) -> None:
+    """Raise ``DigestMismatchError`` unless all declared digests are ``actual``."""
+    for digest in declared:
+        if digest is not None and digest != actual:
+            raise DigestMismatchError(
+                f"The bytes have the digest {actual}, not {digest}.", hint="Send the image again."
+            )

@@ -1,7 +1,7 @@
 """The supervisor's child processes: ``python -m fvs_service.serving.process gateway|worker``.
 
-The first line of standard input is a ``ProcessOrder``. A gateway writes its URL to standard output once it
-answers.
+The first line of standard input is a ``ProcessOrder``. A gateway writes its ``Addresses`` to standard output
+once it answers.
 """
 
 import os
@@ -43,8 +43,12 @@ def main() -> None:
 def _run_gateway(order: ProcessOrder) -> None:
     from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
 
-    run_gateway(order.settings, LeasedRunners, announce=lambda url: print(url, flush=True))  # noqa: T201
+    run_gateway(order.settings, LeasedRunners, announce=_print)
     os._exit(0)  # without waiting for threads whose requests have been given up
+
+
+def _print(addresses: Record) -> None:
+    print(addresses.model_dump_json(), flush=True)  # noqa: T201
 
 
 def _run_worker(order: ProcessOrder) -> None:

@@ -22,9 +22,10 @@ _STOP_WITHIN_S = 30.0
 
 @dataclass(frozen=True)
 class RunningService:
-    """A service at ``url``; ``pid`` is its supervisor's."""
+    """A service at ``url``, with gRPC at ``rpc_url``; ``pid`` is its supervisor's."""
 
     url: str
+    rpc_url: str
     pid: int
 
     def processes(self, command: str) -> tuple[int, ...]:
@@ -57,7 +58,7 @@ def running_service(
             url = process.stdout.readline().strip()  # written once the service answers
             if not url:
                 raise UnavailableError("The service did not start.", hint=f"See {log}.")
-            yield RunningService(url, process.pid)
+            yield RunningService(url, process.stdout.readline().strip(), process.pid)
         finally:
             process.send_signal(signal.SIGTERM)
             try:

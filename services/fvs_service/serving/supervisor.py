@@ -18,7 +18,7 @@ from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_service.application import open_storage
 from fvs_service.errors import ConflictError, UnavailableError
-from fvs_service.gateway.server import require_protection
+from fvs_service.gateway.server import Addresses, require_protection
 from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.stop_signals import StopSignals
@@ -60,7 +60,7 @@ class Supervisor:
         self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
 
     def run(self, announce: Callable[[str], object]) -> None:
-        """Start all processes, call ``announce`` with the gateway's URL, and supervise until a signal.
+        """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
         Raises ``ForbiddenError`` when other machines can reach the service and no API key protects it,
         ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
@@ -72,10 +72,12 @@ class Supervisor:
             with open_storage(self._settings):
                 pass  # the processes meet a database that is migrated
             try:
-                url = self._start_gateway()
-                if not url:
+                addresses = self._start_gateway()
+                if addresses is None:
                     return
-                announce(url)
+                announce(addresses.url)
+                if addresses.rpc_url is not None:
+                    announce(addresses.rpc_url)
                 for worker in self._workers:
                     self._start(worker)
                 while not self._signals.wait(self._until_next_start_s()):
@@ -85,20 +87,25 @@ class Supervisor:
             finally:
                 self._stop_all()
 
-    def _start_gateway(self) -> str:
+    def _start_gateway(self) -> Addresses | None:
         self._start(self._gateway)
         assert self._gateway.process is not None
-        url = child_process.first_line(self._gateway.process, _START_S, lambda: self._signals.stopping)
-        if not url and self._signals.stopping:
-            return ""
-        if not url:
+        line = child_process.first_line(self._gateway.process, _START_S, lambda: self._signals.stopping)
+        if not line and self._signals.stopping:
+            return None
+        if not line:
+            host, rpc_port = self._settings.host, self._settings.rpc_port
             raise UnavailableError(
-                f"The gateway cannot listen on {self._settings.host}:{self._settings.port}.",
-                hint="Another program may use the port: choose another with --port, or 0 for a free one.",
+                f"The gateway cannot listen on {host}:{self._settings.port}"
+                + (f", or for gRPC on {host}:{rpc_port}." if rpc_port else "."),
+                hint="Another program may use the port: choose another with --port (for gRPC --grpc-port), "
+                "or 0 for a free one.",
             )
+        addresses = Addresses.model_validate_json(line)
         # A restarted gateway must listen where clients found the first one.
-        self._settings = self._settings.model_copy(update={"port": urlsplit(url).port})
-        return url
+        ports = {"port": urlsplit(addresses.url).port, "grpc_port": addresses.rpc_port}
+        self._settings = self._settings.model_copy(update=ports)
+        return addresses
 
     def _start(self, child: _Child) -> None:
         order = ProcessOrder(

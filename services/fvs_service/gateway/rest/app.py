@@ -58,7 +58,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
             fleet = FleetCollector(application.storage.database, settings.root, settings.lease_s)
             metrics.registry.register(fleet)
-            app.state.parsing = anyio.CapacityLimiter(_PARSERS)
+            app.state.loop_lag, app.state.parsing = loop_lag, anyio.CapacityLimiter(_PARSERS)
             watching = asyncio.gather(feed.watch(), loop_lag.watch())
             subscription = application.storage.database.subscribe({Topic.EVENTS: feed.notify})
             try:

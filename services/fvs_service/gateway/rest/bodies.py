@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.dependencies import App, Parsing
-from fvs_service.gateway.rest.validation import invalid_body
+from fvs_service.gateway.validation import invalid_body
 from fvs_service.model import Model
 from fvs_service.principal import Principal
 from fvs_service.settings import Limits

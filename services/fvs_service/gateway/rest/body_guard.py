@@ -1,7 +1,6 @@
 """Limits on requests before they are handled: the size and the speed of the body, the fields of the query."""
 
 import asyncio
-import time
 from collections.abc import Callable
 
 from starlette.requests import Request
@@ -10,10 +9,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from fvs_service.errors import (
     InvalidRequestError,
     ServiceError,
-    SlowRequestError,
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.rest.problems import problem_response
+from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.staging import too_large
 from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
@@ -45,15 +44,15 @@ class BodyGuard:
         await self._app(scope, self._guarded(receive, limit), send)
 
     def _guarded(self, receive: Receive, limit: int) -> Callable[[], asyncio.Future[Message]]:
-        patience = _Patience(self._settings)
+        pace = UploadPace(self._settings)
         received, more = 0, True
 
         async def guarded() -> Message:
             nonlocal received, more
             if not more:  # after the body only a disconnect can follow
                 return await receive()
-            message = await patience.wait(receive)
-            size = len(message.get("body", b""))
+            message = await pace.wait(receive, _body_bytes)
+            size = _body_bytes(message)
             received += size
             self._metrics.received_bytes.inc(size)
             more = message["type"] == "http.request" and message.get("more_body", False)
@@ -74,41 +73,8 @@ class BodyGuard:
         return min(limits.json_bytes, _WITHOUT_LISTS_BYTES)
 
 
-class _Patience:
-    """How long a body may still be waited for.
-
-    It begins with the grace period. Waiting uses it up, each byte restores the time that a body of the least
-    allowed speed takes for it, and it never exceeds the grace period: a fast start does not pay for a slow
-    rest. Only the client's time counts, not that in which nobody asks for more.
-    """
-
-    def __init__(self, settings: Settings) -> None:
-        self._idle_s, self._grace_s = settings.upload_idle_s, settings.upload_grace_s
-        self._bytes_per_s = settings.upload_bytes_per_s
-        self._left_s = self._grace_s
-
-    async def wait(self, receive: Receive) -> Message:
-        """The next part of the body; raises ``SlowRequestError``."""
-        started = time.monotonic()
-        try:
-            async with asyncio.timeout(min(self._idle_s, self._left_s)):
-                message = await receive()
-        except TimeoutError as error:
-            raise self._error() from error
-        waited_s = time.monotonic() - started
-        restored_s = len(message.get("body", b"")) / self._bytes_per_s
-        self._left_s = min(self._grace_s, self._left_s - waited_s + restored_s)
-        if self._left_s <= 0:
-            raise self._error()
-        return message
-
-    def _error(self) -> SlowRequestError:
-        if self._left_s > self._idle_s:
-            return SlowRequestError(f"No byte of the body arrived for {self._idle_s:g} s.")
-        return SlowRequestError(
-            f"The body arrived at less than {self._bytes_per_s:g} bytes per second for {self._grace_s:g} s.",
-            hint="Send it over a better connection, or raise FVS_UPLOAD_GRACE_S.",
-        )
+def _body_bytes(message: Message) -> int:
+    return len(message.get("body", b""))
 
 
 def _refusal(scope: Scope, limit: int) -> ServiceError | None:

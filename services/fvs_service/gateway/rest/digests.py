@@ -7,7 +7,7 @@ import base64
 import binascii
 import re
 
-from fvs_service.errors import DigestMismatchError, MalformedRequestError
+from fvs_service.errors import MalformedRequestError
 
 _SHA256 = re.compile(r"(?:^|,)\s*sha-256=([^,]*)")
 _BYTES = re.compile(r":([A-Za-z0-9+/=]*):\s*")
@@ -39,12 +39,3 @@ def declared_digest(header: str | None) -> str | None:
 def repr_digest(digest: str) -> str:
     """The header for ``sha256:…``."""
     return f"sha-256=:{base64.b64encode(bytes.fromhex(digest.removeprefix('sha256:'))).decode()}:"
-
-
-def require_digest(actual: str, *declared: str | None) -> None:
-    """Raise ``DigestMismatchError`` unless all declared digests are ``actual``."""
-    for digest in declared:
-        if digest is not None and digest != actual:
-            raise DigestMismatchError(
-                f"The bytes have the digest {actual}, not {digest}.", hint="Send the image again."
-            )

@@ -24,7 +24,7 @@ from fvs_service.gateway.rest.dependencies import (
     SceneUploader,
     scene_uploader,
 )
-from fvs_service.gateway.rest.digests import declared_digest, repr_digest, require_digest
+from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import receive_files
 from fvs_service.gateway.rest.ranges import ranged_response
 from fvs_service.gateway.rest.routing import json_router
@@ -38,6 +38,7 @@ from fvs_service.images.model import (
     UploadAnswer,
     UploadItem,
 )
+from fvs_service.images.staging import require_digest
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 

@@ -1,7 +1,6 @@
 """Middleware of all requests: an id, a log line, metrics."""
 
 import asyncio
-import re
 import time
 from email.utils import formatdate
 from http import HTTPStatus
@@ -10,13 +9,12 @@ import structlog
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fvs_service.errors import UnavailableError
+from fvs_service.errors import stopping
 from fvs_service.gateway.loop_lag import LoopLag
+from fvs_service.gateway.request_id import request_id_of
 from fvs_service.gateway.rest.problems import problem_response
-from fvs_service.ids import new_id
 from fvs_service.telemetry import Metrics
 
-_REQUEST_ID = re.compile(r"^[A-Za-z0-9._-]{1,64}$")
 _QUIET = frozenset({"/livez", "/readyz", "/metrics"})
 
 _log = structlog.get_logger()
@@ -36,7 +34,7 @@ class RequestContext:
             await self._app(scope, receive, send)
             return
         offered = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
-        request_id = offered if _REQUEST_ID.match(offered) else new_id("req")
+        request_id = request_id_of(offered)
         scope.setdefault("state", {})["request_id"] = request_id
         self._loop_lag.handling()
         started, status = time.perf_counter(), HTTPStatus.INTERNAL_SERVER_ERROR.value
@@ -60,7 +58,7 @@ class RequestContext:
                 await self._app(scope, receive_observed, send_with_id)
             except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
                 if not responding:
-                    await problem_response(Request(scope), _stopping())(scope, receive, send_with_id)
+                    await problem_response(Request(scope), stopping())(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - started
                 route = getattr(scope.get("route"), "path", "unknown")
@@ -74,10 +72,6 @@ class RequestContext:
                         status=status,
                         ms=round(seconds * 1000, 1),
                     )
-
-
-def _stopping() -> UnavailableError:
-    return UnavailableError("The service is stopping.", hint="Send the request again.", retry_after_s=5)
 
 
 def _headers(request_id: str) -> list[tuple[bytes, bytes]]:

@@ -14,7 +14,7 @@ from starlette.routing import Match
 from fvs_engine.errors import EngineError
 from fvs_service import errors
 from fvs_service.errors import ServiceError
-from fvs_service.gateway.rest import validation
+from fvs_service.gateway import validation
 from fvs_service.model import Model
 
 MEDIA_TYPE = "application/problem+json"

@@ -23,20 +23,23 @@ def invalid_request(error: RequestValidationError) -> InvalidRequestError:
     return _error(_field(item["type"], item["msg"], item["loc"][1:]) for item in found)
 
 
-def invalid_body(error: ValidationError, body: object) -> InvalidRequestError:
-    """The error for a ``body`` that does not fit its model."""
+def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> InvalidRequestError:
+    """The error for a ``body`` that does not fit its model; ``hint`` says where the model is described."""
     found = error.errors(include_url=False, include_context=False, include_input=False)[:_MAX_FIELDS]
     return _error(
-        _field(item["type"], item["msg"], _path(item["loc"], body, missing=item["type"] == "missing"))
-        for item in found
+        (
+            _field(item["type"], item["msg"], _path(item["loc"], body, missing=item["type"] == "missing"))
+            for item in found
+        ),
+        hint,
     )
 
 
-def _error(fields: Iterable[FieldError]) -> InvalidRequestError:
+def _error(fields: Iterable[FieldError], hint: str = _HINT) -> InvalidRequestError:
     found = tuple(dict.fromkeys(fields))  # dependencies may share a parameter
     first = found[0]
     sentence = f"{first.field}: {first.message}." if first.field else _sentence(first.message)
-    return InvalidRequestError(sentence, errors=found, hint=_HINT)
+    return InvalidRequestError(sentence, errors=found, hint=hint)
 
 
 def _field(kind: str, message: str, path: Iterable[str | int]) -> FieldError:

@@ -1,0 +1,1 @@
+"""gRPC: the services of ``fvs.v1`` over the same application as REST."""

@@ -1,0 +1,182 @@
+"""What all calls have in common: id, API key, deadline, parsing, errors, a log line, metrics.
+
+Messages arrive as bytes and leave as bytes: nothing is parsed before the caller is known, and neither parsing
+nor serialising runs on the event loop.
+"""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, TypeVar
+
+import anyio
+import anyio.to_thread
+import grpc
+import structlog
+from google.protobuf.message import Message
+
+from fvs_engine.errors import EngineError
+from fvs_service.application import Application
+from fvs_service.errors import (
+    ClientGoneError,
+    DeadlineError,
+    InternalError,
+    InvalidRequestError,
+    ServiceError,
+    UnauthenticatedError,
+    from_engine,
+    stopping,
+)
+from fvs_service.events.feed import EventFeed
+from fvs_service.gateway.loop_lag import LoopLag
+from fvs_service.gateway.request_id import HEADER, request_id_of
+from fvs_service.gateway.rpc.conversion import parse
+from fvs_service.gateway.rpc.failures import DETAILS, code_of, status_of
+from fvs_service.principal import Principal
+from fvs_service.telemetry import Metrics
+
+T = TypeVar("T")
+MessageT = TypeVar("MessageT", bound=Message)
+
+Context: TypeAlias = grpc.aio.ServicerContext
+
+MAX_ID_CHARACTERS = 128
+_METHOD = "RPC"
+"""The method in log lines and metrics, where REST has GET or POST."""
+_BEARER = "bearer "
+_LARGE_BYTES = 65_536
+"""Larger messages are parsed one at a time: parsing holds the interpreter."""
+
+_log = structlog.get_logger()
+
+
+@dataclass
+class Gateway:
+    """What calls use of the gateway; ``running`` are the tasks of the calls, which a stop cuts."""
+
+    application: Application
+    feed: EventFeed
+    metrics: Metrics
+    loop_lag: LoopLag
+    parsing: anyio.CapacityLimiter
+    stopping: bool = False
+    running: set["asyncio.Task[Any]"] = field(default_factory=set)
+
+
+class Call:
+    """One call that is being answered."""
+
+    def __init__(self, gateway: Gateway, context: Context, metadata: dict[str, str]) -> None:
+        self._gateway, self._context, self._metadata = gateway, context, metadata
+
+    async def caller(self) -> Principal:
+        """The principal of the API key in the metadata; raises ``UnauthenticatedError``."""
+        keys = self._gateway.application.storage.keys
+        given = self._metadata.get("authorization")
+        if given is None:
+            return keys.authenticate(None)
+        if given[: len(_BEARER)].lower() != _BEARER:  # a broken credential must not count as none
+            raise UnauthenticatedError("The authorization metadata is not a Bearer key.")
+        return await anyio.to_thread.run_sync(keys.authenticate, given[len(_BEARER) :].strip())
+
+    async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
+        """Run ``function``, which parses ``size_bytes``, in a thread."""
+        limiter = self._gateway.parsing if size_bytes > _LARGE_BYTES else None
+        return await anyio.to_thread.run_sync(function, limiter=limiter)
+
+    async def write(self, content: bytes) -> None:
+        """Send a message of a stream; a client that does not read is cut off."""
+        self._gateway.loop_lag.handling()
+        within_s = self._gateway.application.storage.settings.read_within_s
+        try:
+            async with asyncio.timeout(within_s):
+                await self._context.write(content)
+        except TimeoutError as error:
+            raise ClientGoneError(f"The client has read nothing for {within_s:g} s.") from error
+
+    @property
+    def gateway(self) -> Gateway:
+        """The gateway that answers."""
+        return self._gateway
+
+    @property
+    def left_s(self) -> float | None:
+        """The time until the deadline; None without one."""
+        return self._context.time_remaining()  # type: ignore[no-any-return]
+
+    def timeout_s(self) -> float:
+        """How long may be computed for the call."""
+        most = self._gateway.application.storage.settings.limits.ranking_timeout_s
+        return most if self.left_s is None else min(self.left_s, most)
+
+
+async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[Call], Awaitable[T]]) -> T:
+    """The result of ``work``; whatever fails ends the call with a status that says why."""
+    metadata = {key: value for key, value in context.invocation_metadata() or () if isinstance(value, str)}
+    request_id = request_id_of(metadata.get(HEADER, ""))
+    call = Call(gateway, context, metadata)
+    task = asyncio.current_task()
+    assert task is not None
+    gateway.running.add(task)
+    gateway.loop_lag.handling()
+    with structlog.contextvars.bound_contextvars(request_id=request_id), _counted(gateway, name) as outcome:
+        try:
+            if call.left_s is not None and call.left_s <= 0:
+                raise DeadlineError("The deadline had passed before the call arrived.")
+            return await work(call)
+        except asyncio.CancelledError:
+            error = _cut(gateway, call)
+            outcome.append(error)
+            if not gateway.stopping:
+                raise
+        except ServiceError as failure:
+            error = failure
+        except EngineError as failure:
+            error = from_engine(failure)
+        except Exception as failure:
+            _log.error("request failed", path=name, exc_info=failure)
+            error = InternalError(
+                "The service failed.", hint="Try again; if it fails again, report the request_id."
+            )
+        finally:
+            gateway.running.discard(task)
+        outcome.append(error)
+        status = status_of(error, request_id)
+        trailers = ((HEADER, request_id), (DETAILS, status.SerializeToString()))
+        await context.abort(code_of(error), status.message, trailers)
+        raise AssertionError  # abort always raises
+
+
+def _cut(gateway: Gateway, call: Call) -> ServiceError:
+    """Why a call was cancelled."""
+    if gateway.stopping:
+        return stopping()
+    if call.left_s is not None and call.left_s <= 0:
+        return DeadlineError("The deadline has passed.")
+    return ClientGoneError("The client has cancelled the call.")
+
+
+@contextmanager
+def _counted(gateway: Gateway, name: str) -> Iterator[list[ServiceError]]:
+    """Log and count a call; its error goes into the list."""
+    outcome: list[ServiceError] = []
+    started = time.perf_counter()
+    try:
+        yield outcome
+    finally:
+        seconds = time.perf_counter() - started
+        status = code_of(outcome[-1]).name if outcome else "OK"
+        gateway.metrics.requests.labels(_METHOD, name, status).inc()
+        gateway.metrics.seconds.labels(_METHOD, name).observe(seconds)
+        _log.info("request", method=_METHOD, path=name, status=status, ms=round(seconds * 1000, 1))
+
+
+def parsed(kind: type[MessageT], content: bytes) -> MessageT:
+    """The request in ``content``; raises ``InvalidRequestError`` where an id cannot be one."""
+    message = parse(kind, content)
+    for described, value in message.ListFields():
+        if described.name.endswith("_id") and (len(value) > MAX_ID_CHARACTERS or "\0" in value):
+            raise InvalidRequestError(f"{described.name}: it is not an id.")
+    return message

@@ -1,0 +1,143 @@
+"""Binds the methods of servicers to those of ``fvs.v1``, by name.
+
+A servicer's method gets the caller and the parsed request and returns a model, a message or None:
+
+* a plain method runs in a thread, with the parsing and the serialising;
+* a coroutine runs on the event loop, and gets the ``Call`` too;
+* an asynchronous generator answers a stream, and gets the ``Call`` too;
+* a coroutine for a stream of requests gets the ``Call``, and in place of the request a function that returns
+  the bytes of the next one, None after the last.
+"""
+
+import inspect
+import re
+from collections.abc import Callable
+from contextlib import aclosing
+from typing import Any, Protocol
+
+import grpc
+from anyio.to_thread import run_sync
+from google.protobuf.descriptor import MethodDescriptor, ServiceDescriptor
+from google.protobuf.message import Message
+from google.protobuf.message_factory import GetMessageClass
+
+from fvs_service.errors import PayloadTooLargeError
+from fvs_service.gateway.rpc.calls import Call, Context, Gateway, answer, parsed
+from fvs_service.gateway.rpc.conversion import write
+from fvs_service.model import Model
+from fvs_service.principal import Principal
+
+_WITH_LISTS = frozenset({"CheckImages", "RankViews"})
+_WITHOUT_LISTS_BYTES = 65_536
+"""Of the requests of all other methods."""
+
+
+class Servicer(Protocol):
+    """The methods of a service, in snake case."""
+
+    service: ServiceDescriptor
+
+
+def handlers_of(gateway: Gateway, servicer: Servicer) -> grpc.GenericRpcHandler:
+    """The handlers of a service."""
+    methods = {
+        method.name: _handler(gateway, method, getattr(servicer, snake(method.name)))
+        for method in servicer.service.methods
+    }
+    return grpc.method_handlers_generic_handler(servicer.service.full_name, methods)
+
+
+def snake(name: str) -> str:
+    """``GetSceneSize`` as ``get_scene_size``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+class _Operation:
+    """One method of a service, and the servicer's function for it."""
+
+    def __init__(self, gateway: Gateway, method: MethodDescriptor, function: Callable[..., Any]) -> None:
+        self._gateway, self._function = gateway, function
+        self._name = f"/{method.containing_service.full_name}/{method.name}"
+        self._request_kind, self._result_kind = (
+            GetMessageClass(method.input_type),
+            GetMessageClass(method.output_type),
+        )
+        json_bytes = gateway.application.storage.settings.limits.json_bytes
+        self._most_bytes = json_bytes if method.name in _WITH_LISTS else min(json_bytes, _WITHOUT_LISTS_BYTES)
+
+    async def in_thread(self, content: bytes, context: Context) -> bytes:
+        """Answer a request with a plain method."""
+
+        async def work(call: Call) -> bytes:
+            caller = await self._caller(call, content)
+            return await call.run(
+                len(content), lambda: self._serialised(self._function(caller, self._parsed(content)))
+            )
+
+        return await answer(self._gateway, context, self._name, work)
+
+    async def on_loop(self, content: bytes, context: Context) -> bytes:
+        """Answer a request with a coroutine."""
+
+        async def work(call: Call) -> bytes:
+            caller = await self._caller(call, content)
+            request = await call.run(len(content), lambda: self._parsed(content))
+            result = await self._function(call, caller, request)
+            return await run_sync(self._serialised, result)
+
+        return await answer(self._gateway, context, self._name, work)
+
+    async def to_stream(self, content: bytes, context: Context) -> None:
+        """Answer a request with a stream."""
+
+        async def work(call: Call) -> None:
+            caller = await self._caller(call, content)
+            request = await call.run(len(content), lambda: self._parsed(content))
+            async with aclosing(self._function(call, caller, request)) as results:
+                async for result in results:
+                    await call.write(await run_sync(self._serialised, result))
+
+        await answer(self._gateway, context, self._name, work)
+
+    async def from_stream(self, _: object, context: Context) -> bytes:
+        """Answer a stream of requests."""
+
+        async def receive() -> bytes | None:
+            content = await context.read()
+            return None if content is grpc.aio.EOF else content
+
+        async def work(call: Call) -> bytes:
+            result = await self._function(call, await call.caller(), receive)
+            return await run_sync(self._serialised, result)
+
+        return await answer(self._gateway, context, self._name, work)
+
+    async def _caller(self, call: Call, content: bytes) -> Principal:
+        caller = await call.caller()
+        if len(content) > self._most_bytes:
+            raise PayloadTooLargeError(
+                f"The request has more than {self._most_bytes} bytes.", hint="Split it into several calls."
+            )
+        return caller
+
+    def _parsed(self, content: bytes) -> Message:
+        return parsed(self._request_kind, content)
+
+    def _serialised(self, result: Model | Message | None) -> bytes:
+        if result is None:
+            return b""  # google.protobuf.Empty
+        message = write(result, self._result_kind) if isinstance(result, Model) else result
+        content: bytes = message.SerializeToString()
+        return content
+
+
+def _handler(
+    gateway: Gateway, method: MethodDescriptor, function: Callable[..., Any]
+) -> grpc.RpcMethodHandler:
+    operation = _Operation(gateway, method, function)
+    if method.client_streaming:
+        return grpc.stream_unary_rpc_method_handler(operation.from_stream)
+    if method.server_streaming:
+        return grpc.unary_stream_rpc_method_handler(operation.to_stream)
+    of_loop = inspect.iscoroutinefunction(function)
+    return grpc.unary_unary_rpc_method_handler(operation.on_loop if of_loop else operation.in_thread)

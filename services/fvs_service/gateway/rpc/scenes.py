@@ -1,0 +1,75 @@
+"""Scenes and their events over gRPC."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from anyio.to_thread import run_sync
+from fvs.v1 import scenes_pb2 as pb
+from pydantic import Field
+
+from fvs_service.application import Application
+from fvs_service.errors import stopping
+from fvs_service.events.model import Event, EventKind
+from fvs_service.gateway.rpc.calls import Call
+from fvs_service.gateway.rpc.conversion import pick, read
+from fvs_service.gateway.rpc.requests import idempotency_key, page_of
+from fvs_service.model import Model, Page
+from fvs_service.principal import Principal, Scope
+from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
+
+
+class _Start(Model):
+    after: Annotated[int, Field(ge=0, le=2**53)] = 0
+
+
+class SceneServicer:
+    """``fvs.v1.SceneService``."""
+
+    service = pb.DESCRIPTOR.services_by_name["SceneService"]
+
+    def __init__(self, app: Application) -> None:
+        self._app = app
+
+    def create_scene(self, caller: Principal, request: pb.CreateSceneRequest) -> Scene:
+        """Create a scene."""
+        caller.require(Scope.OPERATE)
+        return self._app.scenes.create(caller, read(SceneRequest, request.scene), idempotency_key(request))
+
+    def list_scenes(self, caller: Principal, request: pb.ListScenesRequest) -> SceneList:
+        """List the scenes."""
+        return self._app.scenes.all(caller, page_of(Page, request, self._app.storage.settings.limits))
+
+    def get_scene(self, caller: Principal, request: pb.GetSceneRequest) -> Scene:
+        """Return a scene."""
+        return self._app.scenes.get(caller, request.scene_id)
+
+    def change_scene(self, caller: Principal, request: pb.ChangeSceneRequest) -> Scene:
+        """Change a scene."""
+        self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
+        return self._app.scenes.change(caller, request.scene_id, read(SceneChange, request.change))
+
+    def delete_scene(self, caller: Principal, request: pb.DeleteSceneRequest) -> None:
+        """Delete a scene."""
+        self._app.deletions.scene(caller, request.scene_id)
+
+    def get_scene_size(self, caller: Principal, request: pb.GetSceneSizeRequest) -> SceneSize:
+        """Return the disk space of a scene."""
+        return self._app.scenes.size(caller, request.scene_id)
+
+    async def watch_events(
+        self, call: Call, caller: Principal, request: pb.WatchEventsRequest
+    ) -> AsyncIterator[Event]:
+        """Stream the events of a scene."""
+        feed, metrics, scene_id = call.gateway.feed, call.gateway.metrics, request.scene_id
+        await run_sync(feed.check, caller, scene_id)
+        after = pick(_Start, request).after
+        if request.tail and not request.HasField("after"):
+            after = await feed.newest()
+        with feed.stream_limit.slot(caller.tenant_id), metrics.streams.track_inprogress():
+            async for event in feed.follow(scene_id, after):
+                if event is None:
+                    continue
+                yield event
+                if event.kind is EventKind.SCENE_DELETED:
+                    return
+        raise stopping()

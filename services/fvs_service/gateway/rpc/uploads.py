@@ -1,0 +1,112 @@
+"""Uploads over gRPC: a stream that says what it sends, then the bytes."""
+
+from collections.abc import Awaitable, Callable
+
+from anyio.to_thread import run_sync
+from fvs.v1 import images_pb2 as pb
+
+from fvs_service.application import Application
+from fvs_service.errors import InvalidRequestError, MalformedRequestError
+from fvs_service.gateway.rpc.calls import parsed
+from fvs_service.gateway.rpc.conversion import pick, read, write
+from fvs_service.gateway.upload_pace import UploadPace
+from fvs_service.images.model import Image, ImageMetadata
+from fvs_service.images.partial_uploads import NewUpload
+from fvs_service.images.staging import Receiver, require_digest
+from fvs_service.principal import Principal, Scope
+from fvs_service.telemetry import Metrics
+
+
+class ImageUpload:
+    """One upload; ``receive`` returns the bytes of the next message, None after the last."""
+
+    def __init__(
+        self,
+        app: Application,
+        metrics: Metrics,
+        caller: Principal,
+        receive: Callable[[], Awaitable[bytes | None]],
+    ) -> None:
+        self._app, self._metrics, self._caller = app, metrics, caller
+        self._receive = receive
+        self._pace = UploadPace(app.storage.settings)
+
+    async def run(self) -> pb.UploadImageResponse:
+        """Receive and store the image; what arrived of an upload that breaks off is kept."""
+        first = await self._next()
+        if first is None:
+            raise MalformedRequestError("The stream is empty.", hint="Send a message with `upload` first.")
+        upload, metadata = await run_sync(self._begin, first)
+        app, tenant_id = self._app, self._caller.tenant_id
+        known = await run_sync(app.images.known, self._caller, upload.scene_id, upload.digest, metadata)
+        if known is not None:
+            return _response(known, created=False)
+        with app.upload_limit.slot(tenant_id), await run_sync(self._receiver, upload) as receiver:
+            try:
+                await self._receive_all(upload, receiver)
+            except InvalidRequestError:  # what arrived is not this image
+                raise
+            except BaseException:  # also that the client is gone
+                await run_sync(lambda: app.partial_uploads.keep(tenant_id, upload, receiver.part()))
+                raise
+            staged = receiver.finish()
+            require_digest(staged.digest, upload.digest)
+            image, created = await run_sync(app.images.store, self._caller, upload.scene_id, staged, metadata)
+        if created:
+            self._metrics.images.labels(image.verdict.value).inc()
+        return _response(image, created=created)
+
+    def _begin(self, content: bytes) -> tuple[NewUpload, ImageMetadata]:
+        """What the first message says is sent, by a caller who may send it."""
+        message = parsed(pb.UploadImageRequest, content)
+        if message.WhichOneof("part") != "upload":
+            raise InvalidRequestError(
+                "The first message of an upload has no `upload`.",
+                hint="Send what the image is, then its bytes.",
+            )
+        self._app.scenes.require(self._caller, Scope.UPLOAD, message.upload.scene_id)
+        upload = pick(NewUpload, message.upload)
+        if upload.offset_bytes > upload.size_bytes:
+            raise InvalidRequestError(f"The offset lies outside of the {upload.size_bytes} bytes.")
+        return upload, read(ImageMetadata, message.upload.metadata)
+
+    def _receiver(self, upload: NewUpload) -> Receiver:
+        """Where the bytes go, after those that arrived before."""
+        partial, tenant_id = self._app.partial_uploads, self._caller.tenant_id
+        if upload.offset_bytes == 0:
+            return self._app.staging.receive(upload.size_bytes)
+        return self._app.staging.receive(
+            upload.size_bytes, lambda path: partial.take(tenant_id, upload, path)
+        )
+
+    async def _receive_all(self, upload: NewUpload, receiver: Receiver) -> None:
+        while (content := await self._next()) is not None:
+            await run_sync(self._write, upload, receiver, content)
+        if receiver.size_bytes < upload.size_bytes:
+            raise MalformedRequestError(
+                f"The stream ended after {receiver.size_bytes} of {upload.size_bytes} bytes.",
+                hint="Send the rest: GetUpload says where to resume.",
+            )
+
+    def _write(self, upload: NewUpload, receiver: Receiver, content: bytes) -> None:
+        message = parsed(pb.UploadImageRequest, content)
+        if message.WhichOneof("part") != "chunk":
+            raise InvalidRequestError("A message after the first has no `chunk`.")
+        if receiver.size_bytes + len(message.chunk) > upload.size_bytes:
+            raise InvalidRequestError(
+                f"The stream has more than the {upload.size_bytes} bytes that it said.",
+                hint="Send the image's size as size_bytes.",
+            )
+        receiver.write(message.chunk)
+        self._metrics.received_bytes.inc(len(message.chunk))
+
+    async def _next(self) -> bytes | None:
+        return await self._pace.wait(self._receive, _size)
+
+
+def _size(content: bytes | None) -> int:
+    return 0 if content is None else len(content)
+
+
+def _response(image: Image, *, created: bool) -> pb.UploadImageResponse:
+    return pb.UploadImageResponse(created=created, image=write(image, pb.Image))

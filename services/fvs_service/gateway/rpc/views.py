@@ -1,0 +1,63 @@
+"""Rankings over gRPC."""
+
+from anyio.to_thread import run_sync
+from fvs.v1 import views_pb2 as pb
+
+from fvs_service.application import Application
+from fvs_service.gateway.rpc.calls import Call
+from fvs_service.gateway.rpc.conversion import pick, read
+from fvs_service.gateway.rpc.requests import idempotency_key
+from fvs_service.model import Model
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings.model import Ranking, RankingRequest
+from fvs_service.rankings.port import ViewImage
+
+
+class _Wanted(Model):
+    image: ViewImage = ViewImage.RENDER
+
+
+class ViewServicer:
+    """``fvs.v1.ViewService``."""
+
+    service = pb.DESCRIPTOR.services_by_name["ViewService"]
+
+    def __init__(self, app: Application) -> None:
+        self._app = app
+
+    async def rank_views(self, call: Call, caller: Principal, request: pb.RankViewsRequest) -> Ranking:
+        """Rank candidates for the next image."""
+        wanted = await self._wanted(call, caller, request)
+        metrics = call.gateway.metrics
+        with metrics.rankings_open.track_inprogress():
+            ranking = await self._app.rankings.create(
+                caller, request.scene_id, wanted, call.timeout_s(), idempotency_key(request)
+            )
+        metrics.rankings.labels(ranking.request.method).observe(ranking.seconds)
+        metrics.ranking_waits.observe(ranking.waited_s)
+        return ranking
+
+    def get_ranking(self, caller: Principal, request: pb.GetRankingRequest) -> Ranking:
+        """Return a ranking."""
+        return self._app.rankings.get(caller, request.ranking_id)
+
+    def delete_ranking(self, caller: Principal, request: pb.DeleteRankingRequest) -> None:
+        """Delete a ranking."""
+        self._app.deletions.ranking(caller, request.ranking_id)
+
+    async def render_candidate(
+        self, call: Call, caller: Principal, request: pb.RenderCandidateRequest
+    ) -> pb.CandidateRender:
+        """Render a candidate's view, or the spectrum of it."""
+        image = pick(_Wanted, request).image
+        with call.gateway.metrics.rankings_open.track_inprogress():
+            png = await self._app.rankings.render(
+                caller, request.ranking_id, request.candidate_id, image, call.timeout_s()
+            )
+        return pb.CandidateRender(png=png)
+
+    async def _wanted(self, call: Call, caller: Principal, request: pb.RankViewsRequest) -> RankingRequest:
+        await run_sync(self._app.scenes.require, caller, Scope.OPERATE, request.scene_id)
+        limits = self._app.storage.settings.limits
+        size = request.ByteSize()
+        return await call.run(size, lambda: read(RankingRequest, request.ranking, limits))

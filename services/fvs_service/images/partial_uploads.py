@@ -1,0 +1,121 @@
+"""Uploads that broke off: their bytes are kept for a while, and another upload can resume them.
+
+A partial upload is a file whose name says whose it is and what it is a part of; its length is the offset to
+resume at, and its time of change the beginning of its last hour. Each belongs to a tenant. Resuming takes the
+file away, so that only one upload at a time continues it.
+"""
+
+import hashlib
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from fvs_service.errors import ConflictError, NotFoundError
+from fvs_service.model import Count, Digest, Model, Timestamp
+
+_SUFFIX = ".part"
+
+
+class NewUpload(Model):
+    """The image that an upload sends, and where in it the upload begins."""
+
+    scene_id: str
+    digest: Digest
+    size_bytes: Count = 0
+    offset_bytes: Count = 0
+
+
+class Upload(Model):
+    """An upload that broke off."""
+
+    scene_id: str
+    digest: Digest
+    size_bytes: Count
+    offset_bytes: Count
+    """So many bytes have arrived."""
+    expires_at: Timestamp
+    """When it is forgotten unless more arrives."""
+
+
+@dataclass(frozen=True)
+class PartialUploads:
+    """The folder of partial uploads: of each tenant the newest ``per_tenant``, each for ``keep_s``."""
+
+    folder: Path
+    keep_s: float
+    per_tenant: int
+
+    def find(self, tenant_id: str, scene_id: str, digest: str) -> Upload:
+        """The partial upload of an image; raises ``NotFoundError``."""
+        for path in self._of(tenant_id, f"{scene_id}-{_hex(digest)}-"):
+            changed = path.stat()
+            if changed.st_mtime + self.keep_s > time.time():
+                return Upload(
+                    scene_id=scene_id,
+                    digest=digest,
+                    size_bytes=int(path.stem.rpartition("-")[2]),
+                    offset_bytes=changed.st_size,
+                    expires_at=datetime.fromtimestamp(changed.st_mtime + self.keep_s, UTC),
+                )
+        raise NotFoundError("No upload of this image broke off.", hint="Send it from its first byte.")
+
+    def take(self, tenant_id: str, new: NewUpload, to: Path) -> None:
+        """Move the bytes before ``new.offset_bytes`` to ``to``.
+
+        Raises ``ConflictError`` when these are not the bytes that have arrived.
+        """
+        path = self._path(tenant_id, new)
+        try:
+            arrived = path.stat().st_size
+            if arrived == new.offset_bytes:
+                path.replace(to)
+                return
+        except FileNotFoundError:
+            arrived = 0
+        raise ConflictError(
+            f"{arrived} bytes of the image have arrived, not {new.offset_bytes}.",
+            hint="GetUpload says where to resume; when it finds none, send the image from its first byte.",
+        )
+
+    def keep(self, tenant_id: str, new: NewUpload, part: Path) -> None:
+        """Keep the bytes of an upload that broke off, unless more of them are kept already."""
+        kept = self._path(tenant_id, new)
+        size = part.stat().st_size
+        if size and (not kept.exists() or kept.stat().st_size <= size):
+            part.replace(kept)
+        self.prune()
+        theirs = self._of(tenant_id, "")
+        for path in theirs[self.per_tenant :]:
+            path.unlink(missing_ok=True)
+
+    def prune(self) -> None:
+        """Delete those that have expired."""
+        for path in self.folder.glob(f"*{_SUFFIX}"):
+            if _changed(path) + self.keep_s <= time.time():
+                path.unlink(missing_ok=True)
+
+    def _of(self, tenant_id: str, prefix: str) -> list[Path]:
+        """The partial uploads of a tenant, the newest first."""
+        found = self.folder.glob(f"{_tenant(tenant_id)}-{prefix}*{_SUFFIX}")
+        return sorted(found, key=_changed, reverse=True)
+
+    def _path(self, tenant_id: str, new: NewUpload) -> Path:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        name = f"{_tenant(tenant_id)}-{new.scene_id}-{_hex(new.digest)}-{new.size_bytes}"
+        return self.folder / f"{name}{_SUFFIX}"
+
+
+def _changed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
+def _tenant(tenant_id: str) -> str:
+    return hashlib.sha256(tenant_id.encode()).hexdigest()[:16]
+
+
+def _hex(digest: str) -> str:
+    return digest.removeprefix("sha256:")
