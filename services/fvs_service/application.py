@@ -69,7 +69,7 @@ def open_storage(settings: Settings) -> Iterator[Storage]:
     database = Database(settings.database)
     try:
         database.migrate()
-        blobs = Blobs(settings.root / "blobs", settings.blobs_url)
+        blobs = Blobs(settings.root / "blobs", settings.blobs)
         yield Storage(
             settings=settings,
             database=database,

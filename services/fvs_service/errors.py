@@ -273,6 +273,10 @@ class StorageUnavailableError(UnavailableError):
     """The database or the object store cannot be reached or refuses the service; nothing is lost."""
 
 
+class StorageRefusedError(StorageUnavailableError):
+    """The object store refuses the service, or lacks its bucket: waiting does not help."""
+
+
 class IncompatibleDatabaseError(
     ServiceError,
     code="incompatible-database",

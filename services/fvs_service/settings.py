@@ -1,16 +1,26 @@
 """The settings of the service: one frozen object."""
 
 import ipaddress
+import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, FilePath, PositiveFloat, PositiveInt
-from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+from pydantic_settings import (
+    BaseSettings,
+    EnvSettingsSource,
+    NoDecode,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+)
 
 from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 
 MEGABYTE = 1_000_000
+_PREFIX = "FVS_"
+_FILE = "_FILE"
 
 
 def _names(value: object) -> object:
@@ -58,8 +68,25 @@ class Limits(Record):
         )
 
 
+class BlobSettings(Record):
+    """Where the blobs are, by default in a folder of the root.
+
+    ``url`` is that of an object store (``s3://bucket/prefix``), ``endpoint`` the address of one that is not
+    Amazon's. What is not given here comes from the variables ``AWS_…``.
+    """
+
+    url: str | None = Field(default=None, pattern=r"^s3://[a-z0-9]")
+    endpoint: str | None = Field(default=None, pattern=r"^https?://")
+    region: str | None = None
+    access_key_id: str | None = None
+    secret_access_key: str | None = Field(default=None, repr=False)
+
+
 class WorkerSettings(Record):
     """How workers share the machine, and the defaults of jobs.
+
+    ``address`` is the name or the address of this machine under
+    which gateways and workers on other machines reach its runners, which then listen there.
 
     ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of the machine's
     memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more than the reserve,
@@ -69,6 +96,7 @@ class WorkerSettings(Record):
     """
 
     count: PositiveInt = 1
+    address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
     jobs_at_once: PositiveInt = 1
     turn_s: PositiveFloat = 30.0
     memory_bytes: PositiveInt | None = None
@@ -98,11 +126,24 @@ class Retention(Record):
     ranking_days: PositiveFloat | None = None
 
 
+class _FilesOfEnvironment(EnvSettingsSource):
+    """Values of variables from files, for secrets: ``FVS_DATABASE_URL_FILE``."""
+
+    def _load_env_vars(self) -> Mapping[str, Any]:
+        named = {name: file for name, file in os.environ.items() if name.startswith(_PREFIX)}
+        return {
+            name.removesuffix(_FILE).lower(): Path(file).read_text(encoding="utf-8").strip()
+            for name, file in named.items()
+            if name.endswith(_FILE)
+        }
+
+
 class Settings(BaseSettings):
     """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
-    ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` and
-    ``blobs_url`` are other places for the database and the blobs, by default SQLite and a folder in ``root``.
+    ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` is another
+    place for the database, which is SQLite in ``root`` by default. With the suffix ``_FILE`` a variable names
+    the file that has its value: ``FVS_DATABASE_URL_FILE=/run/secrets/database-url``.
     ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
     service, and origins besides its own whose pages may use it. Events whose notification was lost are
     found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
@@ -112,12 +153,14 @@ class Settings(BaseSettings):
     """
 
     model_config = SettingsConfigDict(
-        env_prefix="FVS_", env_nested_delimiter="__", frozen=True, extra="forbid"
+        env_prefix=_PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
     )
 
     root: Path = Path("fvs-service")
-    database_url: str | None = None
-    blobs_url: str | None = None
+    database_url: str | None = Field(
+        default=None, repr=False, pattern=r"^(postgres|postgresql|sqlite)(\+[a-z0-9]+)?://"
+    )
+    blobs: BlobSettings = BlobSettings()
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65_535)
     grpc: bool = True
@@ -148,10 +191,27 @@ class Settings(BaseSettings):
     removal_grace_s: PositiveFloat = 180.0
     """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""
 
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003 - the names are the base class's
+        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Values from code, from the environment, from files that the environment names."""
+        return init_settings, env_settings, _FilesOfEnvironment(settings_cls)
+
     @property
     def database(self) -> str:
         """The database's URL for SQLAlchemy."""
         return self.database_url or f"sqlite:///{self.root.absolute() / 'fvs.sqlite3'}"
+
+    @property
+    def on_one_machine(self) -> bool:
+        """Whether no other machine shares the database."""
+        return self.database.startswith("sqlite")
 
     @property
     def scenes(self) -> Path:

@@ -56,6 +56,9 @@ def serve(
         typer.Option(min=0, max=65_535, help="Of gRPC; 0: a free one.", show_default="the one after --port"),
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Number of workers.", show_default="1")] = None,
+    role: Annotated[
+        str, typer.Option(help="What to run on this machine: all, gateway or worker.", metavar="ROLE")
+    ] = "all",
     log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
 ) -> None:
     """Start the service: REST under /v1 and gRPC, on loopback. Settings also come from FVS_… variables."""
@@ -64,7 +67,7 @@ def serve(
 
     with StopSignals(STOP_WITHIN_S, kill_descendants) as signals:  # first: imports take seconds
         given = {"root": root, "host": host, "port": port, "grpc": grpc, "grpc_port": grpc_port}
-        _supervise(given, workers, signals, log_json=log_json)
+        _supervise(given, workers, role, signals, log_json=log_json)
         sys.stdout.flush()
         os._exit(0)  # at once: the interpreter's own end takes seconds on a busy machine
 
@@ -72,6 +75,7 @@ def serve(
 def _supervise(
     given: Mapping[str, object],
     workers: int | None,
+    role: str,
     signals: "StopSignals",
     *,
     log_json: bool,
@@ -81,8 +85,10 @@ def _supervise(
     from fvs_engine.errors import EngineError
     from fvs_service.errors import ServiceError
     from fvs_service.logs import configure_logging, log_uncaught
-    from fvs_service.serving.supervisor import Supervisor
+    from fvs_service.serving.supervisor import Role, Supervisor
 
+    if role not in list(Role):
+        raise typer.BadParameter(f"{role} is none of {', '.join(Role)}.", param_hint="--role")
     configure_logging(machine=log_json)
     log_uncaught()
     settings = settings_of(**given)
@@ -91,7 +97,7 @@ def _supervise(
         settings = settings.model_copy(update={"worker": shared})
     try:
         if not signals.stopping:
-            Supervisor(settings, signals, log_json=log_json).run(announce=typer.echo)
+            Supervisor(settings, signals, log_json=log_json, role=Role(role)).run(announce=typer.echo)
     except (EngineError, ServiceError) as error:
         if log_json:
             structlog.get_logger().error(error.message, code=error.code, hint=error.hint)
@@ -168,6 +174,9 @@ def settings_of(**given: object) -> "Settings":
 
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    except OSError as error:
+        typer.echo(f"Error: a file that a variable FVS_…_FILE names: {error}.", err=True)
+        raise typer.Exit(USAGE) from error
     except ValidationError as error:
         for wrong in error.errors():
             variable = "FVS_" + "__".join(map(str, wrong["loc"])).upper()

@@ -125,6 +125,16 @@ def set_working_bytes(session: Session, scene_id: str, size: int) -> None:
     session.execute(update(SceneRow).where(SceneRow.id == scene_id).values(working_bytes=size))
 
 
+def working_copy_of(session: Session, scene_id: str) -> str | None:
+    """The name of the newest working copy of a scene's folder; None when there is none."""
+    return session.scalar(select(SceneRow.working_copy).where(SceneRow.id == scene_id))
+
+
+def set_working_copy(session: Session, scene_id: str, name: str) -> None:
+    """Record the newest working copy of a scene's folder."""
+    session.execute(update(SceneRow).where(SceneRow.id == scene_id).values(working_copy=name))
+
+
 def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
     """Set the origin of the scene's ENU frame, unless it is set."""
     row = session.get(SceneRow, scene_id)

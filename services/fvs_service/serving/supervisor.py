@@ -1,4 +1,4 @@
-"""``fvs serve``: starts a gateway and workers, restarts those that die, and stops all of them together."""
+"""``fvs serve``: starts a gateway, workers or both, restarts those that die, and stops them together."""
 
 import contextlib
 import os
@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -16,9 +17,15 @@ from fvs_engine import child_process
 from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
-from fvs_service.application import open_storage
-from fvs_service.errors import ConflictError, UnavailableError
+from fvs_service.application import Storage, open_storage
+from fvs_service.errors import (
+    ConflictError,
+    StorageRefusedError,
+    StorageUnavailableError,
+    UnavailableError,
+)
 from fvs_service.gateway.server import Addresses, require_protection
+from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.stop_signals import StopSignals
@@ -49,43 +56,68 @@ class _Child:
     due: float = field(default=0.0)
 
 
-class Supervisor:
-    """Runs the service until ``signals`` has one."""
+class Role(StrEnum):
+    """What a supervisor starts on its machine."""
 
-    def __init__(self, settings: Settings, signals: StopSignals, *, log_json: bool) -> None:
+    ALL = "all"
+    GATEWAY = "gateway"
+    WORKER = "worker"
+
+
+class Supervisor:
+    """Runs the service, or its part on this machine, until ``signals`` has one."""
+
+    def __init__(
+        self, settings: Settings, signals: StopSignals, *, log_json: bool, role: Role = Role.ALL
+    ) -> None:
         self._settings = settings
         self._signals = signals
         self._log_json = log_json
+        self._role = role
         self._gateway = _Child("gateway", GATEWAY)
-        self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
+        self._workers: list[_Child] = []
 
     def run(self, announce: Callable[[str], object]) -> None:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
         Raises ``ForbiddenError`` when other machines can reach the service and no API key protects it,
         ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
-        written, ``UnavailableError`` when the gateway does not start.
+        written, ``UnavailableError`` when the gateway does not start, the database cannot be reached, or the
+        object store refuses.
         """
-        require_protection(self._settings)
+        if self._role is not Role.WORKER:
+            require_protection(self._settings)
         with _only_service_in(self._settings.root):
             adopt_orphans()
-            with open_storage(self._settings):
-                pass  # the processes meet a database that is migrated
+            with open_storage(self._settings) as storage:  # the processes meet a database that is migrated
+                _require_blobs(storage)
             try:
-                addresses = self._start_gateway()
-                if addresses is None:
-                    return
-                announce(addresses.url)
-                if addresses.rpc_url is not None:
-                    announce(addresses.rpc_url)
-                for worker in self._workers:
-                    self._start(worker)
+                if self._role is not Role.WORKER:
+                    addresses = self._start_gateway()
+                    if addresses is None:
+                        return
+                    announce(addresses.url)
+                    if addresses.rpc_url is not None:
+                        announce(addresses.rpc_url)
+                if self._role is not Role.GATEWAY:
+                    self._start_workers()
                 while not self._signals.wait(self._until_next_start_s()):
-                    for child in (self._gateway, *self._workers):
+                    for child in self._children():
                         self._restart_if_dead(child)
                     reap_adopted({process.pid for process in self._running().values()})
             finally:
                 self._stop_all()
+
+    def _start_workers(self) -> None:
+        settings = self._settings
+        machine = "worker" if settings.on_one_machine else machine_name(settings.root)
+        self._workers = [_Child(f"{machine}-{number}", WORKER) for number in range(settings.worker.count)]
+        for worker in self._workers:
+            self._start(worker)
+
+    def _children(self) -> tuple[_Child, ...]:
+        gateways = () if self._role is Role.WORKER else (self._gateway,)
+        return (*gateways, *self._workers)
 
     def _start_gateway(self) -> Addresses | None:
         self._start(self._gateway)
@@ -121,7 +153,7 @@ class Supervisor:
 
     def _until_next_start_s(self) -> float:
         """The time until a child that died is started again."""
-        waiting = (child for child in (self._gateway, *self._workers) if child.process is None)
+        waiting = (child for child in self._children() if child.process is None)
         return max(0.0, min((child.due - time.monotonic() for child in waiting), default=_LOOK_S))
 
     def _restart_if_dead(self, child: _Child) -> None:
@@ -140,7 +172,7 @@ class Supervisor:
 
     def _running(self) -> "dict[str, subprocess.Popen[str]]":
         """The processes that have been started, by name."""
-        children = (self._gateway, *self._workers)
+        children = self._children()
         return {child.name: child.process for child in children if child.process is not None}
 
     def _stop_all(self) -> None:
@@ -162,6 +194,16 @@ class Supervisor:
             child_process.close_pipes(process)
         end_descendants(_KILLED_S)
         _log.info("stopped", seconds=round(time.monotonic() - began, 1))
+
+
+def _require_blobs(storage: Storage) -> None:
+    """Raise ``StorageRefusedError`` when the object store will not serve; it may be away for a while."""
+    try:
+        storage.blobs.check()
+    except StorageRefusedError:
+        raise
+    except StorageUnavailableError as error:
+        _log.warning(error.message, hint=error.hint)
 
 
 @contextlib.contextmanager

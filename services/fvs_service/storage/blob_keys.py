@@ -21,6 +21,11 @@ def manifest_key(scene_id: str, snapshot_id: str) -> str:
     return f"{scene_prefix(scene_id)}snapshots/{snapshot_id}.json"
 
 
+def working_copy_key(scene_id: str, name: str) -> str:
+    """The key of a working copy of a scene's folder."""
+    return f"{scene_prefix(scene_id)}working/{name}.tar"
+
+
 def ranking_prefix(scene_id: str, ranking_id: str) -> str:
     """The prefix of the renders of a ranking's candidates."""
     return f"{scene_prefix(scene_id)}rankings/{ranking_id}/"

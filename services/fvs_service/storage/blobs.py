@@ -1,26 +1,37 @@
 """Blobs: immutable bytes, such as images, artifacts and renders.
 
-A blob is written whole or not at all: under a temporary name, flushed to the disk, and renamed. The store is
-a folder on one machine, or one of the object stores that obstore supports (S3 and others).
+A blob is written whole or not at all. The store is a folder on one machine, where that means under a
+temporary name, flushed to the disk, and renamed; or, for several machines, a bucket in an object store.
 """
 
 import errno
 import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from uuid import uuid4
 
 import obstore
-from obstore.store import LocalStore, from_url
+from obstore.exceptions import BaseError, PermissionDeniedError, UnauthenticatedError
+from obstore.store import LocalStore, S3Store
 
 from fvs_engine.files.atomic import flush_to_disk
-from fvs_service.errors import NotFoundError, OutOfSpaceError
+from fvs_service.errors import (
+    NotFoundError,
+    OutOfSpaceError,
+    StorageRefusedError,
+    StorageUnavailableError,
+)
+from fvs_service.settings import BlobSettings
 
 _CHUNK_BYTES = 1 << 20
 _PARTIAL = ".partial"
+_CONNECT_S, _REQUEST_S = 5, 60
+_RETRIES = 5
+_RETRY_S = 8
+"""How long a request is repeated while the store does not answer; less than a transaction may wait."""
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
@@ -34,17 +45,35 @@ class BlobInfo:
 
 
 class Blobs:
-    """Blobs by key (``scenes/scn_…/images/…``): written once, read in ranges."""
+    """Blobs by key (``scenes/scn_…/images/…``): written once, read in ranges.
 
-    def __init__(self, folder: Path, url: str | None = None) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder if url is None else None
-        self._store = LocalStore(folder) if url is None else from_url(url)
+    Every method raises ``StorageUnavailableError`` when the object store cannot be reached or refuses.
+    """
+
+    def __init__(self, folder: Path, settings: BlobSettings | None = None) -> None:
+        self._folder: Path | None = None
+        self._store: LocalStore | S3Store
+        if settings is not None and settings.url is not None:
+            self._store = _bucket(settings.url, settings)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._folder, self._store = folder, LocalStore(folder)
+
+    @property
+    def shared(self) -> bool:
+        """Whether other machines read and write them, too."""
+        return self._folder is None
+
+    def check(self) -> None:
+        """Raise ``StorageUnavailableError`` when the store cannot be used; it says why."""
+        with _reachable():  # listing is the only request that tells a missing bucket from a missing blob
+            next(iter(obstore.list(self._store, "scenes/", chunk_size=1)), None)
 
     def adopt(self, file: Path, key: str) -> None:
         """Move ``file`` into the store under ``key``; on the store's own disk nothing is copied."""
         if self._folder is None:
-            obstore.put(self._store, key, file)
+            with _reachable():
+                obstore.put(self._store, key, file)
             file.unlink()
             return
         target = self._folder / key
@@ -68,7 +97,8 @@ class Blobs:
         if self.exists(key):
             return
         if self._folder is None:
-            obstore.put(self._store, key, file)
+            with _reachable():
+                obstore.put(self._store, key, file)
             return
         copied = self._folder / f".{uuid4().hex}{_PARTIAL}"
         with full_disk_as_error():
@@ -81,7 +111,8 @@ class Blobs:
     def put(self, content: bytes, key: str) -> None:
         """Store ``content`` under ``key``."""
         if self._folder is None:
-            obstore.put(self._store, key, content)
+            with _reachable():
+                obstore.put(self._store, key, content)
             return
         file = self._folder / f".{uuid4().hex}{_PARTIAL}"
         with full_disk_as_error():
@@ -94,7 +125,8 @@ class Blobs:
     def info(self, key: str) -> BlobInfo:
         """The blob's size; raises ``NotFoundError``."""
         try:
-            head = obstore.head(self._store, key)
+            with _reachable():
+                head = obstore.head(self._store, key)
             return BlobInfo(key, head["size"], head["last_modified"])
         except FileNotFoundError as error:
             raise NotFoundError("There is no such blob.") from error
@@ -104,9 +136,10 @@ class Blobs:
         end = self.info(key).size_bytes if stop is None else stop
         if end <= start:
             return
-        found = obstore.get(self._store, key, options={"range": (start, end)})
-        for chunk in found.stream(min_chunk_size=_CHUNK_BYTES):
-            yield bytes(chunk)
+        with _reachable():
+            found = obstore.get(self._store, key, options={"range": (start, end)})
+            for chunk in found.stream(min_chunk_size=_CHUNK_BYTES):
+                yield bytes(chunk)
 
     def read(self, key: str) -> bytes:
         """The whole blob; raises ``NotFoundError``."""
@@ -125,7 +158,7 @@ class Blobs:
         if self._folder is not None:
             (self._folder / key).unlink(missing_ok=True)
             return
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError), _reachable():
             obstore.delete(self._store, key)
 
     def remove_below(self, prefix: str) -> None:
@@ -134,12 +167,19 @@ class Blobs:
             # What is written there meanwhile stays, and is found by the next removal.
             shutil.rmtree(self._folder / prefix, ignore_errors=True)
             return
-        for found in self.below(prefix):
-            self.remove(found.key)
+        with _reachable():
+            for batch in obstore.list(self._store, prefix):
+                obstore.delete(self._store, [found["path"] for found in batch])
 
     def below(self, prefix: str) -> Iterator[BlobInfo]:
         """All blobs whose keys start with ``prefix``, which ends with a slash."""
-        for batch in obstore.list(self._store, prefix):
+        with _reachable():
+            batches = iter(obstore.list(self._store, prefix))
+        while True:
+            with _reachable():
+                batch = next(batches, None)
+            if batch is None:
+                return
             for found in batch:
                 yield BlobInfo(found["path"], found["size"], found["last_modified"])
 
@@ -175,6 +215,52 @@ class Blobs:
                 partial.replace(file)
             finally:
                 partial.unlink(missing_ok=True)
+
+
+def _bucket(url: str, settings: BlobSettings) -> S3Store:
+    given = {
+        "endpoint": settings.endpoint,
+        "region": settings.region,
+        "access_key_id": settings.access_key_id,
+        "secret_access_key": settings.secret_access_key,
+    }
+    return S3Store.from_url(
+        url,
+        config={name: value for name, value in given.items() if value is not None},  # type: ignore[arg-type]
+        client_options={
+            "allow_http": (settings.endpoint or "").startswith("http://"),
+            "connect_timeout": f"{_CONNECT_S}s",
+            "timeout": f"{_REQUEST_S}s",
+        },
+        retry_config={"max_retries": _RETRIES, "retry_timeout": timedelta(seconds=_RETRY_S)},
+    )
+
+
+@contextmanager
+def _reachable() -> Iterator[None]:
+    try:
+        yield
+    except (BaseError, FileNotFoundError) as error:
+        said = str(error)
+        if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in said:
+            raise
+        if isinstance(error, PermissionDeniedError | UnauthenticatedError) or "403 Forbidden" in said:
+            raise StorageRefusedError(
+                "The object store refuses the service's credentials.",
+                hint="Check FVS_BLOBS__ACCESS_KEY_ID and FVS_BLOBS__SECRET_ACCESS_KEY, and their rights.",
+                retry_after_s=60,
+            ) from error
+        if "NoSuchBucket" in said:
+            raise StorageRefusedError(
+                "The object store has no such bucket.",
+                hint="Create it, or correct FVS_BLOBS__URL.",
+                retry_after_s=60,
+            ) from error
+        raise StorageUnavailableError(
+            "The object store cannot be reached.",
+            hint="Try again soon. If it stays so, fvs doctor says why.",
+            retry_after_s=5,
+        ) from error
 
 
 def free_bytes(folder: Path) -> int:

@@ -19,6 +19,7 @@ from fvs_service.storage.tables import (
     ImageRow,
     RankingRow,
     RemovalRow,
+    SceneRow,
     SnapshotArtifactRow,
     SnapshotRow,
 )
@@ -147,6 +148,10 @@ def has_row(session: Session, key: str) -> bool:
             found = exists().where(SnapshotRow.scene_id == scene_id, SnapshotRow.id == snapshot_id)
         case ["scenes", scene_id, "rankings", ranking_id, *_]:
             found = exists().where(RankingRow.scene_id == scene_id, RankingRow.id == ranking_id)
+        case ["scenes", scene_id, "working", file]:
+            found = exists().where(
+                SceneRow.id == scene_id, SceneRow.working_copy == file.removesuffix(".tar")
+            )
         case _:
             return False
     return bool(session.scalar(select(found)))

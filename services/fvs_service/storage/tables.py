@@ -61,7 +61,7 @@ class IdempotencyRow(Table):
 
 
 class SceneRow(Table):
-    """A scene; ``snapshot_id`` points to the latest snapshot."""
+    """A scene; ``snapshot_id`` points to the latest snapshot, ``working_copy`` to that of its folder."""
 
     __tablename__ = "scenes"
 
@@ -71,6 +71,7 @@ class SceneRow(Table):
     origin: Mapped[dict[str, Any] | None]
     snapshot_id: Mapped[str | None] = mapped_column(String(40))
     working_bytes: Mapped[int] = mapped_column(BigInteger)
+    working_copy: Mapped[str | None] = mapped_column(String(40))
     last_image_number: Mapped[int]
     created_at: Mapped[datetime]
 

@@ -37,6 +37,7 @@ from fvs_service.worker.protocol.connection import (
 )
 from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
 from fvs_service.worker.room import Room
+from fvs_service.worker.working_copies import WorkingCopies
 
 _SNAPSHOT_STAGE = "snapshot"
 _POLL_S = 0.2
@@ -83,6 +84,7 @@ class JobRuns:
         self._storage = storage
         self._scenes = scenes
         self._room = room
+        self._copies = WorkingCopies(storage)
 
     def run(self, scene: LeasedScene, job: Job) -> None:
         """Run a started job and record its end.
@@ -101,8 +103,12 @@ class JobRuns:
         except StaleLeaseError:
             self._scenes.drop(scene)
             raise
-        except (ChildDiedError, JobPausedError):
+        except ChildDiedError:
             raise  # the runner itself lives, and keeps its model
+        except JobPausedError as paused:
+            if paused.obstacle is None:
+                self._copies.store(scene.lease)  # another machine may go on
+            raise
         except (OutOfSpaceError, StorageUnavailableError):
             self._scenes.drop(scene)
             raise
@@ -140,7 +146,9 @@ class JobRuns:
             origin=scene.origin,
             snapshot_id=scene.snapshot_id,
         )
+        self._copies.restore(job.scene_id)
         outcome = self._compute(leased, job, request)
+        self._copies.store(leased.lease)
         self._commit(leased, job, outcome, {image.digest: image for image in images})
 
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:

@@ -15,6 +15,7 @@ from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.application import Storage
 from fvs_service.deletion.retention import RetentionRules
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.model import now
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.removals import deleted_scenes
@@ -74,6 +75,8 @@ class Sweeps:
         while not self._stop.wait(self._storage.settings.sweep_s):
             try:
                 self.sweep()
+            except StorageUnavailableError as error:
+                _log.warning("sweep put off", reason=error.message)
             except Exception:  # the next sweep does what this one did not
                 _log.exception("sweep failed")
 

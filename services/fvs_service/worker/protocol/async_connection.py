@@ -6,7 +6,7 @@ import json
 from collections import defaultdict
 from typing import Any
 
-from fvs_service.worker.protocol.connection import MAX_LINE_BYTES, RunnerError, RunnerGoneError
+from fvs_service.worker.protocol.connection import MAX_LINE_BYTES, RunnerError, RunnerGoneError, keep_alive
 from fvs_service.worker.protocol.messages import Failure
 
 _CONNECT_S = 2.0
@@ -45,6 +45,7 @@ async def connect(endpoint: str) -> AsyncConnection:
             reader, writer = await asyncio.open_connection(host, int(port), limit=MAX_LINE_BYTES)
     except OSError as error:  # TimeoutError is one
         raise RunnerGoneError(f"No runner listens at {address}.") from error
+    keep_alive(writer.get_extra_info("socket"))
     writer.write(json.dumps({"secret": secret}).encode() + b"\n")
     return AsyncConnection(reader, writer)
 

@@ -15,6 +15,17 @@ from fvs_service.worker.protocol.messages import Failure
 MAX_LINE_BYTES = 64_000_000
 
 
+def keep_alive(connection: socket.socket) -> None:
+    """Send small messages at once, and notice within 15 s that the other machine is gone."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 3), ("TCP_KEEPCNT", 3)):
+        if hasattr(socket, option):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 15_000)
+
+
 class RunnerError(Exception):
     """The runner's response is an error."""
 
@@ -31,7 +42,7 @@ class Connection:
     """Either end of a connection between a runner and its client; ``send`` may be called from any thread."""
 
     def __init__(self, connection: socket.socket) -> None:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        keep_alive(connection)
         self._connection = connection
         self._file = connection.makefile("rb")
         self._sending = threading.Lock()
@@ -44,10 +55,10 @@ class Connection:
         """Send one record; raises ``RunnerGoneError``."""
         self._send(record.model_dump_json().encode())
 
-    def receive_line(self) -> bytes:
+    def receive_line(self, max_bytes: int = MAX_LINE_BYTES) -> bytes:
         """The next document as JSON; raises ``RunnerGoneError`` when the connection has ended."""
         try:
-            line = self._file.readline(MAX_LINE_BYTES)
+            line = self._file.readline(max_bytes)
         except OSError as error:
             raise RunnerGoneError("The connection is broken.") from error
         if not line.endswith(b"\n"):

@@ -50,8 +50,8 @@ def main() -> None:
 
         secret = secrets.token_urlsafe(24)
         server = RunnerServer(order.scene_id, folder, order.settings, secret)
-        host, port = server.address
-        endpoint.write(json.dumps({"endpoint": f"{host}:{port}/{secret}"}) + "\n")
+        _, port = server.address
+        endpoint.write(json.dumps({"endpoint": f"{order.settings.worker.address}:{port}/{secret}"}) + "\n")
         endpoint.flush()
         server.serve()
     os._exit(_EXIT_YIELDED)  # without waiting for threads that still send responses

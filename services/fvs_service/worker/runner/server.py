@@ -2,6 +2,7 @@
 
 import base64
 import hmac
+import json
 import logging
 import socket
 import threading
@@ -38,6 +39,7 @@ QuestionT = TypeVar("QuestionT", RankViews, RenderView)
 
 _log = logging.getLogger(__name__)
 _BACKLOG = 128
+_GREETING_S, _GREETING_BYTES = 5.0, 200
 
 _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
 """Codes of failures that a retry would meet again."""
@@ -48,7 +50,7 @@ class RunnerServer:
 
     def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
         self._secret = secret
-        blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs_url)
+        blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
         self._states = ModelStates(scene_id, blobs, self._rasterizer)
         self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._states)
@@ -59,7 +61,7 @@ class RunnerServer:
         self._worker: Connection | None = None
         self._yielded = threading.Event()
         self._used = time.monotonic()
-        self._socket = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG)
+        self._socket = _listen(settings.worker.address)
 
     @property
     def address(self) -> tuple[str, int]:
@@ -79,8 +81,7 @@ class RunnerServer:
 
     def _serve_connection(self, connection: Connection) -> None:
         try:
-            secret = connection.receive().get("secret", "")
-            if not hmac.compare_digest(str(secret).encode(), self._secret.encode()):
+            if not self._is_known(connection):
                 return
             while True:
                 self._respond(connection, REQUEST.validate_json(connection.receive_line()))
@@ -90,6 +91,15 @@ class RunnerServer:
             _log.exception("A request cannot be read.")
         finally:
             connection.close()
+
+    def _is_known(self, connection: Connection) -> bool:
+        """Whether the first line has the secret; whoever does not know it is not waited for."""
+        connection.set_timeout(_GREETING_S)
+        line = connection.receive_line(_GREETING_BYTES)
+        connection.set_timeout(None)
+        greeting = json.loads(line)
+        secret = greeting.get("secret", "") if isinstance(greeting, dict) else ""
+        return hmac.compare_digest(str(secret).encode(), self._secret.encode())
 
     def _respond(self, connection: Connection, request: Request) -> None:
         try:
@@ -179,6 +189,12 @@ class RunnerServer:
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
+
+
+def _listen(address: str) -> socket.socket:
+    """A socket on a free port of ``address``, the name or the address of this machine."""
+    (family, _, _, _, (host, *_)), *_ = socket.getaddrinfo(address, None, type=socket.SOCK_STREAM)
+    return socket.create_server((str(host), 0), family=family, backlog=_BACKLOG)
 
 
 def _failure_of_job(error: Exception) -> Failure:

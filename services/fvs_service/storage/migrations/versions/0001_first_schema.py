@@ -89,6 +89,7 @@ def _create_tables_of_scenes() -> None:
         sa.Column("origin", sa.JSON()),
         sa.Column("snapshot_id", sa.String(40)),
         sa.Column("working_bytes", sa.BigInteger(), nullable=False),
+        sa.Column("working_copy", sa.String(40)),
         sa.Column("last_image_number", sa.Integer(), nullable=False),
         _time("created_at"),
     )

@@ -1,0 +1,109 @@
+"""Blobs in an S3-compatible object store."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+from fvs_service.errors import NotFoundError, StorageUnavailableError
+from fvs_service.settings import BlobSettings
+from fvs_service.storage.blobs import Blobs
+from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
+
+pytestmark = pytest.mark.process
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectStoreServer]:
+    server = ObjectStoreServer(tmp_path_factory.mktemp("store"))
+    server.start()
+    server.create_bucket("fvs")
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def settings(server: ObjectStoreServer) -> BlobSettings:
+    """A prefix of its own for each test."""
+    return BlobSettings(
+        url=f"s3://fvs/{uuid4().hex}",
+        endpoint=server.endpoint,
+        region="us-east-1",
+        access_key_id=ACCESS_KEY_ID,
+        secret_access_key=SECRET_ACCESS_KEY,
+    )
+
+
+def read_when_ready(blobs: Blobs, key: str) -> bytes:
+    """The blob, from a store that answers a while before its volumes do."""
+    until = time.monotonic() + 60
+    while True:
+        try:
+            return blobs.read(key)
+        except StorageUnavailableError:
+            if time.monotonic() > until:
+                raise
+
+
+def test_blobs_are_stored_read_listed_and_removed(settings: BlobSettings, tmp_path: Path) -> None:
+    blobs = Blobs(tmp_path / "unused", settings)
+    blobs.check()
+    content = bytes(range(256)) * 100_000  # more than one part of a multipart upload
+    file = tmp_path / "large"
+    file.write_bytes(content)
+    blobs.keep(file, "scenes/a/large")
+    blobs.adopt(file, "scenes/a/images/x")
+    assert not file.exists()
+    blobs.put(b"small", "scenes/b/x")
+    assert blobs.info("scenes/a/large").size_bytes == len(content)
+    assert b"".join(blobs.chunks("scenes/a/large", 5_000_000, 11_000_001)) == content[5_000_000:11_000_001]
+    blobs.export("scenes/a/images/x", tmp_path / "again")
+    assert (tmp_path / "again").read_bytes() == content
+    assert {found.key for found in blobs.below("scenes/a/")} == {"scenes/a/large", "scenes/a/images/x"}
+    blobs.remove("scenes/b/x")
+    blobs.remove("scenes/b/x")
+    blobs.remove_below("scenes/a/")
+    assert list(blobs.below("scenes/")) == []
+    with pytest.raises(NotFoundError):
+        blobs.read("scenes/a/large")
+    assert not (tmp_path / "unused").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "says", "hint"),
+    [
+        ({"secret_access_key": "wrong"}, "refuses the service's credentials", "SECRET_ACCESS_KEY"),
+        ({"access_key_id": "nobody"}, "refuses the service's credentials", "ACCESS_KEY_ID"),
+        ({"url": "s3://missing"}, "no such bucket", "Create it"),
+        ({"endpoint": "http://127.0.0.1:1"}, "cannot be reached", "doctor"),
+    ],
+)
+def test_a_store_that_cannot_be_used_says_why(
+    settings: BlobSettings, tmp_path: Path, change: dict[str, str], says: str, hint: str
+) -> None:
+    blobs = Blobs(tmp_path, settings.model_copy(update=change))
+    with pytest.raises(StorageUnavailableError, match=says) as found:
+        blobs.check()
+    assert hint in found.value.hint
+    with pytest.raises(StorageUnavailableError, match=says):
+        blobs.put(b"content", "x")
+
+
+def test_a_store_that_comes_back_has_everything(settings: BlobSettings, tmp_path: Path) -> None:
+    server = ObjectStoreServer(tmp_path / "server")
+    server.start()
+    try:
+        server.create_bucket("other")
+        blobs = Blobs(
+            tmp_path, settings.model_copy(update={"url": "s3://other", "endpoint": server.endpoint})
+        )
+        blobs.put(b"content", "x")
+        server.stop()
+        for use in (lambda: blobs.read("x"), lambda: blobs.exists("x"), lambda: list(blobs.below(""))):
+            with pytest.raises(StorageUnavailableError, match="cannot be reached"):
+                use()
+        server.start()
+        assert read_when_ready(blobs, "x") == b"content"
+    finally:
+        server.stop()
