@@ -55,6 +55,7 @@ _PROCESS_FILES = (
 )
 # What lies here shares a session's expensive fixtures, and runs in one worker.
 _IN_ONE_WORKER = (
+    "contract/",
     "docs/test_code_blocks.py",
     "fvs_service/worker/",
     "fvs_engine/sfm/growing/test_reconstruction.py",

@@ -1,0 +1,283 @@
+"""What only gRPC has: streams, deadlines, messages of other versions, health, reflection, a stop."""
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import grpc
+import pytest
+from fvs.v1 import images_pb2 as images
+from fvs.v1 import jobs_pb2 as jobs
+from fvs.v1 import scenes_pb2 as scenes
+from fvs.v1 import views_pb2 as views
+from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
+from grpc_health.v1.health_pb2_grpc import HealthStub
+from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest
+from grpc_reflection.v1alpha.reflection_pb2_grpc import ServerReflectionStub
+
+CHUNK = 1000
+
+
+def _refused(outcome_of: Any, call: Callable[[], Any]) -> Any:
+    with pytest.raises(grpc.RpcError) as caught:
+        call()
+    return caught.value, outcome_of(caught.value)
+
+
+def _metadata(tenant: Any) -> tuple[tuple[str, str], ...]:
+    return (("authorization", f"Bearer {tenant.key}"),)
+
+
+def _digest(content: bytes) -> str:
+    return f"sha256:{hashlib.sha256(content).hexdigest()}"
+
+
+def _parts(
+    scene: str, content: bytes, *, offset: int = 0, stop: int | None = None, **given: Any
+) -> Iterator[Any]:
+    upload = {
+        "scene_id": scene,
+        "digest": _digest(content),
+        "size_bytes": len(content),
+        "offset_bytes": offset,
+    }
+    yield images.UploadImageRequest(upload={**upload, **given})
+    for start in range(offset, len(content) if stop is None else stop, CHUNK):
+        yield images.UploadImageRequest(chunk=content[start : start + CHUNK])
+
+
+def _send(tenant: Any, parts: Iterator[Any]) -> Any:
+    return tenant.transport.upload_call()(parts, timeout=60, metadata=_metadata(tenant))
+
+
+def _offset(tenant: Any, scene: str, content: bytes) -> int:
+    request = images.GetUploadRequest(scene_id=scene, digest=_digest(content))
+    upload = tenant.transport.unary("GetUpload")(request, metadata=_metadata(tenant))
+    return int(upload.offset_bytes)
+
+
+def test_an_upload_that_stops_half_way_resumes_where_it_stopped(
+    tenant: Any, photograph: Callable[..., bytes], outcome_of: Any
+) -> None:
+    scene, content = tenant.scene(), photograph(11)
+    error, outcome = _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, stop=2 * CHUNK)))
+    assert error.code() is grpc.StatusCode.INVALID_ARGUMENT
+    assert outcome.code == "malformed-request"
+    assert "GetUpload" in outcome.hint
+    assert _offset(tenant, scene, content) == 2 * CHUNK
+
+    _, wrong = _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, offset=CHUNK)))
+    assert wrong.code == "conflict"
+    assert _offset(tenant, scene, content) == 2 * CHUNK  # nothing is lost by that
+
+    sent = _send(tenant, _parts(scene, content, offset=2 * CHUNK))
+    assert sent.created
+    assert sent.image.verdict == images.VERDICT_ACCEPTED
+    with pytest.raises(grpc.RpcError) as caught:
+        _offset(tenant, scene, content)
+    assert caught.value.code() is grpc.StatusCode.NOT_FOUND
+
+
+def test_an_upload_whose_client_vanishes_resumes_where_it_stopped(
+    tenant: Any, photograph: Callable[..., bytes]
+) -> None:
+    scene, content = tenant.scene(), photograph(12)
+    gone = threading.Event()
+
+    def endless() -> Iterator[Any]:
+        yield from _parts(scene, content, stop=2 * CHUNK)
+        gone.wait(60)
+
+    received = tenant.gateway.app.state.metrics.received_bytes._value.get
+    before = received()
+    call = tenant.transport.upload_call().future(endless(), metadata=_metadata(tenant))
+    _wait_until(lambda: received() >= before + 2 * CHUNK)
+    call.cancel()
+    gone.set()
+    _wait_until(lambda: any(tenant.gateway.settings.partial_uploads.glob(f"*{_digest(content)[7:]}*")))
+    assert _send(tenant, _parts(scene, content, offset=_offset(tenant, scene, content))).created
+    assert not list(tenant.gateway.settings.staging.iterdir())
+
+
+def _wait_until(true: Callable[[], bool]) -> None:
+    until = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
+    tenant: Any, photograph: Callable[..., bytes], outcome_of: Any
+) -> None:
+    scene, content = tenant.scene(), photograph(13)
+    for given, code in (
+        ({"digest": f"sha256:{'1' * 64}"}, "digest-mismatch"),
+        ({"size_bytes": 100}, "invalid-request"),
+        ({"digest": "sha256:x"}, "invalid-request"),
+        ({"size_bytes": 10**12}, "payload-too-large"),
+    ):
+        _, outcome = _refused(
+            tenant, outcome_of, lambda given=given: _send(tenant, _parts(scene, content, **given))
+        )
+        assert outcome.code == code
+    _, outcome = _refused(outcome_of, lambda: _send(tenant, iter(())))
+    assert outcome.code == "malformed-request"
+    chunk = images.UploadImageRequest(chunk=b"x")
+    _, outcome = _refused(outcome_of, lambda: _send(tenant, iter([chunk])))
+    assert outcome.code == "invalid-request"
+    assert not list(tenant.gateway.settings.staging.iterdir())
+    assert tenant.call("ListImages", scene_id=scene).result["items"] == []
+
+
+def test_another_tenant_does_not_see_an_upload(
+    tenant: Any, gateway: Any, photograph: Callable[..., bytes], outcome_of: Any
+) -> None:
+    scene, content = tenant.scene(), photograph(14)
+    _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, stop=CHUNK)))
+    other = gateway.application.storage.keys.create("other", tenant_id="somebody")
+    request = images.GetUploadRequest(scene_id=scene, digest=_digest(content))
+    call = tenant.transport.unary("GetUpload")
+    _, outcome = _refused(outcome_of, lambda: call(request, metadata=(("authorization", f"Bearer {other}"),)))
+    assert outcome.code == "not-found"
+
+
+def test_a_field_of_a_newer_client_is_refused(tenant: Any, rpc: Any, outcome_of: Any) -> None:
+    scene = scenes.SceneRequest(name="a").SerializeToString() + b"\xf8\x07\x01"  # field 127
+    content = b"\x0a" + bytes([len(scene)]) + scene
+    raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
+    _, outcome = _refused(outcome_of, lambda: raw(content, metadata=_metadata(tenant)))
+    assert outcome.code == "invalid-request"
+    assert outcome.message == "scene: there is no field 127."
+    assert "newer" in outcome.hint
+    _, outcome = _refused(outcome_of, lambda: raw(b"\xff\xff", metadata=_metadata(tenant)))
+    assert outcome.code == "malformed-request"
+
+
+def test_a_value_of_a_newer_client_is_refused(tenant: Any, outcome_of: Any) -> None:
+    request = jobs.CreateJobRequest(scene_id=tenant.scene(), job=jobs.JobRequest(kind=99))
+    call = tenant.transport.unary("CreateJob")
+    _, outcome = _refused(outcome_of, lambda: call(request, metadata=_metadata(tenant)))
+    assert outcome.code == "invalid-request"
+    assert outcome.fields == ("kind",)
+    assert "no value 99" in outcome.message
+
+
+def test_nothing_is_parsed_before_the_caller_is_known(rpc: Any, outcome_of: Any) -> None:
+    raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
+    _, outcome = _refused(outcome_of, lambda: raw(b"\xff\xff"))
+    assert outcome.code == "unauthenticated"
+
+
+def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any, outcome_of: Any) -> None:
+    raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
+    _, outcome = _refused(outcome_of, lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))
+    assert outcome.code == "payload-too-large"
+    with pytest.raises(grpc.RpcError) as caught:
+        raw(b"\0" * (gateway.settings.limits.json_bytes + 1), metadata=_metadata(tenant))
+    assert caught.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+
+
+def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -> None:
+    scene = tenant.scene()
+    gateway.model(scene, headers=tenant.headers)
+    asked = gateway.runners.asked
+    call = tenant.transport.unary("RankViews")
+    request = views.RankViewsRequest(scene_id=scene)
+    call(request, timeout=50, metadata=_metadata(tenant))
+    assert 0 < asked[-1].timeout_s <= 50
+    call(request, metadata=_metadata(tenant))
+    assert asked[-1].timeout_s == gateway.settings.limits.ranking_timeout_s
+    before = len(asked)
+    with pytest.raises(grpc.RpcError) as caught:
+        call(request, timeout=1e-6, metadata=_metadata(tenant))
+    assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
+    assert len(asked) == before
+
+
+def test_a_watched_job_is_streamed_until_it_has_ended(tenant: Any, gateway: Any) -> None:
+    scene = tenant.scene()
+    job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+    watching = tenant.transport.stream("WatchJob")(
+        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=_metadata(tenant)
+    )
+    assert next(watching).state == jobs.JOB_STATE_QUEUED
+    lease = gateway.lease(scene)
+    gateway.application.storage.ledger.start(lease, job, 1)
+    assert next(watching).state == jobs.JOB_STATE_RUNNING
+    gateway.application.storage.ledger.succeed(lease, job)
+    gateway.application.storage.leases.release(lease)
+    assert [one.state for one in watching] == [jobs.JOB_STATE_SUCCEEDED]
+    again = tenant.transport.stream("WatchJob")(
+        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=_metadata(tenant)
+    )
+    assert [one.state for one in again] == [jobs.JOB_STATE_SUCCEEDED]
+
+
+def test_the_events_of_a_scene_end_when_it_is_deleted(tenant: Any) -> None:
+    scene = tenant.scene()
+    watching = tenant.transport.stream("WatchEvents")(
+        scenes.WatchEventsRequest(scene_id=scene), timeout=60, metadata=_metadata(tenant)
+    )
+    first = next(watching)
+    tenant.call("ChangeScene", {"name": "b"}, scene_id=scene)
+    tenant.call("DeleteScene", scene_id=scene)
+    kinds = [first.kind, *(event.kind for event in watching)]
+    assert kinds[0] == 1  # scene.created
+    assert kinds[-1] == 3  # scene.deleted
+
+
+def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes], outcome_of: Any) -> None:
+    scene, content = tenant.scene(), photograph(15)
+    digest = tenant.upload(scene, content).result["digest"]
+    download = tenant.transport.stream("DownloadImage")
+
+    def read(**span: int) -> tuple[Any, bytes]:
+        request = images.DownloadImageRequest(scene_id=scene, digest=digest, **span)
+        first, *parts = download(request, metadata=_metadata(tenant))
+        return first.info, b"".join(part.chunk for part in parts)
+
+    info, whole = read()
+    assert whole == content
+    assert (info.media_type, info.size_bytes) == ("image/jpeg", len(content))
+    assert f"sha256:{info.sha256}" == digest
+    assert read(start=10, stop=20)[1] == content[10:20]
+    assert read(start=10, stop=10**9)[1] == content[10:]
+    error, outcome = _refused(outcome_of, lambda: read(start=len(content)))
+    assert error.code() is grpc.StatusCode.OUT_OF_RANGE
+    assert outcome.code == "range-not-satisfiable"
+
+
+def test_health_needs_no_key_and_knows_the_services(rpc: Any) -> None:
+    health = HealthStub(rpc.channel)
+    for name in ("", "fvs.v1.ViewService"):
+        assert health.Check(HealthCheckRequest(service=name)).status == HealthCheckResponse.SERVING
+    with pytest.raises(grpc.RpcError) as caught:
+        health.Check(HealthCheckRequest(service="fvs.v9.Nothing"))
+    assert caught.value.code() is grpc.StatusCode.NOT_FOUND
+    watching = health.Watch(HealthCheckRequest(), timeout=60)
+    assert next(watching).status == HealthCheckResponse.SERVING
+    watching.cancel()
+
+
+def test_reflection_lists_the_services(rpc: Any) -> None:
+    asked = iter([ServerReflectionRequest(list_services="")])
+    (answer,) = ServerReflectionStub(rpc.channel).ServerReflectionInfo(asked)
+    names = {service.name for service in answer.list_services_response.service}
+    assert {
+        f"fvs.v1.{kind}Service" for kind in ("Scene", "Image", "Job", "Snapshot", "View", "Capability")
+    } < names
+
+
+def test_calls_are_counted_and_have_the_id_that_was_offered(tenant: Any, gateway: Any) -> None:
+    call = tenant.transport.unary("GetScene")
+    with pytest.raises(grpc.RpcError) as caught:
+        call(scenes.GetSceneRequest(scene_id="none"), metadata=(*_metadata(tenant), ("x-request-id", "mine")))
+    assert dict(caught.value.trailing_metadata())["x-request-id"] == "mine"
+    found = gateway.app.state.metrics.registry.get_sample_value(
+        "fvs_requests_total",
+        {"method": "RPC", "route": "/fvs.v1.SceneService/GetScene", "status": "NOT_FOUND"},
+    )
+    assert found is not None
+    assert found >= 1

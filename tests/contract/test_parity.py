@@ -1,0 +1,220 @@
+"""Every operation, field and enum value of the OpenAPI document is in ``fvs.v1``, and the other way round."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from fvs.v1 import (
+    capabilities_pb2,
+    downloads_pb2,
+    events_pb2,
+    images_pb2,
+    jobs_pb2,
+    poses_pb2,
+    scenes_pb2,
+    snapshots_pb2,
+    views_pb2,
+)
+from fvs_service.errors import ServiceError
+from fvs_service.events.model import Event, EventKind
+from fvs_service.gateway.rpc.failures import code_of, status_of
+from pydantic.json_schema import models_json_schema
+
+_FILES = (
+    *(capabilities_pb2, downloads_pb2, events_pb2, images_pb2, jobs_pb2),
+    *(poses_pb2, scenes_pb2, snapshots_pb2, views_pb2),
+)
+
+REST_ONLY = {
+    "POST /v1/scenes/{scene_id}/images": "a form, for browsers and curl",
+    "GET /livez": "a call that is answered shows it",
+    "GET /readyz": "grpc.health.v1.Health",
+    "GET /metrics": "the format of Prometheus, which asks over HTTP",
+}
+OTHERWISE = {
+    "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}": "UploadImage",
+    "GET /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/content": "DownloadImage",
+    "GET /v1/snapshots/{snapshot_id}/artifacts/{name}": "DownloadArtifact",
+    "GET /v1/scenes/{scene_id}/events": "WatchEvents",
+    "GET /v1/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png": "RenderCandidate",
+}
+"""What is not one request and one response of JSON on both sides."""
+RPC_ONLY = {
+    "GetUpload": "an upload over REST begins anew",
+    "WatchJob": "a client of REST picks a job's events out of the scene's",
+}
+MODELS_OF_REST = {
+    "Health": "grpc.health.v1",
+    "Problem": "google.rpc.Status",
+    "ProblemField": "google.rpc.BadRequest",
+    "UploadAnswer": "of a form",
+    "UploadItem": "of a form",
+}
+PARAMETERS = {"hexadecimal": "digest", "Idempotency-Key": "idempotency_key", "Last-Event-ID": "after"}
+PARAMETERS_OF_HTTP = {
+    *("Range", "if-range", "if-none-match", "Repr-Digest", "Content-Digest", "X-Timeout-S"),
+}
+"""Over gRPC: `start` and `stop` of downloads, the digest of an upload's first message, the deadline."""
+PLAIN_WORDS = {"GridLook": ("Grid", "look"), "PoseFrame": ("RankingRequest", "frame")}
+"""Enums that the document has as values of a field."""
+
+
+@pytest.fixture(scope="module")
+def document(gateway: Any) -> dict[str, Any]:
+    document: dict[str, Any] = gateway.client.get("/openapi.json").json()
+    _, events = models_json_schema([(Event, "serialization")], ref_template="#/components/schemas/{model}")
+    document["components"]["schemas"].update(events["$defs"])  # of the stream, which OpenAPI cannot describe
+    return document
+
+
+def _messages() -> dict[str, Any]:
+    return {name: found for file in _FILES for name, found in file.DESCRIPTOR.message_types_by_name.items()}
+
+
+def _enums() -> dict[str, Any]:
+    return {name: found for file in _FILES for name, found in file.DESCRIPTOR.enum_types_by_name.items()}
+
+
+def _methods() -> dict[str, Any]:
+    return {
+        name: found
+        for file in _FILES
+        for service in file.DESCRIPTOR.services_by_name.values()
+        for name, found in service.methods_by_name.items()
+    }
+
+
+def _operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for path, operations in document["paths"].items():
+        for verb, operation in operations.items():
+            yield f"{verb.upper()} {path}", operation
+
+
+def _name_of(operations: dict[str, Any], route: str) -> str:
+    """The method of ``fvs.v1`` that is a route."""
+    if route in OTHERWISE:
+        return OTHERWISE[route]
+    verb, path = route.split(" ")
+    digest = path.replace("sha256:{hexadecimal}", "{digest}")
+    found = [name for name, one in operations.items() if (one.verb, one.path) == (verb, digest)]
+    assert len(found) == 1, f"{route} is in neither OPERATIONS nor the exceptions"
+    return found[0]
+
+
+def test_every_operation_exists_on_both_sides(document: dict[str, Any], operations: Any) -> None:
+    routes = {route for route, _ in _operations(document)}
+    named = {_name_of(operations, route) for route in routes if route not in REST_ONLY}
+    assert set(REST_ONLY) <= routes
+    assert set(OTHERWISE) <= routes
+    assert named | set(RPC_ONLY) == set(_methods())
+
+
+def test_every_parameter_is_a_field_of_the_request(document: dict[str, Any], operations: Any) -> None:
+    for route, operation in _operations(document):
+        if route in REST_ONLY:
+            continue
+        request = _methods()[_name_of(operations, route)].input_type
+        if request.name == "UploadImageRequest":
+            request = request.fields_by_name["upload"].message_type
+        fields = {field.name for field in request.fields}
+        if "metadata" in fields:
+            fields |= {field.name for field in request.fields_by_name["metadata"].message_type.fields}
+        for parameter in operation.get("parameters", []):
+            name = PARAMETERS.get(parameter["name"], parameter["name"])
+            assert name in fields | PARAMETERS_OF_HTTP, f"{route} {name}"
+        body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+        if body is not None:
+            kinds = {field.message_type.name for field in request.fields if field.message_type is not None}
+            assert body["schema"]["$ref"].rpartition("/")[2] in kinds
+
+
+def test_every_model_has_a_message_with_the_same_fields(document: dict[str, Any]) -> None:
+    messages = _messages()
+    for name, schema in document["components"]["schemas"].items():
+        if "properties" not in schema or name in MODELS_OF_REST:
+            continue
+        fields = {field.name for field in messages[name].fields}
+        union = "kind" if "const" in schema["properties"].get("kind", {}) else None
+        assert fields == set(schema["properties"]) - {union}, name
+
+
+def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> None:
+    schemas = set(document["components"]["schemas"])
+    of_calls = {method.input_type.name for method in _methods().values()}
+    of_grpc = {
+        *("ImageUpload", "UploadImageResponse", "Upload", "ImageMetadata"),  # REST has parameters instead
+        *("DownloadInfo", "DownloadPart", "CandidateRender"),  # and bodies that are bytes
+        *("World", "Pose", "Generator", "CandidateList"),  # and unions and lists without a name
+    }
+    assert set(_messages()) - schemas - of_calls == of_grpc
+
+
+def test_every_value_of_an_enum_exists_on_both_sides(document: dict[str, Any], word_of: Any) -> None:
+    schemas, enums = document["components"]["schemas"], _enums()
+    assert {name for name, schema in schemas.items() if "enum" in schema} | set(PLAIN_WORDS) | {
+        "PoseFrame"
+    } == set(enums)
+    for name, enum in enums.items():
+        words = {word_of(enum, value.number) for value in enum.values if value.number}
+        assert words == _values(schemas, name), name
+
+
+def _values(schemas: dict[str, Any], name: str) -> set[str]:
+    if name not in PLAIN_WORDS:
+        return set(schemas[name]["enum"])
+    model, field = PLAIN_WORDS[name]
+    schema = schemas[model]["properties"][field]
+    return set(next(part["enum"] for part in (schema, *schema.get("anyOf", ())) if "enum" in part))
+
+
+def test_the_events_are_those_of_the_service() -> None:
+    assert {one.value for one in EventKind} == {
+        value.name.removeprefix("EVENT_KIND_").lower().replace("_", ".")
+        for value in _enums()["EventKind"].values
+        if value.number
+    }
+
+
+def test_fields_that_may_be_null_are_absent_and_those_of_requests_too(document: dict[str, Any]) -> None:
+    """A number that a client leaves out must not become 0."""
+    for name, schema in document["components"]["schemas"].items():
+        if "properties" not in schema or name in MODELS_OF_REST:
+            continue
+        for field in _messages()[name].fields:
+            of_field = schema["properties"][field.name]
+            nullable = any(part.get("type") == "null" for part in of_field.get("anyOf", ()))
+            if (nullable or name in _sent(document)) and not field.is_repeated and field.enum_type is None:
+                assert field.has_presence, f"{name}.{field.name}"
+
+
+def _sent(document: dict[str, Any]) -> set[str]:
+    """The models that requests have."""
+    found: set[str] = set()
+    for _, operation in _operations(document):
+        pending = [operation.get("requestBody", {})]
+        while pending:
+            part = pending.pop()
+            if isinstance(part, dict):
+                name = str(part.get("$ref", "")).rpartition("/")[2]
+                if name and name not in found:
+                    found.add(name)
+                    pending.append(document["components"]["schemas"][name])
+                pending += part.values()
+            elif isinstance(part, list):
+                pending += part
+    return found
+
+
+def test_every_error_has_a_status_of_grpc() -> None:
+    kinds, pending = set(), [ServiceError]
+    while pending:
+        kind = pending.pop()
+        kinds.add(kind)
+        pending += kind.__subclasses__()
+    for kind in kinds - {ServiceError}:
+        error = kind(5) if kind.code == "range-not-satisfiable" else kind("It failed.")  # type: ignore[arg-type]
+        status = status_of(error, "req_1")
+        assert code_of(error).value[0] == status.code
+        assert (code_of(error).name in ("INTERNAL", "UNAVAILABLE", "DEADLINE_EXCEEDED", "CANCELLED")) == (
+            (kind.status >= 499 and kind.status != 507) or kind.status == 408
+        ), kind

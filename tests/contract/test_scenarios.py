@@ -1,0 +1,281 @@
+"""The same scenario directly, over REST and over gRPC: the same results, and the same errors."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from fvs_service.principal import Scope
+
+Compare = Callable[[Callable[[Any], None]], None]
+
+LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+ORIGIN = {"latitude_deg": 48.3014, "longitude_deg": 7.2511, "altitude_m": 412.0}
+UNKNOWN = "scn_01m000000000000000000000zz"
+NOTHING = f"sha256:{'0' * 64}"
+
+
+def _refused(outcome: Any, code: str) -> None:
+    assert outcome.code == code, outcome
+    assert outcome.message
+
+
+def _model(tenant: Any, scene: str) -> str:
+    snapshot: str = tenant.gateway.model(scene, headers=tenant.headers, seed=7)
+    return snapshot
+
+
+def test_a_scene_is_created_read_changed_listed_and_deleted(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        request = {
+            "name": "castle",
+            "world": {"kind": "enu", "origin": ORIGIN},
+            "camera": {"width_px": 4000, "focal_length_px": 3000.0},
+            "policy": {"trigger": "every-k-images", "k": 5},
+            "retention": {"snapshots": 3, "ranking_days": 1.5},
+        }
+        scene = tenant.call("CreateScene", request, idempotency_key="one").result["id"]
+        assert tenant.call("CreateScene", request, idempotency_key="one").result["id"] == scene
+        _refused(tenant.call("CreateScene", {"name": "b"}, idempotency_key="one"), "idempotency-key-reused")
+        tenant.scene(world={"kind": "local"})
+        tenant.call("GetScene", scene_id=scene)
+        tenant.call("ChangeScene", {"name": "keep", "policy": {"k": 2}}, scene_id=scene)
+        tenant.call("GetSceneSize", scene_id=scene)
+        first = tenant.call("ListScenes", limit=1).result
+        assert len(tenant.call("ListScenes", limit=1, after=first["next"]).result["items"]) == 1
+        tenant.call("DeleteScene", scene_id=scene)
+        _refused(tenant.call("GetScene", scene_id=scene), "not-found")
+
+    compare(scenario)
+
+
+def test_invalid_requests_are_pointed_at(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        for request in (
+            {},
+            {"name": "a\nb"},
+            {"name": "a", "world": {"kind": "enu", "origin": {"latitude_deg": 91.0, "longitude_deg": 0.0}}},
+            {"name": "a", "camera": {"width_px": 100, "focal_length_px": 1.0}},
+            {"name": "a", "policy": {"k": 0}},
+        ):
+            _refused(tenant.call("CreateScene", request), "invalid-request")
+        scene = tenant.scene()
+        _refused(tenant.call("ChangeScene", {}, scene_id=scene), "invalid-request")
+        _refused(
+            tenant.call("CreateJob", {"kind": "update", "test_every": 8}, scene_id=scene), "invalid-request"
+        )
+
+    compare(scenario)
+
+
+def test_images_are_uploaded_once_judged_and_listed(
+    compare: Compare, photograph: Callable[..., bytes]
+) -> None:
+    def scenario(tenant: Any) -> None:
+        scene, content = tenant.scene(), photograph(1)
+        image = tenant.upload(
+            scene, content, name="one.jpg", latitude_deg=48.0, longitude_deg=7.0, altitude_m=9.0
+        )
+        digest = image.result["digest"]
+        assert image.result["verdict"] == "accepted"
+        assert tenant.upload(scene, content).result["number"] == image.result["number"]
+        assert tenant.upload(scene, photograph(1, image_format="PNG")).result["verdict"] == "accepted"
+        assert tenant.upload(scene, b"not an image").result["verdict"] == "unreadable"
+        assert tenant.upload(scene, photograph(2, size=(8, 8))).result["verdict"] == "too-small"
+        _refused(tenant.upload(scene, photograph(3), digest=NOTHING), "digest-mismatch")
+        _refused(tenant.upload(scene, photograph(3), x_m=1.0, y_m=1.0, z_m=1.0), "invalid-request")
+        tenant.call("CheckImages", {"digests": [digest, NOTHING]}, scene_id=scene)
+        tenant.call("GetImage", scene_id=scene, digest=digest)
+        assert tenant.call("ExcludeImage", scene_id=scene, digest=digest).result["registration"] == "excluded"
+        tenant.call("IncludeImage", scene_id=scene, digest=digest)
+        tenant.call("ListImages", scene_id=scene, limit=2)
+        tenant.call("DeleteImage", scene_id=scene, digest=digest)
+        _refused(tenant.call("GetImage", scene_id=scene, digest=digest), "not-found")
+        _refused(tenant.call("ListImages", scene_id=scene, after="x"), "invalid-request")
+
+    compare(scenario)
+
+
+def test_a_full_scene_takes_no_more_images(compare: Compare, photograph: Callable[..., bytes]) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        for number in range(6):
+            tenant.upload(scene, b"%d" % number)
+        _refused(tenant.upload(scene, photograph(4)), "conflict")
+
+    compare(scenario)
+
+
+def test_jobs_are_queued_once_canceled_and_retried(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+        assert tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"] == job
+        _refused(tenant.call("CreateJob", {"kind": "update", "iterations": 5}, scene_id=scene), "conflict")
+        _refused(tenant.call("CreateJob", {"kind": "fine"}, scene_id=scene), "conflict")
+        tenant.call("GetJob", job_id=job)
+        assert tenant.call("CancelJob", job_id=job).result["state"] == "canceled"
+        assert tenant.call("RetryJob", job_id=job).result["attempt"] == 2
+        _refused(tenant.call("RetryJob", job_id=job), "conflict")
+        tenant.call("ListJobs", scene_id=scene)
+        tenant.call("CreateJob", {"kind": "update"}, scene_id=tenant.scene())
+        _refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=tenant.scene()), "limit-exceeded")
+
+    compare(scenario)
+
+
+def test_a_failed_job_says_why(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+        storage, lease = tenant.gateway.application.storage, tenant.gateway.lease(scene)
+        storage.ledger.start(lease, job, 1)
+        storage.ledger.fail(lease, job, _job_error())
+        storage.leases.release(lease)
+        failed = tenant.call("GetJob", job_id=job).result
+        assert failed["state"] == "failed"
+        assert failed["error"]["code"] == "too-few-images"
+
+    compare(scenario)
+
+
+def _job_error() -> Any:
+    from fvs_service.jobs.model import JobError
+
+    return JobError(
+        code="too-few-images", message="There are too few.", hint="Send more.", retryable=False, stage="sfm"
+    )
+
+
+def test_views_are_ranked_and_rendered(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _refused(tenant.call("RankViews", {}, scene_id=scene), "no-snapshot")
+        snapshot = _model(tenant, scene)
+        candidates = [
+            {"id": name, "pose": {**LOOK, "position": [0.0, y, -4.0]}} for name, y in (("a", 0.0), ("b", 1.0))
+        ]
+        near = {"current_pose": LOOK, "radius_m": 0.5}
+        ranking = tenant.call(
+            "RankViews", {"candidates": candidates, **near}, scene_id=scene, idempotency_key="r"
+        )
+        made = ranking.result["id"]
+        again = tenant.call(
+            "RankViews", {"candidates": candidates, **near}, scene_id=scene, idempotency_key="r"
+        )
+        assert again.result["id"] == made
+        tenant.call(
+            "RankViews",
+            {"generator": {"kind": "grid", "columns": 2, "rows": 2, "look": "down"}},
+            scene_id=scene,
+        )
+        tenant.call(
+            "RankViews", {"generator": {"kind": "orbit", "count": 3}, "frame": "model"}, scene_id=scene
+        )
+        tenant.call("RankViews", {"top_k": 2, "snapshot_id": snapshot}, scene_id=scene)
+        tenant.call("GetRanking", ranking_id=made)
+        assert tenant.call("RenderCandidate", ranking_id=made, candidate_id="a").result.startswith(b"\x89PNG")
+        _refused(tenant.call("RenderCandidate", ranking_id=made, candidate_id="z"), "not-found")
+        tenant.call("DeleteRanking", ranking_id=made)
+        _refused(tenant.call("GetRanking", ranking_id=made), "not-found")
+
+    compare(scenario)
+
+
+@pytest.mark.parametrize(
+    "request_document",
+    [
+        {"candidates": []},
+        {"candidates": [{"id": "a", "pose": {**LOOK, "position": [0.0, 0.0]}}]},
+        {"candidates": [{"id": "a", "pose": {**LOOK, "orientation_wxyz": [2.0, 0.0, 0.0, 0.0]}}]},
+        {"candidates": [{"id": "a", "pose": LOOK}, {"id": "a", "pose": LOOK}]},
+        {"candidates": [{"id": f"c{number}", "pose": LOOK} for number in range(41)]},
+        {"candidates": [{"id": "a", "pose": {**ORIGIN, "yaw_deg": 0.0, "pitch_deg": 0.0}}]},
+        {"generator": {"kind": "orbit", "count": 41}},
+        {"generator": {"kind": "around-current"}},
+        {"radius_m": 1.0},
+        {"method": "no-method"},
+        {"candidates": [{"id": "a", "pose": LOOK}], "generator": {"kind": "dataset"}},
+    ],
+)
+def test_rankings_that_cannot_be_made_are_refused(compare: Compare, request_document: Any) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _model(tenant, scene)
+        _refused(tenant.call("RankViews", request_document, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
+def test_snapshots_are_listed_pinned_and_deleted(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        snapshot = _model(tenant, scene)
+        listed = tenant.call("ListSnapshots", scene_id=scene).result["items"]
+        assert [one["id"] for one in listed] == [snapshot]
+        tenant.call("GetSnapshot", snapshot_id=snapshot)
+        assert tenant.call("ChangeSnapshot", {"pinned": True}, snapshot_id=snapshot).result["pinned"]
+        _refused(tenant.call("DeleteSnapshot", snapshot_id=snapshot), "conflict")
+        _refused(tenant.call("ChangeSnapshot", {}, snapshot_id=snapshot), "invalid-request")
+        _refused(tenant.call("GetSnapshot", snapshot_id="snp_none"), "not-found")
+
+    compare(scenario)
+
+
+def test_foreign_and_unknown_things_answer_alike(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+        foreign = tenant.gateway.application.storage.keys.create("other", tenant_id=f"{tenant.name}-other")
+        for key, scene_id, job_id in ((foreign, scene, job), (tenant.key, UNKNOWN, "job_none")):
+            _refused(tenant.call("GetScene", scene_id=scene_id, key=key), "not-found")
+            _refused(tenant.call("ChangeScene", {"name": "a"}, scene_id=scene_id, key=key), "not-found")
+            _refused(tenant.call("DeleteScene", scene_id=scene_id, key=key), "not-found")
+            _refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=scene_id, key=key), "not-found")
+            _refused(tenant.call("RankViews", {}, scene_id=scene_id, key=key), "not-found")
+            _refused(
+                tenant.call("CheckImages", {"digests": [NOTHING]}, scene_id=scene_id, key=key), "not-found"
+            )
+            _refused(tenant.upload(scene_id, b"x", key=key), "not-found")
+            _refused(tenant.call("GetJob", job_id=job_id, key=key), "not-found")
+            _refused(tenant.call("CancelJob", job_id=job_id, key=key), "not-found")
+        _refused(tenant.call("GetRanking", ranking_id="rnk_none"), "not-found")
+
+    compare(scenario)
+
+
+def test_keys_are_needed_valid_and_have_scopes(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        for key in (None, "fvs_0000_wrong"):
+            _refused(tenant.call("GetScene", scene_id=scene, key=key), "unauthenticated")
+            _refused(tenant.upload(scene, b"x", key=key), "unauthenticated")
+        reader = tenant.new_key(scopes=frozenset({Scope.READ}))
+        tenant.call("GetScene", scene_id=scene, key=reader)
+        _refused(tenant.call("CreateScene", {"name": "a"}, key=reader), "forbidden")
+        _refused(tenant.call("DeleteScene", scene_id=scene, key=reader), "forbidden")
+        _refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=scene, key=reader), "forbidden")
+        _refused(tenant.call("RankViews", {}, scene_id=scene, key=reader), "forbidden")
+        _refused(tenant.upload(scene, b"x", key=reader), "forbidden")
+        device = tenant.new_key(scene_id=scene)
+        tenant.call("GetScene", scene_id=scene, key=device)
+        _refused(tenant.call("GetScene", scene_id=tenant.scene(), key=device), "not-found")
+        _refused(tenant.call("CreateScene", {"name": "a"}, key=device), "forbidden")
+
+    compare(scenario)
+
+
+def test_a_service_without_runners_says_so(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _model(tenant, scene)
+        tenant.gateway.runners.reachable = False
+        try:
+            _refused(tenant.call("RankViews", {}, scene_id=scene), "unavailable")
+        finally:
+            tenant.gateway.runners.reachable = True
+
+    compare(scenario)
+
+
+def test_the_capabilities_are_the_same(compare: Compare) -> None:
+    compare(lambda tenant: tenant.call("GetCapabilities"))
