@@ -118,9 +118,7 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
         ({"digest": "sha256:x"}, "invalid-request"),
         ({"size_bytes": 10**12}, "payload-too-large"),
     ):
-        _, outcome = _refused(
-            tenant, outcome_of, lambda given=given: _send(tenant, _parts(scene, content, **given))
-        )
+        _, outcome = _refused(outcome_of, lambda given=given: _send(tenant, _parts(scene, content, **given)))
         assert outcome.code == code
     _, outcome = _refused(outcome_of, lambda: _send(tenant, iter(())))
     assert outcome.code == "malformed-request"

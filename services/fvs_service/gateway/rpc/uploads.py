@@ -1,6 +1,9 @@
 """Uploads over gRPC: a stream that says what it sends, then the bytes."""
 
-from collections.abc import Awaitable, Callable
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
 
 from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
@@ -47,7 +50,9 @@ class ImageUpload:
             except InvalidRequestError:  # what arrived is not this image
                 raise
             except BaseException:  # also that the client is gone
-                await run_sync(lambda: app.partial_uploads.keep(tenant_id, upload, receiver.part()))
+                await _to_its_end(
+                    run_sync(lambda: app.partial_uploads.keep(tenant_id, upload, receiver.part()))
+                )
                 raise
             staged = receiver.finish()
             require_digest(staged.digest, upload.digest)
@@ -102,6 +107,15 @@ class ImageUpload:
 
     async def _next(self) -> bytes | None:
         return await self._pace.wait(self._receive, _size)
+
+
+async def _to_its_end(work: Coroutine[Any, Any, None]) -> None:
+    """Wait for ``work`` even when the call is cancelled meanwhile."""
+    task = asyncio.ensure_future(work)
+    while not task.done():
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.shield(task)
+    task.result()
 
 
 def _size(content: bytes | None) -> int:
