@@ -249,6 +249,7 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     say("the object store is back")
                 case "freeze":
                     frozen = workers[0].processes("serving.process worker")
+                    require(bool(frozen), "there is no worker to freeze")
                     takeovers.lost(workers[0].name)
                     for pid in frozen:
                         os.kill(pid, signal.SIGSTOP)

@@ -2,14 +2,19 @@
 
 import os
 import time
+from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
 import pytest
 from fvs_service.cli.serve import add_commands
+from fvs_service.doctor.deployment import troubles
 from fvs_service.doctor.examination import examine
+from fvs_service.errors import StorageRefusedError
 from fvs_service.model import now
+from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.tables import JobRow, RemovalRow
+from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import update
 from typer import Typer
 from typer.testing import CliRunner
@@ -147,3 +152,34 @@ def test_the_command_says_what_it_finds_and_mends_only_when_asked(gateway: Any) 
         assert str(orphan) in found.stdout
     assert run("--mend").exit_code == 13
     assert (run().exit_code, orphan.exists()) == (0, False)
+
+
+def test_a_deployment_that_works_has_no_troubles(open_gateway: Callable[..., Any]) -> None:
+    storage = open_gateway().application.storage
+    Heartbeats(storage.database, 20).beat("worker-0")
+    assert list(troubles(storage)) == []
+
+
+def test_the_doctor_says_what_is_wrong_with_a_deployment(
+    open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    storage = open_gateway().application.storage
+    Heartbeats(storage.database, 20).beat("worker-0", disk_full=True)
+    Heartbeats(storage.database, -20).beat("worker-1")  # long ago
+    ten_minutes_later = time.time() + 600
+    monkeypatch.setattr("fvs_service.doctor.deployment.time.time", lambda: ten_minutes_later)
+    monkeypatch.setattr(Blobs, "check", refuse)
+    found = list(troubles(storage))
+    assert [trouble.serious for trouble in found] == [True, False, False, False]
+    said = " ".join(trouble.what for trouble in found)
+    for part in (
+        "no such bucket",
+        "600 s ahead of",
+        "worker-0 takes no jobs",
+        "worker-1 has sent no heartbeat",
+    ):
+        assert part in said
+
+
+def refuse(_blobs: Blobs) -> None:
+    raise StorageRefusedError("The object store has no such bucket.", hint="Create it.")

@@ -1,5 +1,6 @@
 """What differs on PostgreSQL, whose transactions run beside each other, and which can be away."""
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ from fvs_service.scenes.model import SceneRequest
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Limits
 from fvs_service.storage.database import Database
+from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import Table
 from postgresql_server import PostgresqlServer
 from sqlalchemy import text
@@ -191,4 +193,27 @@ def test_a_server_that_restarts_costs_an_error_and_nothing_else(
             assert [event.kind for event in events_after(session, scene, 0)] == [EventKind.SCENE_CREATED]
         database.close()
     finally:
+        server.stop()
+
+
+def test_a_commit_wakes_those_who_wait_also_after_a_restart(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    server = PostgresqlServer(tmp_path_factory.mktemp("server"))
+    server.start()
+    database = Database(server.create_database("fvs"))
+    try:
+        database.migrate()
+        heard = threading.Event()
+        with contextlib.closing(database.subscribe({Topic.EVENTS: heard.set})):
+            for _ in range(2):
+                assert heard.wait(60)  # it listens from now on
+                heard.clear()
+                new_scene(database)
+                assert heard.wait(60)
+                heard.clear()
+                server.stop()
+                server.start()
+    finally:
+        database.close()
         server.stop()

@@ -1,5 +1,6 @@
-"""``fvs doctor``: finds what crashes and restored backups leave behind."""
+"""``fvs doctor``: says what is wrong with a deployment, and finds what crashes and restored backups leave."""
 
+import contextlib
 from datetime import timedelta
 from typing import Annotated
 
@@ -19,14 +20,27 @@ def doctor(
     ] = 900.0,
     root: RootOption = None,
 ) -> None:
-    """Find blobs without rows, rows without blobs, folders of no scene, half deletions and lost jobs.
+    """Check the database, the object store, clocks, workers and disks, and find what does not fit together.
 
-    It may run beside the service. The exit status is 0 when nothing is found, 13 otherwise.
+    That is blobs without rows, rows without blobs, folders of no scene, half deletions and lost jobs. It may
+    run beside the service. The exit status is 0 when nothing is found, 13 otherwise.
     """
     from fvs_service.application import open_storage
+    from fvs_service.doctor.deployment import troubles
     from fvs_service.doctor.examination import examine
+    from fvs_service.errors import ServiceError
 
-    with open_storage(settings_of(root=root)) as storage:
+    with contextlib.ExitStack() as opened:
+        try:
+            storage = opened.enter_context(open_storage(settings_of(root=root)))
+        except ServiceError as error:  # the database is away, or of a newer version
+            typer.echo(f"{error.message} {error.hint}\n{error.__cause__ or ''}".rstrip())
+            raise typer.Exit(_EXIT_FOUND) from error
+        wrong = tuple(troubles(storage))
+        for trouble in wrong:
+            typer.echo(f"{trouble.what} {trouble.hint}")
+        if any(trouble.serious for trouble in wrong):
+            raise typer.Exit(_EXIT_FOUND)
         found = 0
         for finding in examine(storage, timedelta(seconds=grace)):
             found += 1
@@ -34,7 +48,7 @@ def doctor(
                 finding.mend()
             typer.echo(f"{finding.kind}: {finding.what} ({'did' if mend else 'would'}: {finding.remedy})")
     typer.echo(f"{found} found{', and mended' if found and mend else ''}", err=True)
-    if found:
-        if not mend:
+    if found or wrong:
+        if found and not mend:
             typer.echo("Run it again with --mend to mend them.", err=True)
         raise typer.Exit(_EXIT_FOUND)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Engine, func, select, text
+from sqlalchemy import Connection, Engine, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -50,12 +50,12 @@ class Listener:
 
     def _receive(self, connection: Connection) -> None:
         connection.detach()  # the pool gets another one
-        connection.execution_options(isolation_level="AUTOCOMMIT")
+        driver: Any = connection.connection.dbapi_connection
+        driver.autocommit = True  # who is in a transaction hears nothing
         for channel in self._callbacks:
-            connection.execute(text(f"LISTEN {channel}"))
+            driver.execute(f"LISTEN {channel}")
         for callback in self._callbacks.values():  # for what was not heard before
             callback()
-        driver: Any = connection.connection.driver_connection
         while not self._closed.is_set():
             for received in driver.notifies(timeout=_LOOK_S, stop_after=1):
                 with contextlib.suppress(KeyError):

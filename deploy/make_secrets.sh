@@ -1,0 +1,18 @@
+#!/bin/sh
+# Makes the secrets that docker-compose.yml reads, each in a file of its own; existing ones stay.
+set -eu
+cd "$(dirname "$0")"
+mkdir -p secrets
+chmod 711 secrets
+random() { od -An -N24 -tx1 /dev/urandom | tr -d ' \n'; }
+make() { [ -s "secrets/$1" ] || printf '%s' "$2" >"secrets/$1"; }
+make database-password "$(random)"
+make database-url "postgresql://fvs:$(cat secrets/database-password)@database:5432/fvs"
+make blobs-access-key-id fvs
+make blobs-secret-access-key "$(random)"
+keys="{\"accessKey\": \"fvs\", \"secretKey\": \"$(cat secrets/blobs-secret-access-key)\"}"
+make store-identities "{\"identities\": [{\"name\": \"fvs\", \"credentials\": [$keys], \"actions\": [\"Admin\"]}]}"
+make grafana-password "$(random)"
+make metrics-key "replace this by a key: docker compose run --rm gateway keys create prometheus --scope read"
+# Containers read them as users of their own.
+chmod 644 secrets/*

@@ -1,0 +1,56 @@
+"""What is wrong with a deployment: the object store, clocks, workers, disks."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqlalchemy import select
+
+from fvs_service.application import Storage
+from fvs_service.errors import StorageUnavailableError
+from fvs_service.fleet import workers_of
+from fvs_service.storage.blobs import free_bytes
+from fvs_service.storage.database import now_ms
+
+_SKEW_S = 5.0
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Something that only an operator can mend; while it lasts, blobs cannot be examined if ``serious``."""
+
+    what: str
+    hint: str
+    serious: bool = False
+
+
+def troubles(storage: Storage) -> Iterator[Trouble]:
+    """What keeps this machine, or the service, from working."""
+    try:
+        storage.blobs.check()
+    except StorageUnavailableError as error:
+        yield Trouble(error.message, error.hint, serious=True)
+    settings = storage.settings
+    before = time.time()
+    with storage.database.reading() as session:
+        database_s = (session.scalar(select(now_ms())) or 0) / 1000
+        workers = workers_of(session, settings.lease_s)
+    skew_s = (before + time.time()) / 2 - database_s
+    if abs(skew_s) > _SKEW_S:
+        side = "ahead of" if skew_s > 0 else "behind"
+        yield Trouble(
+            f"This machine's clock is {abs(skew_s):.0f} s {side} the database's.",
+            "Synchronise the clocks of all machines (NTP): keys expire and events are dated by them.",
+        )
+    for worker in workers:
+        if not worker.alive:
+            yield Trouble(
+                f"Worker {worker.id} has sent no heartbeat for {worker.heartbeat_age_s:.0f} s.",
+                "Its machine may be down or cut off from the database; others take its jobs.",
+            )
+        elif worker.disk_full:
+            yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")
+    if free_bytes(settings.root) < settings.reserve_bytes:
+        yield Trouble(
+            "This machine's disk has come to the reserve.", "Free some space, or lower FVS_RESERVE_BYTES."
+        )
