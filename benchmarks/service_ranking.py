@@ -9,20 +9,27 @@ time, each with its own connection, rank without a pause. For every request:
 
 * scoring: the time of the engine's call, measured by the runner;
 * queued: the time in the runner's queue behind other requests, which are answered one at a time;
-* overhead: the rest, from the call of the client to its return (goal: p95 ≤ 30 ms with one client).
+* overhead: the rest, from the call of the client to its return (goal: p95 ≤ 10 ms with one client).
+
+Each row is measured over REST and over gRPC, in the same run.
 """
 
 import argparse
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import grpc
 import numpy as np
+from fvs.v1.views_pb2 import RankViewsRequest
+from fvs.v1.views_pb2_grpc import ViewServiceStub
 from fvs_client import Client, Job, Orbit, Scene
-from fvs_service.serving.running import running_service
+from fvs_service.serving.running import RunningService, running_service
 from measurement import report
 
 from fvs_engine.monitor import Monitor
@@ -44,25 +51,52 @@ class Asked:
         return self.request - self.scoring - self.queued
 
 
-def ask(scene: Scene, candidates: int, method: str) -> Asked:
+Rank = Callable[[], Any]
+"""Asks for a ranking, and returns it with ``seconds`` and ``waited_s``."""
+
+
+def ask(rank: Rank) -> Asked:
     began = time.perf_counter()
-    ranking = scene.rank(generator=Orbit(count=candidates), method=method)
+    ranking = rank()
     took = time.perf_counter() - began
     return Asked(1e3 * took, 1e3 * ranking.seconds, 1e3 * ranking.waited_s)
 
 
+@contextmanager
+def over_rest(service: RunningService, scene_id: str, options: argparse.Namespace) -> Iterator[Rank]:
+    """A client of REST with a connection of its own."""
+    with Client(service.url) as client:
+        scene = client.scenes.get(scene_id)
+        yield lambda: scene.rank(generator=Orbit(count=options.candidates), method=options.method)
+
+
+@contextmanager
+def over_grpc(service: RunningService, scene_id: str, options: argparse.Namespace) -> Iterator[Rank]:
+    """A client of gRPC with a connection of its own; channels share one otherwise."""
+    own = (("grpc.use_local_subchannel_pool", 1),)
+    with grpc.insecure_channel(service.rpc_url.removeprefix("grpc://"), own) as channel:
+        grpc.channel_ready_future(channel).result()
+        stub = ViewServiceStub(channel)
+        wanted = {"generator": {"orbit": {"count": options.candidates}}, "method": options.method}
+        request = RankViewsRequest(scene_id=scene_id, ranking=wanted)
+        yield lambda: stub.RankViews(request)
+
+
+TRANSPORTS = {"REST": over_rest, "gRPC": over_grpc}
+
+
 def ask_together(
-    url: str, scene_id: str, clients: int, each: int, options: argparse.Namespace
+    service: RunningService, scene_id: str, transport: str, clients: int, options: argparse.Namespace
 ) -> list[Asked]:
     """The rankings of all clients, which start together."""
     asked: list[Asked] = []
     ready = threading.Barrier(clients)
+    each = max(1, options.rankings // clients)
 
     def one() -> None:
-        with Client(url) as client:
-            scene = client.scenes.get(scene_id)
+        with TRANSPORTS[transport](service, scene_id, options) as rank:
             ready.wait()
-            asked.extend([ask(scene, options.candidates, options.method) for _ in range(each)])
+            asked.extend([ask(rank) for _ in range(each)])
 
     threads = [threading.Thread(target=one) for _ in range(clients)]
     for thread in threads:
@@ -73,11 +107,16 @@ def ask_together(
 
 
 def row(
-    url: str, scene: Scene, clients: int, training: Job | None, options: argparse.Namespace
+    service: RunningService,
+    scene: Scene,
+    transport: str,
+    clients: int,
+    training: Job | None,
+    options: argparse.Namespace,
 ) -> dict[str, Any]:
     before = 0.0 if training is None else training.refresh().progress
     began = time.perf_counter()
-    asked = ask_together(url, scene.id, clients, max(1, options.rankings // clients), options)
+    asked = ask_together(service, scene.id, transport, clients, options)
     took = time.perf_counter() - began
     times = {
         f"{name}, ms p50 / p95": " / ".join(
@@ -86,6 +125,7 @@ def row(
         for name in ("request", "scoring", "queued", "overhead")
     }
     return {
+        "transport": transport,
         "clients": clients,
         "training": "no" if training is None else "yes",
         **{name.replace("_", " "): value for name, value in times.items()},
@@ -130,13 +170,17 @@ def main() -> None:
                 scene.update(iterations=options.iterations, long_side_px=options.long_side).wait().snapshot()
             )
             assert model is not None
-            for _ in range(_WARM_UP):
-                ask(scene, options.candidates, options.method)
-            rows = [row(service.url, scene, 1, None, options)]
+            for transport in TRANSPORTS:
+                ask_together(service, scene.id, transport, _WARM_UP, options)
+            rows = [row(service, scene, transport, 1, None, options) for transport in TRANSPORTS]
             training = scene.fine(long_side_px=options.long_side)
             while training.refresh().stage != "train":
                 time.sleep(0.2)
-            rows += [row(service.url, scene, clients, training, options) for clients in options.clients]
+            rows += [
+                row(service, scene, transport, clients, training, options)
+                for clients in options.clients
+                for transport in TRANSPORTS
+            ]
             training.cancel()
     name = (
         f"ranking {options.candidates} candidates by {options.method}, "

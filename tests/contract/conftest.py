@@ -33,7 +33,7 @@ from fvs_service.principal import Principal
 from fvs_service.rankings.model import RankingRequest
 from fvs_service.rankings.port import ViewImage
 from fvs_service.scenes.model import SceneChange, SceneRequest
-from fvs_service.settings import Limits
+from fvs_service.settings import Limits, Settings
 from fvs_service.snapshots.model import SnapshotChange
 from google.protobuf.message_factory import GetMessageClass
 from google.rpc import error_details_pb2, status_pb2
@@ -580,19 +580,39 @@ def word_of() -> Callable[[Any, int], str]:
     return rest_word
 
 
-@pytest.fixture(scope="session")
-def rpc_port(gateway: Any) -> Iterator[int]:
-    """The port of gRPC of the gateway."""
+def _start(gateway: Any, settings: Settings) -> tuple[RpcServer, int]:
     state = gateway.app.state
 
     async def start() -> tuple[RpcServer, int]:
         parts = RpcGateway(state.application, state.feed, state.metrics, state.loop_lag, state.parsing)
-        server = RpcServer(parts, gateway.settings)
+        server = RpcServer(parts, settings)
         return server, await server.start()
 
-    server, port = gateway.client.portal.call(start)
+    started: tuple[RpcServer, int] = gateway.client.portal.call(start)
+    return started
+
+
+@pytest.fixture(scope="session")
+def rpc_port(gateway: Any) -> Iterator[int]:
+    """The port of gRPC of the gateway."""
+    server, port = _start(gateway, gateway.settings)
     yield port
     gateway.client.portal.call(server.stop, 1.0)
+
+
+@pytest.fixture
+def open_rpc(gateway: Any) -> Iterator[Callable[..., tuple[RpcServer, int]]]:
+    """Serve gRPC on another port, with other settings."""
+    servers = []
+
+    def start(**changed: Any) -> tuple[RpcServer, int]:
+        server, port = _start(gateway, gateway.settings.model_copy(update=changed))
+        servers.append(server)
+        return server, port
+
+    yield start
+    for server in servers:
+        gateway.client.portal.call(server.stop, 1.0)
 
 
 @pytest.fixture(scope="session")

@@ -184,7 +184,7 @@ def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -
     call = tenant.transport.unary("RankViews")
     request = views.RankViewsRequest(scene_id=scene)
     call(request, timeout=50, metadata=_metadata(tenant))
-    assert 0 < asked[-1].timeout_s <= 50
+    assert 0 < asked[-1].timeout_s < 60  # gRPC sends it rounded up
     call(request, metadata=_metadata(tenant))
     assert asked[-1].timeout_s == gateway.settings.limits.ranking_timeout_s
     before = len(asked)

@@ -5,6 +5,7 @@ import sys
 from datetime import timedelta
 from pathlib import Path
 
+import grpc
 import httpx2
 import pytest
 import uvicorn
@@ -12,6 +13,8 @@ from fvs_service.application import open_storage
 from fvs_service.errors import ForbiddenError
 from fvs_service.gateway.server import listen, require_protection
 from fvs_service.settings import Settings
+from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
+from grpc_health.v1.health_pb2_grpc import HealthStub
 from typer.testing import CliRunner, Result
 
 from fvs_engine.cli.app import app
@@ -26,6 +29,11 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
         url = process.stdout.readline().strip()
         try:
             assert url.startswith("http://127.0.0.1:")
+            rpc_url = process.stdout.readline().strip()
+            assert rpc_url.startswith("grpc://127.0.0.1:")
+            with grpc.insecure_channel(rpc_url.removeprefix("grpc://")) as channel:
+                health = HealthStub(channel).Check(HealthCheckRequest(), timeout=10)
+                assert health.status == HealthCheckResponse.SERVING
             assert httpx2.get(f"{url}/readyz", timeout=10).status_code == 200
             scene = httpx2.post(f"{url}/v1/scenes", json={"name": "a"}).json()["id"]
             waiting = httpx2.post(f"{url}/v1/scenes/{scene}/jobs", json={"kind": "update"})
@@ -36,6 +44,13 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
         finally:
             process.send_signal(signal.SIGTERM)
         assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def test_grpc_has_the_next_port_a_free_one_or_none() -> None:
+    assert Settings(port=8000).rpc_port == 8001
+    assert Settings(port=0).rpc_port == 0
+    assert Settings(port=8000, grpc_port=9000).rpc_port == 9000
+    assert Settings(port=8000, grpc=False).rpc_port is None
 
 
 def test_answers_are_sent_at_once() -> None:
