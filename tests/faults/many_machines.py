@@ -44,6 +44,7 @@ LEASE_S = 6.0
 STORE_AWAY_S = 20.0
 PATIENCE_S = 900.0
 _EVENTS_OF_JOB = "SELECT count(*) FROM events WHERE scene_id = %s AND kind = ANY(%s) AND data->>'job_id' = %s"
+_WORKER, _RUNNER = "serving.process worker", "worker.runner.process"
 ENDED = ("succeeded", "failed", "canceled")
 SETTINGS = {
     "FVS_WORKER__INITIAL_ITERATIONS": "120",
@@ -248,17 +249,17 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     store.start()
                     say("the object store is back")
                 case "freeze":
-                    frozen = workers[0].processes("serving.process worker")
-                    require(bool(frozen), "there is no worker to freeze")
-                    takeovers.lost(workers[0].name)
+                    machine = wait_for_worker(workers)
+                    frozen = machine.processes(_WORKER)
+                    takeovers.lost(machine.name)
                     for pid in frozen:
                         os.kill(pid, signal.SIGSTOP)
-                    say(f"{workers[0].name} is frozen")
+                    say(f"{machine.name} is frozen")
                     time.sleep(4 * LEASE_S)
                     for pid in frozen:
                         os.kill(pid, signal.SIGCONT)
                     woken = time.monotonic()
-                    while set(frozen) & set(workers[0].processes("serving.process worker")):
+                    while set(frozen) & set(machine.processes(_WORKER)):
                         require(time.monotonic() - woken < 60, "the frozen worker goes on")
                         time.sleep(0.05)
                     say(f"the frozen worker ended {time.monotonic() - woken:.1f} s after it was continued")
@@ -267,7 +268,7 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
             victim = rng.choice(workers)
             takeovers.lost(victim.name)
             whole = rng.random() < 0.5  # the machine, else only the process
-            for pid in victim.processes("serving.process worker") if not whole else ():
+            for pid in victim.processes(_WORKER) if not whole else ():
                 os.kill(pid, signal.SIGKILL)
             if whole:
                 victim.kill()
@@ -300,6 +301,17 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
     print(f"{clients.failed} requests were repeated; {len(seconds)} takeovers: {took}", flush=True)
     for machine in (*gateways, *workers):
         machine.stop()
+
+
+def wait_for_worker(workers: list[Machine]) -> Machine:
+    """A machine whose worker has a runner."""
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        for machine in workers:
+            if machine.processes(_WORKER) and machine.processes(_RUNNER):
+                return machine
+        time.sleep(0.1)
+    raise SystemExit("FAILED: no worker does anything")
 
 
 def make_scene(clients: Clients, photographs: list[Path], number: int) -> str:
