@@ -23,6 +23,7 @@ from fvs_service.images.repository import usable_images
 from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
+from fvs_service.jobs.timing import TIMING_STAGE, past_timings, size_of
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
@@ -36,6 +37,7 @@ from fvs_service.worker.protocol.connection import (
     exchange,
 )
 from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
+from fvs_service.worker.remaining_time import COMMIT, RemainingTime
 from fvs_service.worker.room import Room
 from fvs_service.worker.working_copies import WorkingCopies
 
@@ -47,6 +49,8 @@ _STOP_S = 1.0
 _SAVE_S = 60.0
 """Time within which a paused runner must save its checkpoint."""
 _LOOK_EVERY_S = 0.5
+_REPORT_EVERY_S = 2.0
+"""The remaining time is also reported in a stage that says nothing for a while."""
 _RESUMABLE = ("train",)
 """Stages that go on from where they were stopped; others start again."""
 
@@ -147,9 +151,13 @@ class JobRuns:
             snapshot_id=scene.snapshot_id,
         )
         self._copies.restore(job.scene_id)
-        outcome = self._compute(leased, job, request)
+        remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
+        outcome = self._compute(leased, job, request, remaining)
         self._copies.store(leased.lease)
         self._commit(leased, job, outcome, {image.digest: image for image in images})
+        timing = remaining.finished()
+        if timing is not None:
+            self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, timing.model_dump())
 
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
         """The images that had arrived when the attempt started: every try of it uses the same."""
@@ -163,18 +171,26 @@ class JobRuns:
             self._storage.ledger.commit_stage(scene.lease, job.id, stage, kept)
         return tuple(image for image in images if image.number <= kept["last_number"])
 
-    def _compute(self, scene: LeasedScene, job: Job, request: RunJob) -> JobOutcome:
+    def _remaining_time(self, job: Job, images: tuple[Image, ...], *, first: bool) -> RemainingTime:
+        size = size_of(job, images, first, self._storage.settings.worker)
+        with self._storage.database.reading() as session:
+            past = past_timings(session, job.kind, first)
+        return RemainingTime(job.kind, size, past, resumed=job.progress > 0)
+
+    def _compute(self, scene: LeasedScene, job: Job, request: RunJob, remaining: RemainingTime) -> JobOutcome:
         """Have the runner run the job; records its progress and warnings, and cancels or pauses it."""
         responses = _Responses(scene.endpoint, request)
         progress = JobProgress(job.kind)
         stop = _Stop(self._storage, self._room, scene, job)
         stage: str | None = None
+        reported = time.monotonic()
         while True:
             document = responses.next(_POLL_S)
             match document:
-                case {"progress": dict(reported)}:
-                    found = StageProgress.model_validate(reported)
-                    eta_s = progress.add(found)
+                case {"progress": dict(stage_progress)}:
+                    found = StageProgress.model_validate(stage_progress)
+                    progress.add(found)
+                    eta_s, reported = remaining.add(found), time.monotonic()
                     with contextlib.suppress(StorageUnavailableError):  # the next report has it all
                         self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
@@ -185,11 +201,15 @@ class JobRuns:
                     named = with_original_names(sentence, request.images)
                     _patiently(scene, lambda: self._storage.ledger.warn(scene.lease, job.id, named))  # noqa: B023
                 case {"result": dict(outcome)}:
+                    remaining.add(StageProgress(stage=COMMIT, share=None))
                     return JobOutcome.model_validate(outcome)
                 case Failure():
                     raise self._end_of(document, stop, stage, request)
                 case None:
-                    pass
+                    if stage is not None and time.monotonic() - reported > _REPORT_EVERY_S:
+                        eta_s, reported = remaining.now(), time.monotonic()
+                        with contextlib.suppress(StorageUnavailableError):
+                            self._storage.ledger.report(scene.lease, job.id, stage, progress.reached, eta_s)
                 case _:
                     raise stop.reason or RunnerGoneError("The runner died.")
             with contextlib.suppress(StorageUnavailableError):

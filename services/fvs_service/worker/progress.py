@@ -1,7 +1,5 @@
 """The progress of a job from the progress of its stages."""
 
-import time
-
 from fvs_service.jobs.model import JobKind
 from fvs_service.worker.protocol.messages import StageProgress
 
@@ -29,28 +27,20 @@ _FINE = {
     "evaluate": (0.97, 0.98),
     "snapshot": (0.98, 1.00),
 }
+PARTS = {JobKind.UPDATE: _UPDATE, JobKind.FINE: _FINE}
 """The part of a job, from and to, that each stage is; stages that are not listed do not count."""
-
-_ENOUGH = 0.05
-"""The progress from which on the remaining time is extrapolated."""
 
 
 class JobProgress:
     """The progress of one attempt."""
 
     def __init__(self, kind: JobKind) -> None:
-        self._parts = _UPDATE if kind is JobKind.UPDATE else _FINE
-        self._started = time.monotonic()
+        self._parts = PARTS[kind]
         self.reached = 0.0
         """In [0, 1]; it never falls."""
 
-    def add(self, stage: StageProgress) -> float | None:
-        """Add the progress of a stage; returns the remaining time of the job in seconds, if known."""
+    def add(self, stage: StageProgress) -> None:
+        """Add the progress of a stage."""
         start, end = self._parts.get(stage.stage, (0.0, 0.0))
         share = 0.0 if stage.share is None else min(1.0, max(0.0, stage.share))
         self.reached = max(self.reached, start + share * (end - start))
-        if stage.eta_s is not None:
-            return stage.eta_s
-        if self.reached < _ENOUGH:
-            return None
-        return (time.monotonic() - self._started) * (1.0 - self.reached) / self.reached

@@ -16,14 +16,3 @@ def test_progress_never_falls_and_reaches_the_end(kind: JobKind) -> None:
             reached.append(progress.reached)
     assert all(later >= earlier for earlier, later in itertools.pairwise(reached))
     assert reached[-1] == 1.0
-
-
-def test_training_says_itself_how_long_it_takes() -> None:
-    stage = StageProgress(stage="train", share=0.1, eta_s=12.0)
-    assert JobProgress(JobKind.FINE).add(stage) == 12.0
-
-
-def test_nothing_is_guessed_from_too_little() -> None:
-    progress = JobProgress(JobKind.UPDATE)
-    assert progress.add(StageProgress(stage="images", share=0.5)) is None
-    assert (progress.add(StageProgress(stage="matching", share=1.0)) or 0) > 0

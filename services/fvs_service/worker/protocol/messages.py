@@ -86,11 +86,10 @@ REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 
 
 class StageProgress(Record):
-    """How far a stage has come, in [0, 1] (None: unknown), and the time it still needs."""
+    """How far a stage has come, in [0, 1] (None: unknown)."""
 
     stage: str
     share: float | None
-    eta_s: float | None = None
 
 
 class JobOutcome(Record):

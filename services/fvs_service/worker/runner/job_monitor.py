@@ -38,8 +38,4 @@ class JobMonitor(Monitor):
             return
         self._reported = (progress.stage, time.monotonic())
         share = progress.done / progress.total if progress.total else None
-        rate = progress.detail.get("iterations_per_s")
-        eta_s = None
-        if isinstance(rate, float) and rate > 0 and progress.total:
-            eta_s = (progress.total - progress.done) / rate
-        self._on_stage(StageProgress(stage=progress.stage, share=share, eta_s=eta_s))
+        self._on_stage(StageProgress(stage=progress.stage, share=share))

@@ -1,0 +1,124 @@
+"""How long the stages of jobs take, learned from the service's own finished jobs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from statistics import median
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from fvs_engine.images.pixels import reduced_size
+from fvs_engine.records import Record
+from fvs_service.images.model import Image, Registration
+from fvs_service.jobs.model import Job, JobKind, JobState
+from fvs_service.settings import WorkerSettings
+from fvs_service.storage.tables import JobRow, JobStageRow
+
+TIMING_STAGE = "timing"
+"""The name under which a job's timing is recorded among its finished stages."""
+_RECENT = 12
+_MEGAPIXEL = 1e6
+
+
+class JobSize(Record):
+    """What a job's time depends on: images in all and new ones, their megapixels, those trained on."""
+
+    first: bool
+    images: int
+    new: int
+    megapixels: float
+    train_megapixels: float
+    iterations: int
+
+
+class JobTiming(Record):
+    """A finished job: its size, and the seconds of each stage."""
+
+    size: JobSize
+    seconds: Mapping[str, float]
+
+
+def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSettings) -> JobSize:
+    """The size of a job on ``images``; ``first`` is whether the scene has no model yet."""
+    fine = job.kind is JobKind.FINE
+    known = (Registration.REGISTERED, Registration.UNREGISTERED)
+    new = len(images) if first or fine else sum(image.registration not in known for image in images)
+    side = job.request.long_side_px or settings.long_side_px
+    areas, reduced = [0.0], [0.0]
+    for image in images:
+        width, height = image.width_px or side, image.height_px or side
+        areas.append(width * height / _MEGAPIXEL)
+        small = reduced_size(width, height, side)
+        reduced.append(small[0] * small[1] / _MEGAPIXEL)
+    if fine:
+        iterations = job.request.iterations or settings.fine_iterations
+    elif first:
+        iterations = job.request.iterations or settings.initial_iterations
+    else:
+        iterations = settings.iterations_per_image * new
+    return JobSize(
+        first=first,
+        images=len(images),
+        new=new,
+        megapixels=sum(areas) / max(1, len(images)),
+        train_megapixels=sum(reduced) / max(1, len(images)),
+        iterations=iterations,
+    )
+
+
+def past_timings(session: Session, kind: JobKind, first: bool) -> tuple[JobTiming, ...]:
+    """The timings of the latest jobs of a kind, of scenes' first ones or of later ones."""
+    rows = session.scalars(
+        select(JobStageRow.document)
+        .join(JobRow, JobRow.id == JobStageRow.job_id)
+        .where(
+            JobStageRow.name == TIMING_STAGE,
+            JobRow.kind == kind.value,
+            JobRow.state == JobState.SUCCEEDED.value,
+        )
+        .order_by(JobRow.id.desc())
+        .limit(2 * _RECENT)
+    )
+    timings = (JobTiming.model_validate(row) for row in rows)
+    return tuple(timing for timing in timings if timing.size.first is first)[:_RECENT]
+
+
+def expected_seconds(size: JobSize, past: Sequence[JobTiming]) -> Mapping[str, float]:
+    """How long each stage of a job may take: the median over past jobs, each scaled to its size."""
+    stages = dict.fromkeys(stage for timing in past for stage in timing.seconds)
+    return {
+        stage: median(
+            timing.seconds.get(stage, 0.0) * _work(stage, size) / _work(stage, timing.size) for timing in past
+        )
+        for stage in stages
+    }
+
+
+def _work(stage: str, size: JobSize) -> float:
+    return max(_WORK.get(stage, _per_image)(size), 1e-6)
+
+
+def _per_image(size: JobSize) -> float:
+    return float(size.images)
+
+
+def _per_new_pixel(size: JobSize) -> float:
+    return size.new * size.megapixels
+
+
+def _per_pair(size: JobSize) -> float:
+    return float(size.new * size.images)
+
+
+_WORK: Mapping[str, Callable[[JobSize], float]] = {
+    "start": lambda _size: 1.0,
+    "images": _per_new_pixel,
+    "normalise": _per_new_pixel,
+    "compile": lambda _size: 1.0,
+    "features": _per_new_pixel,
+    "pairs": _per_pair,
+    "matching": _per_pair,
+    "registration": lambda size: float(size.new),
+    "localisation": lambda size: float(size.new),
+    "train": lambda size: size.iterations * size.train_megapixels,
+}
+"""What the time of a stage is proportional to; the number of images, if nothing is said."""

@@ -1,0 +1,161 @@
+"""The remaining time of a job: what its stages usually take, corrected by what they have taken so far."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from fvs_service.jobs.model import JobKind
+from fvs_service.jobs.timing import JobSize, JobTiming, expected_seconds
+from fvs_service.worker.protocol.messages import StageProgress
+
+START, COMMIT = "start", "commit"
+_ORDER = (
+    START,
+    "images",
+    "normalise",
+    "compile",
+    "features",
+    "pairs",
+    "matching",
+    "calibration",
+    "global mapping",
+    "incremental mapping",
+    "registration",
+    "localisation",
+    "triangulation",
+    "evidence",
+    "load",
+    "evaluate",
+    "train",
+    "snapshot",
+    COMMIT,
+)
+"""The stages as they follow each other; not every job has each."""
+
+_OWN_TRUST, _FOREIGN_TRUST = 0.05, 0.01
+"""The speed is believed to be the usual one, as if this share of the job had shown it: less where the usual
+one is another machine's."""
+_RATE_TRUST = 0.2
+"""In the middle between the usual time of a stage and its present rate is the rate after this share."""
+_OVERDUE = 0.15
+"""A stage that takes longer than usual goes on for this share of what it has taken."""
+_SMOOTHING = 0.1
+_LEAST_SMOOTHING_S = 1.0
+_LEAST_KNOWN = 0.03
+
+
+class RemainingTime:
+    """Estimates the remaining time of one try of a job.
+
+    ``past`` are finished jobs like it, of any size; ``resumed``: an earlier try has done a part of it.
+    """
+
+    def __init__(
+        self,
+        kind: JobKind,
+        size: JobSize,
+        past: Sequence[JobTiming],
+        *,
+        resumed: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._own = bool(past)
+        self._expected = expected_seconds(size, past or _TYPICAL[kind, size.first])
+        self._clock = clock
+        self._size = size
+        self._seen = self._smoothed_at = clock()
+        self._stage, self._share, self._share_at_start = START, 0.0, 0.0
+        self._seconds: dict[str, float] = {START: 0.0}
+        self._end: float | None = None
+        self._resumed = resumed
+
+    def add(self, progress: StageProgress) -> float | None:
+        """Take note of a stage's progress; returns the remaining time in seconds, None while unknown."""
+        self._elapse()
+        share = 0.0 if progress.share is None else min(1.0, max(0.0, progress.share))
+        if progress.stage != self._stage:
+            self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0
+            self._seconds.setdefault(progress.stage, 0.0)
+            if self._share_at_start > 0:
+                self._end = None  # it goes on where an earlier try came to: no reason to approach slowly
+        self._share = share
+        return self.now()
+
+    def now(self) -> float | None:
+        """The remaining time now, also when no progress is reported for a while."""
+        self._elapse()
+        speed, known = self._slowness()
+        if not self._own and known < _LEAST_KNOWN:
+            return None
+        left_s = self._left_in_stage_s(speed) + speed * self._later_s()
+        return self._smoothed(left_s)
+
+    def finished(self) -> JobTiming | None:
+        """The job's timing, once it is committed; None when an earlier try has done a part of it."""
+        self._elapse()
+        return None if self._resumed else JobTiming(size=self._size, seconds=dict(self._seconds))
+
+    def _elapse(self) -> None:
+        now = self._clock()
+        self._seconds[self._stage] += now - self._seen
+        self._seen = now
+
+    def _slowness(self) -> tuple[float, float]:
+        """How many times longer than usual the job takes, and the share of its usual time that shows it."""
+        usual = taken = 0.0
+        for stage, seconds in self._seconds.items():
+            if self._resumed and stage != "train":
+                continue  # it may have been done before, and take no time now
+            expected = self._expected.get(stage, 0.0)
+            if stage == self._stage:
+                expected *= self._share - self._share_at_start
+            if expected > 0:
+                usual, taken = usual + expected, taken + seconds
+        total = sum(self._expected.values()) or 1.0
+        trust = total * (_OWN_TRUST if self._own else _FOREIGN_TRUST)
+        return (taken + trust) / (usual + trust), usual / total
+
+    def _left_in_stage_s(self, slowness: float) -> float:
+        seconds, expected = self._seconds[self._stage], slowness * self._expected.get(self._stage, 0.0)
+        done = self._share - self._share_at_start
+        if self._share >= 1:
+            return 0.0
+        if done <= 0:
+            return max(expected * (1 - self._share) - seconds, _OVERDUE * seconds)
+        by_rate = seconds * (1 - self._share) / done
+        weight = done / (done + _RATE_TRUST) if expected else 1.0
+        return weight * by_rate + (1 - weight) * expected * (1 - self._share)
+
+    def _later_s(self) -> float:
+        """The usual time of the stages that are still to come."""
+        reached = max((_ORDER.index(stage) for stage in self._seconds if stage in _ORDER), default=0)
+        return sum(self._expected.get(stage, 0.0) for stage in _ORDER[reached + 1 :])
+
+    def _smoothed(self, left_s: float) -> float:
+        """The remaining time, following the estimate within a tenth of it."""
+        now = self._seen
+        if self._end is None:
+            self._end = now + left_s
+        over_s = max(_LEAST_SMOOTHING_S, _SMOOTHING * left_s)
+        followed = 1 - math.exp(-(now - self._smoothed_at) / over_s)
+        self._end += followed * (now + left_s - self._end)
+        self._smoothed_at = now
+        return max(0.0, self._end - now)
+
+
+def _typical(first: bool, iterations: int, seconds: Mapping[str, float]) -> tuple[JobTiming]:
+    size = JobSize(
+        first=first, images=12, new=12, megapixels=0.3, train_megapixels=0.04, iterations=iterations
+    )
+    return (JobTiming(size=size, seconds=seconds),)
+
+
+_TYPICAL: Mapping[tuple[JobKind, bool], Sequence[JobTiming]] = {
+    (JobKind.UPDATE, True): _typical(
+        True, 300, {START: 1.0, "features": 5.0, "matching": 5.0, "incremental mapping": 10.0, "train": 20.0}
+    ),
+    (JobKind.UPDATE, False): _typical(
+        False, 300, {START: 1.0, "features": 5.0, "matching": 5.0, "train": 20.0}
+    ),
+    (JobKind.FINE, False): _typical(False, 600, {START: 1.0, "train": 20.0}),
+}
