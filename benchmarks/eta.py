@@ -4,24 +4,29 @@
     python benchmarks/eta.py report eta.json…
     python benchmarks/eta.py replay eta.json…
 
-`run`: `fvs serve`, and for one scene after the other an update with two thirds of the images, one with
+`run`: `fvs serve`, and for one scene after the other an update with three quarters of the images, one with
 all, and a fine model; small ones, so that each takes a minute or two. Every estimate of their events is
-recorded. `report`: for every job, and for all, the median of |estimate - time left| / time left over the
-estimates after the first tenth of the job (goal 30 %), weighted by the time that each was shown; and how far
-the predicted end jumps from one estimate to the next, as a share of the job. `replay`: the same of the
-estimates that the service's present code would have made of the recorded progress.
+recorded; a scene of which a job fails is left at that.
+
+`report`: for every job, and for all, the median of |estimate - time left| / time left over the estimates
+after the first tenth of the job (goal 30 %), weighted by the time that each was shown; and how far the
+predicted end jumps from one estimate to the next, as a share of the job.
+
+`replay`: the same of the estimates that the service's present code would have made of the recorded progress.
 """
 
 import argparse
 import json
 import tempfile
 import threading
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from fvs_client import Client, EventKind, Job, Scene
+from fvs_client.errors import JobFailedError
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import JobSize, JobTiming
 from fvs_service.serving.running import running_service
@@ -136,7 +141,7 @@ class Recorder:
 
 def run(options: argparse.Namespace, folder: Path) -> list[Recording]:
     """Run and record the jobs of all scenes."""
-    recordings = []
+    recordings: list[Recording] = []
     with (
         running_service(folder / "service", folder / "service.log", _SMALL) as service,
         Client(service.url) as client,
@@ -144,23 +149,28 @@ def run(options: argparse.Namespace, folder: Path) -> list[Recording]:
         for source in options.folders:
             name = source.parent.name if source.name == "images" else source.name
             files = reduced(source, folder / name, options)
-            scene = client.scenes.create(name)
-            recorder = Recorder(scene)
-            first = 2 * len(files) // 3
-            scene.images.upload(files[:first])
-            settings = {"iterations": options.iterations, "long_side_px": options.long_side}
-            size = size_of(files, first, options)
-            recordings.append(recorder.record(name, "update", size, scene.update(**settings)))
-            scene.images.upload(files[first:])
-            later = {"first": False, "images": len(files)}
-            new = {"new": len(files) - first, "iterations": _PER_IMAGE * (len(files) - first)}
-            size = size.model_copy(update={**later, **new})
-            recordings.append(recorder.record(name, "update 2", size, scene.update()))
-            fine = scene.fine(iterations=options.fine_iterations, long_side_px=options.long_side)
-            size = size.model_copy(update={"new": len(files), "iterations": options.fine_iterations})
-            recordings.append(recorder.record(name, "fine", size, fine))
+            try:
+                recordings.extend(jobs_of(client.scenes.create(name), files, options))
+            except JobFailedError as error:
+                print(f"{name}: {error}")
             options.record.write_text(json.dumps([asdict(one) for one in recordings]))
     return recordings
+
+
+def jobs_of(scene: Scene, files: list[Path], options: argparse.Namespace) -> Iterator[Recording]:
+    """Run and record the jobs of one scene."""
+    recorder, first = Recorder(scene), len(files) - len(files) // 4
+    size = size_of(files, first, options)
+    scene.images.upload(files[:first])
+    update = scene.update(iterations=options.iterations, long_side_px=options.long_side)
+    yield recorder.record(scene.name, "update", size, update)
+    new = {"new": len(files) - first, "iterations": _PER_IMAGE * (len(files) - first)}
+    size = size.model_copy(update={"first": False, "images": len(files), **new})
+    scene.images.upload(files[first:])
+    yield recorder.record(scene.name, "update 2", size, scene.update())
+    size = size.model_copy(update={"new": len(files), "iterations": options.fine_iterations})
+    fine = scene.fine(iterations=options.fine_iterations, long_side_px=options.long_side)
+    yield recorder.record(scene.name, "fine", size, fine)
 
 
 def reduced(source: Path, folder: Path, options: argparse.Namespace) -> list[Path]:

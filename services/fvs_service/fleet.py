@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.model import JobState
@@ -28,7 +28,7 @@ class WorkerStatus(Model):
     alive: bool
     heartbeat_age_s: Number
     backend: str
-    """The rasteriser that it is set to use."""
+    """The rasteriser that it uses; until its first runner has started the one that it is set to."""
     slots: Count
     """How many jobs it runs at once."""
     disk_full: bool
@@ -39,8 +39,13 @@ class WorkerStatus(Model):
     """Resident memory of its runners."""
 
 
-def workers_of(session: Session, lease_s: float) -> tuple[WorkerStatus, ...]:
-    """List all workers by id; ``lease_s`` is the duration of the fleet's leases."""
+def is_alive() -> ColumnElement[bool]:
+    """The condition on a worker's row that the worker is alive."""
+    return WorkerRow.beaten_at_ms >= now_ms() - round(1000 * _SILENT_S)
+
+
+def workers_of(session: Session) -> tuple[WorkerStatus, ...]:
+    """List all workers by id."""
     leases = (
         select(SceneLeaseRow.worker_id, func.count().label("runners"))
         .where(SceneLeaseRow.endpoint.is_not(None), SceneLeaseRow.expires_at_ms > now_ms())
@@ -48,19 +53,17 @@ def workers_of(session: Session, lease_s: float) -> tuple[WorkerStatus, ...]:
         .subquery()
     )
     rows = session.execute(
-        select(WorkerRow, func.coalesce(leases.c.runners, 0), now_ms())
+        select(WorkerRow, func.coalesce(leases.c.runners, 0), is_alive(), now_ms())
         .outerjoin(leases, leases.c.worker_id == WorkerRow.id)
         .order_by(WorkerRow.id)
     )
     found = []
-    for row, runners, now in rows:
-        beaten_at_ms = row.expires_at_ms - round(MISSED_LEASES * lease_s * 1000)
-        age_s = max(0.0, (now - beaten_at_ms) / 1000)
+    for row, runners, alive, now in rows:
         found.append(
             WorkerStatus(
                 id=row.id,
-                alive=age_s <= _SILENT_S,
-                heartbeat_age_s=age_s,
+                alive=alive,
+                heartbeat_age_s=max(0.0, (now - row.beaten_at_ms) / 1000),
                 backend=row.backend,
                 slots=row.slots,
                 disk_full=row.disk_full,

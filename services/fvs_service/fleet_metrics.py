@@ -15,10 +15,9 @@ from fvs_service.storage.database import Database
 class FleetCollector(Collector):
     """Workers and their heartbeats, jobs, the queue, and the room on the disk of ``root``."""
 
-    def __init__(self, database: Database, root: Path, lease_s: float) -> None:
+    def __init__(self, database: Database, root: Path) -> None:
         self._database = database
         self._root = root
-        self._lease_s = lease_s
 
     def describe(self) -> Iterator[Metric]:
         """Nothing: the names need no reading of the database."""
@@ -39,7 +38,7 @@ class FleetCollector(Collector):
 
     def _fleet(self) -> Iterator[Metric]:
         with self._database.reading() as session:
-            workers = workers_of(session, self._lease_s)
+            workers = workers_of(session)
             jobs, wait_s = open_jobs(session), longest_wait_s(session)
         alive = GaugeMetricFamily(
             "fvs_worker_alive", "Whether the worker sends heartbeats.", labels=["worker"]

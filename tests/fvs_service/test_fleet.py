@@ -19,7 +19,7 @@ def fleet(open_gateway: Any) -> Any:
     with database.writing() as session:
         row = session.get(WorkerRow, "worker-1")
         assert row is not None
-        row.expires_at_ms -= 30_000
+        row.beaten_at_ms -= 30_000
     return gateway
 
 

@@ -69,3 +69,12 @@ def test_the_end_of_a_job_is_logged(gateway: Any, capfd: pytest.CaptureFixture[s
         ("succeeded", "update", scene)
     ]
     assert ended[0]["seconds"] >= 0
+
+
+def test_the_end_of_a_job_that_is_canceled_while_it_waits_is_logged(
+    gateway: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    job = gateway.queue(gateway.scene())
+    gateway.client.post(f"/v1/jobs/{job}:cancel")
+    ended = [json.loads(line) for line in capfd.readouterr().err.splitlines() if '"job ended"' in line]
+    assert [(line["job"], line["state"], line["seconds"]) for line in ended] == [(job, "canceled", None)]

@@ -33,7 +33,7 @@ def capabilities_of(app: Application) -> Capabilities:
     """The features and limits of the service."""
     settings = app.storage.settings
     with app.storage.database.reading() as session:
-        workers = workers_of(session, settings.lease_s)
+        workers = workers_of(session)
     return Capabilities(
         version=importlib.metadata.version("fvs"),
         methods=app.rankings.methods,

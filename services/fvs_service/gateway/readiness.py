@@ -14,7 +14,7 @@ def require_ready(app: Application, workers: int = 0) -> None:
     Raises ``UnavailableError`` and ``OutOfSpaceError``.
     """
     with app.storage.database.reading() as session:
-        known = workers_of(session, app.storage.settings.lease_s)
+        known = workers_of(session)
     settings = app.storage.settings
     if shutil.disk_usage(settings.root).free < settings.reserve_bytes:
         raise OutOfSpaceError("The disk is full.", hint="Free some space.", retry_after_s=60)

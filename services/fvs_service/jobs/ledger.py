@@ -132,10 +132,11 @@ class Ledger:
                 publish(session, lease.scene_id, kind, data)
         self._reported.pop(job_id, None)
         if job is not None:
-            _log_end(job)
+            log_end(job)
 
 
-def _log_end(job: Job) -> None:
+def log_end(job: Job) -> None:
+    """Log that a job has ended, and after what time since its start."""
     seconds = None
     if job.started_at is not None and job.finished_at is not None:
         seconds = round((job.finished_at - job.started_at).total_seconds(), 3)

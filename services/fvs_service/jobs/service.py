@@ -7,6 +7,7 @@ from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
+from fvs_service.jobs.ledger import log_end
 from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.waiting import with_waiting
@@ -78,7 +79,8 @@ class Jobs:
                 )
                 return changed or job
             publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
-            return stopped
+        log_end(stopped)
+        return stopped
 
     def retry(self, principal: Principal, job_id: str) -> Job:
         """Queue a failed or canceled job again; its finished stages are not repeated."""

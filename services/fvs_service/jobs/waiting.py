@@ -7,10 +7,10 @@ from statistics import median
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from fvs_service.fleet import is_alive
 from fvs_service.jobs.model import Job, JobKind, JobState, Waiting, WaitReason
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.storage.database import now_ms
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 _RECENT = 20
@@ -95,7 +95,7 @@ def _is_fine_before_update(job: OpenJob, other: OpenJob) -> bool:
 
 
 def _workers(session: Session) -> Workers:
-    alive = session.scalars(select(WorkerRow).where(WorkerRow.expires_at_ms > now_ms())).all()
+    alive = session.scalars(select(WorkerRow).where(is_alive())).all()
     return Workers(
         slots=sum(worker.slots for worker in alive),
         slots_with_room=sum(worker.slots for worker in alive if not worker.disk_full),

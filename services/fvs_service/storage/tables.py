@@ -89,7 +89,7 @@ class SceneLeaseRow(Table):
 
 
 class WorkerRow(Table):
-    """A worker's heartbeat; the worker is dead after ``expires_at_ms`` (the database's clock).
+    """A worker's last heartbeat; the worker is dead after ``expires_at_ms``. Times are the database's.
 
     ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
     ``runner_bytes``: the resident memory of its runners.
@@ -98,6 +98,7 @@ class WorkerRow(Table):
     __tablename__ = "workers"
 
     id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    beaten_at_ms: Mapped[int] = mapped_column(BigInteger)
     expires_at_ms: Mapped[int] = mapped_column(BigInteger)
     slots: Mapped[int]
     disk_full: Mapped[bool]

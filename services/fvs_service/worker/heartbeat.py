@@ -37,11 +37,11 @@ class Heartbeats:
             known = session.scalar(
                 update(WorkerRow)
                 .where(WorkerRow.id == worker_id)
-                .values(expires_at_ms=until, **state)
+                .values(beaten_at_ms=now_ms(), expires_at_ms=until, **state)
                 .returning(WorkerRow.id)
             )
             if known is None:
-                session.add(WorkerRow(id=worker_id, expires_at_ms=until, **state))
+                session.add(WorkerRow(id=worker_id, beaten_at_ms=now_ms(), expires_at_ms=until, **state))
         return known is not None
 
     def claim_dead(self, worker_id: str) -> tuple[str, ...]:

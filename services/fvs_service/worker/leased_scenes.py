@@ -67,6 +67,8 @@ class LeasedScenes:
         self._lock = threading.Lock()
         self._scene_locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
         self._scenes: dict[str, LeasedScene] = {}
+        self.backend = storage.settings.worker.backend
+        """The rasteriser: the one in the settings until the first runner says which it uses."""
         self._stopping = threading.Event()
         self._maintenance = threading.Thread(target=self._run_maintenance, daemon=True)
         self._maintenance.start()
@@ -215,6 +217,7 @@ class LeasedScenes:
             raise RunnerGoneError("Another worker took the scene.") from error
         with self._lock:
             self._scenes[lease.scene_id] = scene
+            self.backend = child.backend
         return scene
 
     def _acquire(self, scene_id: str, give_up: Callable[[], bool]) -> Lease | None:

@@ -80,7 +80,7 @@ def _maintain(
             worker_id,
             slots=storage.settings.worker.jobs_at_once,
             disk_full=room.short,
-            backend=storage.settings.worker.backend,
+            backend=scenes.backend,
             runner_bytes=scenes.resident_bytes,
         )
         if not known:

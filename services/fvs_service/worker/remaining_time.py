@@ -37,6 +37,8 @@ _OWN_TRUST, _FOREIGN_TRUST = 0.05, 0.01
 one is another machine's."""
 _RATE_TRUST = 0.2
 """In the middle between the usual time of a stage and its present rate is the rate after this share."""
+_TRAIN_POWER = 1.25
+"""Iterations take longer as Gaussians are added: a share of them takes this power of it of the time."""
 _OVERDUE = 0.15
 """A stage that takes longer than usual goes on for this share of what it has taken."""
 _SMOOTHING = 0.1
@@ -73,13 +75,24 @@ class RemainingTime:
         """Take note of a stage's progress; returns the remaining time in seconds, None while unknown."""
         self._elapse()
         share = 0.0 if progress.share is None else min(1.0, max(0.0, progress.share))
+        if progress.stage == "train":
+            share **= _TRAIN_POWER
         if progress.stage != self._stage:
             self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0
             self._seconds.setdefault(progress.stage, 0.0)
-            if self._share_at_start > 0:
+            if self._resumed and self._share_at_start > 0:
                 self._end = None  # it goes on where an earlier try came to: no reason to approach slowly
         self._share = share
         return self.now()
+
+    @property
+    def _usual_in_stage_s(self) -> float:
+        """The usual time of the stage from no share to all of it.
+
+        Training goes on with the iterations of earlier jobs: its share begins at theirs.
+        """
+        usual_s = self._expected.get(self._stage, 0.0)
+        return usual_s if self._resumed else usual_s / (1 - self._share_at_start)
 
     def now(self) -> float | None:
         """The remaining time now, also when no progress is reported for a while."""
@@ -108,7 +121,7 @@ class RemainingTime:
                 continue  # it may have been done before, and take no time now
             expected = self._expected.get(stage, 0.0)
             if stage == self._stage:
-                expected *= self._share - self._share_at_start
+                expected = self._usual_in_stage_s * (self._share - self._share_at_start)
             if expected > 0:
                 usual, taken = usual + expected, taken + seconds
         total = sum(self._expected.values()) or 1.0
@@ -116,7 +129,7 @@ class RemainingTime:
         return (taken + trust) / (usual + trust), usual / total
 
     def _left_in_stage_s(self, slowness: float) -> float:
-        seconds, expected = self._seconds[self._stage], slowness * self._expected.get(self._stage, 0.0)
+        seconds, expected = self._seconds[self._stage], slowness * self._usual_in_stage_s
         done = self._share - self._share_at_start
         if self._share >= 1:
             return 0.0
@@ -143,19 +156,46 @@ class RemainingTime:
         return max(0.0, self._end - now)
 
 
-def _typical(first: bool, iterations: int, seconds: Mapping[str, float]) -> tuple[JobTiming]:
+def _typical(images: int, new: int, iterations: int, seconds: Mapping[str, float]) -> JobTiming:
     size = JobSize(
-        first=first, images=12, new=12, megapixels=0.3, train_megapixels=0.04, iterations=iterations
+        first=images == new,
+        images=images,
+        new=new,
+        megapixels=0.23,
+        train_megapixels=0.032,
+        iterations=iterations,
     )
-    return (JobTiming(size=size, seconds=seconds),)
+    return JobTiming(size=size, seconds=seconds)
 
 
-_TYPICAL: Mapping[tuple[JobKind, bool], Sequence[JobTiming]] = {
-    (JobKind.UPDATE, True): _typical(
-        True, 300, {START: 1.0, "features": 5.0, "matching": 5.0, "incremental mapping": 10.0, "train": 20.0}
-    ),
-    (JobKind.UPDATE, False): _typical(
-        False, 300, {START: 1.0, "features": 5.0, "matching": 5.0, "train": 20.0}
-    ),
-    (JobKind.FINE, False): _typical(False, 600, {START: 1.0, "train": 20.0}),
+_FIRST_UPDATE = {
+    START: 0.2,
+    "normalise": 1.8,
+    "features": 23.1,
+    "matching": 7.6,
+    "calibration": 1.6,
+    "global mapping": 31.1,
+    "incremental mapping": 12.3,
+    "evidence": 8.4,
+    "load": 4.4,
+    "train": 14.5,
+    "snapshot": 0.5,
 }
+_LATER_UPDATE = {
+    START: 0.2,
+    "normalise": 1.4,
+    "features": 8.5,
+    "matching": 5.9,
+    "registration": 9.8,
+    "load": 1.5,
+    "evaluate": 0.2,
+    "train": 4.7,
+    "snapshot": 0.5,
+}
+_FINE = {START: 0.5, "load": 1.6, "train": 71.5, "snapshot": 1.0}
+_TYPICAL: Mapping[tuple[JobKind, bool], Sequence[JobTiming]] = {
+    (JobKind.UPDATE, True): (_typical(8, 8, 300, _FIRST_UPDATE),),
+    (JobKind.UPDATE, False): (_typical(10, 2, 50, _LATER_UPDATE),),
+    (JobKind.FINE, False): (_typical(10, 2, 600, _FINE),),
+}
+"""Jobs of the scene fox on two busy cores, for services without finished jobs of their own."""

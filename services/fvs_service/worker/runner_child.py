@@ -40,7 +40,10 @@ class RunnerChild:
         self._writing = threading.Lock()
         order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), settings=settings)
         self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
-        self.endpoint = self._wait_for_endpoint(give_up)
+        started = self._wait_until_started(give_up)
+        self.endpoint: str = started["endpoint"]
+        self.backend: str = started["backend"]
+        """The rasteriser in use."""
 
     @property
     def alive(self) -> bool:
@@ -98,7 +101,7 @@ class RunnerChild:
     def _call(self, request: Record) -> Any:
         return call(self.endpoint, request, _RESPONSE_S)
 
-    def _wait_for_endpoint(self, give_up: Callable[[], bool]) -> str:
+    def _wait_until_started(self, give_up: Callable[[], bool]) -> dict[str, str]:
         def extend_or_give_up() -> bool:
             self.extend()
             return give_up()
@@ -107,8 +110,8 @@ class RunnerChild:
         if not line:
             self.kill()
             raise RunnerGoneError(f"The runner of scene {self.scene_id} did not start.")
-        endpoint: str = json.loads(line)["endpoint"]
-        return endpoint
+        started: dict[str, str] = json.loads(line)
+        return started
 
 
 def _spawn(log: Path, order: RunnerOrder) -> "subprocess.Popen[str]":

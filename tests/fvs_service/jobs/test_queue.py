@@ -146,7 +146,7 @@ def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
     heartbeats.beat("worker-0", slots=1, disk_full=True)
     assert _waiting(gateway, "b", b[0])["reason"] == "disk"
     with gateway.application.storage.database.writing() as session:
-        session.execute(update(WorkerRow).values(expires_at_ms=1))
+        session.execute(update(WorkerRow).values(beaten_at_ms=1))  # silent, and not declared dead yet
     assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
 
 

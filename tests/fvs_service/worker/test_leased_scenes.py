@@ -25,7 +25,7 @@ def test_a_scene_keeps_its_memory_until_the_last_one_is_done_with_it(
 
     class Child(SimpleNamespace):
         def __init__(self, *_: Any) -> None:
-            super().__init__(alive=True, endpoint="127.0.0.1:9/secret")
+            super().__init__(alive=True, endpoint="127.0.0.1:9/secret", backend="cpu")
 
         def extend(self) -> None: ...
 
@@ -40,8 +40,10 @@ def test_a_scene_keeps_its_memory_until_the_last_one_is_done_with_it(
     monkeypatch.setattr(leased_scenes, "memory_limit_bytes", lambda _: 4_000_000_000)
     training, another = gateway.scene(), gateway.scene()
     scenes = LeasedScenes(gateway.application.storage, "ours")
+    assert scenes.backend == "auto"
     try:
         with scenes.with_runner(training, 3_500_000_000, lambda: False):
+            assert scenes.backend == "cpu"  # what the runner says
             scenes.start_runner(training)
             with scenes.with_runner(another, 1_000_000_000, lambda: True) as refused:
                 assert refused is None

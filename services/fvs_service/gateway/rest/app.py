@@ -56,7 +56,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 streams_per_tenant=settings.limits.event_streams_per_tenant,
             )
             app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
-            fleet = FleetCollector(application.storage.database, settings.root, settings.lease_s)
+            fleet = FleetCollector(application.storage.database, settings.root)
             metrics.registry.register(fleet)
             app.state.loop_lag, app.state.parsing = loop_lag, anyio.CapacityLimiter(_PARSERS)
             watching = asyncio.gather(feed.watch(), loop_lag.watch())

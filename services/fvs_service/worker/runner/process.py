@@ -51,7 +51,11 @@ def main() -> None:
         secret = secrets.token_urlsafe(24)
         server = RunnerServer(order.scene_id, folder, order.settings, secret)
         _, port = server.address
-        endpoint.write(json.dumps({"endpoint": f"{order.settings.worker.address}:{port}/{secret}"}) + "\n")
+        started = {
+            "endpoint": f"{order.settings.worker.address}:{port}/{secret}",
+            "backend": server.backend,
+        }
+        endpoint.write(json.dumps(started) + "\n")
         endpoint.flush()
         server.serve()
     os._exit(_EXIT_YIELDED)  # without waiting for threads that still send responses

@@ -64,6 +64,11 @@ class RunnerServer:
         self._socket = _listen(settings.worker.address)
 
     @property
+    def backend(self) -> str:
+        """The name of the rasteriser in use."""
+        return self._rasterizer.name
+
+    @property
     def address(self) -> tuple[str, int]:
         """Host and port."""
         host, port = self._socket.getsockname()[:2]
