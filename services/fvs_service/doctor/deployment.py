@@ -34,7 +34,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
     before = time.time()
     with storage.database.reading() as session:
         database_s = (session.scalar(select(now_ms())) or 0) / 1000
-        workers = workers_of(session, settings.lease_s)
+        workers = workers_of(session)
     skew_s = (before + time.time()) / 2 - database_s
     if abs(skew_s) > _SKEW_S:
         side = "ahead of" if skew_s > 0 else "behind"
