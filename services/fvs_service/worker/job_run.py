@@ -23,10 +23,11 @@ from fvs_service.images.repository import usable_images
 from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
-from fvs_service.jobs.timing import TIMING_STAGE, past_timings, size_of
+from fvs_service.jobs.timing import TIMING_STAGE, past_timings
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
+from fvs_service.worker.job_size import size_of
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.progress import JobProgress
 from fvs_service.worker.protocol.connection import (
