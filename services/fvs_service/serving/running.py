@@ -22,7 +22,7 @@ _STOP_WITHIN_S = 30.0
 
 @dataclass(frozen=True)
 class RunningService:
-    """A service at ``url``, with gRPC at ``rpc_url``; ``pid`` is its supervisor's."""
+    """A service at ``url``, with gRPC at ``rpc_url`` unless it is off; ``pid`` is its supervisor's."""
 
     url: str
     rpc_url: str

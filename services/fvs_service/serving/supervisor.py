@@ -97,8 +97,7 @@ class Supervisor:
                     if addresses is None:
                         return
                     announce(addresses.url)
-                    if addresses.rpc_url is not None:
-                        announce(addresses.rpc_url)
+                    announce(addresses.rpc_url or "without gRPC")
                 if self._role is not Role.GATEWAY:
                     self._start_workers()
                 while not self._signals.wait(self._until_next_start_s()):

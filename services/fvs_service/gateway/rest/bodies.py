@@ -110,7 +110,8 @@ def _document(content: bytes, max_values: int) -> Any:
         document = orjson.loads(content)
     except orjson.JSONDecodeError as error:
         raise MalformedRequestError(
-            f"The body is not JSON: {error.msg}.", hint="See RFC 8259 for the syntax of JSON."
+            f"The body is not JSON: {error.msg}, at character {error.pos}.",
+            hint="See RFC 8259 for the syntax of JSON.",
         ) from None
     most = _most_fields(document)
     if most > _MAX_FIELDS:
