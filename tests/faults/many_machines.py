@@ -34,6 +34,7 @@ import psycopg
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "servers"))
 
+from fvs_service.serving.process_tree import command_of, descendants
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
 from postgresql_server import PostgresqlServer
 
@@ -85,14 +86,8 @@ class Machine:
 
     def processes(self, part: str) -> list[int]:
         """The ids of its processes whose command line has ``part``."""
-        found = []
-        for folder in Path("/proc").glob("[0-9]*"):
-            with contextlib.suppress(OSError):
-                session = (folder / "stat").read_text().rsplit(")", 1)[1].split()[3]
-                command = (folder / "cmdline").read_bytes().decode().replace("\0", " ")
-                if int(session) == self.process.pid and part in command:
-                    found.append(int(folder.name))
-        return found
+        below = (self.process.pid, *descendants(self.process.pid))
+        return [pid for pid in below if part in command_of(pid)]
 
     @property
     def name(self) -> str:
@@ -268,11 +263,12 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
             victim = rng.choice(workers)
             takeovers.lost(victim.name)
             whole = rng.random() < 0.5  # the machine, else only the process
-            for pid in victim.processes(_WORKER) if not whole else ():
-                os.kill(pid, signal.SIGKILL)
+            found = victim.processes(_WORKER)
             if whole:
                 victim.kill()
-            kills += 1
+            for pid in found if not whole else ():
+                os.kill(pid, signal.SIGKILL)
+            kills += bool(found)
             say(f"killed {'machine' if whole else 'process'} {victim.name}")
             if whole:
                 back.append((passed + 2 * options.every / 3, victim))
