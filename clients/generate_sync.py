@@ -1,7 +1,7 @@
 """Generate the synchronous client (``fvs_client/_sync``) from the asynchronous one (``fvs_client/_async``).
 
-``--check`` writes nothing and exits with 1 when a generated file is not current. ``concurrency.py`` differs
-between the two and is written by hand.
+``--check`` writes nothing and exits with 1 when a generated file is not current. ``concurrency.py`` and
+``channels.py`` differ between the two and are written by hand.
 """
 
 import argparse
@@ -16,22 +16,31 @@ import unasync
 
 PACKAGE = Path(__file__).resolve().parent / "python" / "fvs_client"
 SOURCE, TARGET = PACKAGE / "_async", PACKAGE / "_sync"
-BY_HAND = "concurrency.py"
+BY_HAND = frozenset({"channels.py", "concurrency.py"})
 HEADER = "# Generated from _async/{name} by `make generate`. Do not edit.\n"
-REPLACEMENTS = {"_async": "_sync", "aclose": "close", "aiter_raw": "iter_raw", "aread": "read"}
+REPLACEMENTS = {
+    "_async": "_sync",
+    "aclose": "close",
+    "aiter": "iter",
+    "aiter_raw": "iter_raw",
+    "anext": "next",
+    "aread": "read",
+    "handle_async_request": "handle_request",
+    "AsyncByteStream": "SyncByteStream",
+}
 
 
 def generate(folder: Path) -> dict[str, str]:
     """Translate every file of ``SOURCE``, using ``folder`` for scratch files: content by file name."""
-    sources = {path.name: path.read_text("utf-8") for path in SOURCE.glob("*.py") if path.name != BY_HAND}
-    names = {name for source in sources.values() for name in re.findall(r"\bAsync[A-Z]\w*", source)}
-    renamed = {name: name.removeprefix("Async") for name in names}
+    sources = {path.name: path.read_text("utf-8") for path in SOURCE.glob("*.py") if path.name not in BY_HAND}
+    names = {name for source in sources.values() for name in re.findall(r"\b_?Async[A-Z]\w*", source)}
+    renamed = {name: name.replace("Async", "", 1) for name in names}
     scratch, result = folder / "fvs_client" / "_async", folder / "fvs_client" / "_sync"
     scratch.mkdir(parents=True)
     (folder / "fvs_client" / "__init__.py").touch()  # ruff sorts imports by what the package is
     for name, source in sources.items():
         (scratch / name).write_text(HEADER.format(name=name) + source, "utf-8")
-    rule = unasync.Rule(str(scratch), str(result), {**REPLACEMENTS, **renamed})
+    rule = unasync.Rule(str(scratch), str(result), {**renamed, **REPLACEMENTS})
     unasync.unasync_files([str(scratch / name) for name in sources], [rule])
     shutil.copy(PACKAGE.parents[2] / "pyproject.toml", folder)  # ruff's settings
     for command in (["check", "--select", "I", "--fix"], ["format"]):
@@ -41,7 +50,7 @@ def generate(folder: Path) -> dict[str, str]:
 
 def outdated(generated: dict[str, str]) -> list[str]:
     """Names of the files in ``TARGET`` that differ from ``generated``, are missing, or have no source."""
-    present = {path.name: path.read_text("utf-8") for path in TARGET.glob("*.py") if path.name != BY_HAND}
+    present = {path.name: path.read_text("utf-8") for path in TARGET.glob("*.py") if path.name not in BY_HAND}
     return sorted(
         name for name in generated.keys() | present.keys() if generated.get(name) != present.get(name)
     )

@@ -1,6 +1,7 @@
 """The service that clients are tested against: the gateway of ``tests/services``, on a socket of loopback."""
 
 import importlib.util
+import signal
 import sys
 import threading
 import time
@@ -14,6 +15,7 @@ import pytest
 import uvicorn
 from fvs_client import Client, Retries
 from fvs_service.gateway.rest.app import create_app
+from fvs_service.gateway.server import GatewayServer
 
 _SERVICE_TESTS = Path(__file__).resolve().parent.parent / "fvs_service" / "conftest.py"
 
@@ -37,18 +39,22 @@ _plain_logs = _service._plain_logs
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
-    settings = _service._settings(tmp_path_factory.mktemp("clients") / "service", {"event_heartbeat_s": 0.2})
+    overrides = {"event_heartbeat_s": 0.2, "grpc_port": 0}
+    settings = _service._settings(tmp_path_factory.mktemp("clients") / "service", overrides)
     app = create_app(settings, _service.ComputingRunners)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1))
+    ports: list[int | None] = []
+    config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1)
+    server = GatewayServer(config, app, settings, ports.append)
     thread = threading.Thread(target=server.run)
     thread.start()
-    while not server.started:
+    while not ports:
         assert thread.is_alive()
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
+    app.state.rpc_url = f"grpc://127.0.0.1:{ports[0]}"
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
         yield _service.Gateway(app, plain, settings)
-    server.should_exit = True
+    server.handle_exit(signal.SIGTERM, None)
     thread.join()
 
 
@@ -56,6 +62,12 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 def url(gateway: Any) -> str:
     """Where it is."""
     return str(gateway.client.base_url).rstrip("/")
+
+
+@pytest.fixture
+def rpc_url(gateway: Any) -> str:
+    """Where it is over gRPC."""
+    return str(gateway.app.state.rpc_url)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The service's URL and API key, the options of the HTTP client, and the errors of a failed connection."""
 
 import importlib.metadata
+import importlib.util
 import ipaddress
 import os
 import platform
@@ -15,6 +16,7 @@ from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsErro
 from fvs_client.requests import Request
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
 
 
@@ -26,25 +28,42 @@ class Connection:
     api_key: str | None
     timeout_s: float
     ssl_context: ssl.SSLContext | None
+    credentials: Any = None
+    """``grpc.ChannelCredentials``."""
 
     @classmethod
     def resolve(
-        cls, url: str | None, api_key: str | None, timeout_s: float, ssl_context: ssl.SSLContext | None
+        cls,
+        url: str | None,
+        api_key: str | None,
+        timeout_s: float,
+        ssl_context: ssl.SSLContext | None,
+        credentials: Any = None,
     ) -> "Connection":
         """Take the URL and the key that are None from ``FVS_URL`` and ``FVS_API_KEY``.
 
-        Raises ``ValueError`` for an invalid URL.
+        Raises ``ValueError`` for an invalid URL, and for one of gRPC where the extra is not installed.
         """
         chosen = (url or os.environ.get("FVS_URL") or DEFAULT_URL).rstrip("/")
         parts = urlsplit(chosen)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
+        if parts.scheme not in ("http", "https", *RPC_SCHEMES) or not parts.hostname:
             raise ValueError(f"{chosen!r} is not the URL of a service; an example is {DEFAULT_URL}")
-        return cls(chosen, api_key or os.environ.get("FVS_API_KEY") or None, timeout_s, ssl_context)
+        if parts.scheme in RPC_SCHEMES:
+            _require_rpc(chosen, ssl_context)
+        elif credentials is not None:
+            raise ValueError(f"credentials are for grpcs://; {chosen} takes an ssl_context.")
+        key = api_key or os.environ.get("FVS_API_KEY") or None
+        return cls(chosen, key, timeout_s, ssl_context, credentials)
+
+    @property
+    def rpc(self) -> bool:
+        """Whether the service is reached over gRPC."""
+        return urlsplit(self.url).scheme in RPC_SCHEMES
 
     @property
     def options(self) -> dict[str, Any]:
         """Arguments of ``httpx2.Client`` and ``httpx2.AsyncClient``."""
-        headers = {"User-Agent": _user_agent(), "Accept": "application/json"}
+        headers = {"User-Agent": self.user_agent, "Accept": "application/json"}
         if self.api_key is not None:
             headers["Authorization"] = f"Bearer {self.api_key}"
         return {
@@ -52,7 +71,7 @@ class Connection:
             "headers": headers,
             "timeout": httpx2.Timeout(self.timeout_s, connect=min(_CONNECT_TIMEOUT_S, self.timeout_s)),
             "verify": self._trust,
-            "trust_env": not self._loopback,  # a proxy cannot reach this machine's loopback
+            "trust_env": not self.loopback,  # a proxy cannot reach this machine's loopback
         }
 
     @property
@@ -60,10 +79,17 @@ class Connection:
         if self.ssl_context is not None:
             return self.ssl_context
         # Honour SSL_CERT_FILE although trust_env is off.
-        return ssl.create_default_context() if self._loopback and self.url.startswith("https") else True
+        return ssl.create_default_context() if self.loopback and self.url.startswith("https") else True
 
     @property
-    def _loopback(self) -> bool:
+    def user_agent(self) -> str:
+        """What the client calls itself."""
+        version = importlib.metadata.version("fvs-client")
+        return f"fvs-client/{version} python/{platform.python_version()}"
+
+    @property
+    def loopback(self) -> bool:
+        """Whether the service is on this machine."""
         host = urlsplit(self.url).hostname or ""
         try:
             return ipaddress.ip_address(host).is_loopback
@@ -113,5 +139,14 @@ class Connection:
         )
 
 
-def _user_agent() -> str:
-    return f"fvs-client/{importlib.metadata.version('fvs-client')} python/{platform.python_version()}"
+def _require_rpc(url: str, ssl_context: ssl.SSLContext | None) -> None:
+    """Raise ``ValueError`` when gRPC cannot be used."""
+    parts = urlsplit(url)
+    if parts.port is None or parts.path:
+        raise ValueError(f"{url!r} is not the address of gRPC; an example is grpc://127.0.0.1:8001")
+    if any(importlib.util.find_spec(name) is None for name in ("grpc", "grpc_health")):
+        raise ValueError(
+            f"{url} needs gRPC: pip install 'fvs-client[grpc]', or use the service's http:// URL."
+        )
+    if ssl_context is not None:
+        raise ValueError("gRPC cannot use an ssl_context: give credentials=grpc.ssl_channel_credentials(…).")

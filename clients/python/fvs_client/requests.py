@@ -34,12 +34,14 @@ class FileBody:
     size_bytes: int
     on_bytes: Callable[[int], None]
     sent_bytes: int = 0
+    offset_bytes: int = 0
+    """Where sending begins when it is repeated: the service has what is before."""
 
     def restart(self) -> None:
-        """Restart from the first byte of the file."""
-        if self.sent_bytes:
-            self.on_bytes(-self.sent_bytes)
-            self.sent_bytes = 0
+        """Restart from ``offset_bytes``."""
+        if self.sent_bytes != self.offset_bytes:
+            self.on_bytes(self.offset_bytes - self.sent_bytes)
+            self.sent_bytes = self.offset_bytes
 
     def advance(self, size_bytes: int) -> None:
         """Count a chunk that was sent."""

@@ -1,4 +1,4 @@
-"""HTTP with authentication, retries and typed errors."""
+"""Requests with authentication, retries and typed errors."""
 
 import time
 from collections.abc import AsyncIterator
@@ -31,6 +31,10 @@ class AsyncSession:
     ) -> None:
         self.retries = retries
         self._connection = connection
+        if transport is None and connection.rpc:
+            from fvs_client._async.rpc import AsyncRpcTransport  # without it the client needs no gRPC
+
+            transport = AsyncRpcTransport(connection)
         self._http = httpx2.AsyncClient(transport=transport, **connection.options)
 
     async def close(self) -> None:
@@ -95,6 +99,7 @@ class AsyncSession:
         if isinstance(request.body, FileBody):
             options["content"] = _chunks(request.body)
             options["headers"]["Content-Length"] = str(request.body.size_bytes)
+            options["extensions"] = {"body": request.body}
         return self._http.build_request(request.method, request.path, **options)
 
 
@@ -119,6 +124,7 @@ async def _chunks(body: FileBody) -> AsyncIterator[bytes]:
     """The content of a file; raises ``OSError`` when the file no longer has ``size_bytes``."""
     body.restart()
     with await run_blocking(body.path.open, "rb") as file:
+        await run_blocking(file.seek, body.sent_bytes)
         while chunk := await run_blocking(file.read, _CHUNK_BYTES):
             if body.sent_bytes + len(chunk) > body.size_bytes:
                 break

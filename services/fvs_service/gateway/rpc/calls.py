@@ -86,6 +86,12 @@ class Call:
         limiter = self._gateway.parsing if size_bytes > _LARGE_BYTES else None
         return await anyio.to_thread.run_sync(function, limiter=limiter)
 
+    async def begin(self, **metadata: str) -> None:
+        """Send the metadata of a stream before its first message."""
+        await self._context.send_initial_metadata(
+            tuple((name.replace("_", "-"), value) for name, value in metadata.items())
+        )
+
     async def write(self, content: bytes) -> None:
         """Send a message of a stream; a client that does not read is cut off."""
         self._gateway.loop_lag.handling()

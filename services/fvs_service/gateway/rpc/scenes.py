@@ -66,6 +66,7 @@ class SceneServicer:
         if request.tail and not request.HasField("after"):
             after = await feed.newest()
         with feed.stream_limit.slot(caller.tenant_id), metrics.streams.track_inprogress():
+            await call.begin(event_number=str(after))
             async for event in feed.follow(scene_id, after):
                 if event is None:
                     continue

@@ -1,0 +1,240 @@
+"""A transport that sends the requests of REST as calls of ``fvs.v1``, and makes responses of the answers.
+
+Everything above it is the same over both: resources, retries, errors, resumed downloads, waiting.
+"""
+
+import json
+import threading
+from collections.abc import AsyncIterator
+from typing import Any
+
+import grpc
+import httpx2
+from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
+
+from fvs_client._async.channels import AsyncChannel, AsyncReader, open_channel
+from fvs_client.connection import Connection
+from fvs_client.requests import REQUEST_ID, FileBody
+from fvs_client.rpc import contract
+from fvs_client.rpc.documents import document_of, fill
+from fvs_client.rpc.failures import invalid, response_for
+from fvs_client.rpc.routes import HEALTH, Route, route_of
+
+_CHUNK_BYTES = 1 << 18
+_SLOWEST_BYTES_PER_S = 10_000
+"""Of an upload, whose deadline depends on its size."""
+_DOWNLOAD_S = 600.0
+"""A download that takes longer is resumed by another call."""
+_HEARTBEAT_S = 15.0
+"""A silent stream of events wakes its reader so often; gRPC itself notices a connection that is dead."""
+_EVENT_NUMBER = "event-number"
+_UNAVAILABLE = {"code": "unavailable", "detail": "The service is not ready.", "retryable": True}
+
+
+class AsyncRpcTransport(httpx2.AsyncBaseTransport):
+    """Sends requests over one channel."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._channel: AsyncChannel | None = None
+        self._opening = threading.Lock()
+        self._broken: set[str] = set()
+        """Paths of uploads that broke off; the service may have a part of them."""
+
+    async def handle_async_request(self, request: httpx2.Request) -> httpx2.Response:
+        """The service's answer; raises ``httpx2.TransportError``."""
+        try:
+            return await self._answer(request)
+        except grpc.RpcError as error:
+            return response_for(error, request)
+        except ValueError as error:
+            return invalid(str(error))
+
+    async def aclose(self) -> None:
+        """Close the connections."""
+        if self._channel is not None:
+            await self._channel.close()
+
+    async def _answer(self, request: httpx2.Request) -> httpx2.Response:
+        if (request.method, request.url.path) == HEALTH:
+            return await self._health(request)
+        route = route_of(request)
+        if route.method.client_streaming:
+            return await self._upload(route, request)
+        await request.aread()
+        if not route.method.server_streaming:
+            answer = await self._fetch(route, route.message(request), request)
+            return _png(answer.png) if route.name == "RenderCandidate" else _document(answer)
+        if route.name == "WatchEvents":
+            return await self._watch(route, request)
+        return await self._download(route, request)
+
+    async def _fetch(self, route: Route, message: Any, request: httpx2.Request) -> Any:
+        """The message that answers a message."""
+        call = self._open().unary_unary(route.path)
+        content = await call(
+            message.SerializeToString(), timeout=_timeout_s(request), metadata=_metadata(request)
+        )
+        kind = route.method.output_type
+        return content if not kind.fields else contract.message(kind.name).FromString(content)
+
+    async def _health(self, request: httpx2.Request) -> httpx2.Response:
+        call = self._open().unary_unary("/grpc.health.v1.Health/Check")
+        asked = HealthCheckRequest().SerializeToString()
+        answer = HealthCheckResponse.FromString(await call(asked, timeout=_timeout_s(request)))
+        if answer.status == HealthCheckResponse.SERVING:
+            return httpx2.Response(200, json={"status": "ok"})
+        return httpx2.Response(503, json={"status": 503, **_UNAVAILABLE})
+
+    async def _upload(self, route: Route, request: httpx2.Request) -> httpx2.Response:
+        """Send an image; the rest of it where an upload of this client broke off."""
+        path = request.url.path
+        offset = await self._offset(route, request) if path in self._broken else 0
+        size = int(request.headers["Content-Length"])
+        first = contract.message("UploadImageRequest")()
+        first.upload.size_bytes, first.upload.offset_bytes = size, offset
+        fill(first.upload, dict(route.variables))
+        fill(first.upload.metadata, dict(request.url.params))
+        errors: list[Exception] = []
+        messages = _messages(first, request, offset, errors)
+        deadline = _timeout_s(request) + size / _SLOWEST_BYTES_PER_S
+        call = self._open().stream_unary(route.path)
+        try:
+            content = await call(messages, timeout=deadline, metadata=_metadata(request))
+        except grpc.RpcError:
+            self._broken.add(path)
+            if errors:
+                raise errors[0] from None
+            raise
+        if errors:
+            raise errors[0]
+        self._broken.discard(path)
+        return _document(contract.message("UploadImageResponse").FromString(content).image)
+
+    async def _offset(self, route: Route, request: httpx2.Request) -> int:
+        """How many bytes the service has of an upload that broke off."""
+        asked = contract.message("GetUploadRequest")()
+        fill(asked, dict(route.variables))
+        try:
+            found = await self._fetch(
+                Route(contract.method("ImageService", "GetUpload"), route.variables), asked, request
+            )
+        except grpc.RpcError as error:
+            if error.code() is grpc.StatusCode.NOT_FOUND:
+                return 0
+            raise
+        return int(found.offset_bytes)
+
+    async def _download(self, route: Route, request: httpx2.Request) -> httpx2.Response:
+        """Bytes from the start that the request names if they are still the same, else all."""
+        asked: Any = route.message(request)
+        while True:
+            call = self._open().unary_stream(route.path)(
+                asked.SerializeToString(), timeout=_DOWNLOAD_S, metadata=_metadata(request)
+            )
+            parts = aiter(call)
+            info = contract.message("DownloadPart").FromString(await anext(parts)).info
+            tag = f'"{info.sha256}"'
+            if asked.start == 0 or request.headers.get("If-Range", tag) == tag:
+                break
+            call.cancel()
+            asked.start = 0
+        headers = {"Content-Type": info.media_type, "ETag": tag}
+        if asked.start:
+            headers["Content-Range"] = f"bytes {info.start}-{info.stop - 1}/{info.size_bytes}"
+        stream = _AsyncStream(_chunks(parts), call, request)
+        return httpx2.Response(206 if asked.start else 200, headers=headers, stream=stream)
+
+    async def _watch(self, route: Route, request: httpx2.Request) -> httpx2.Response:
+        """Events as server-sent events, for as long as the client reads them."""
+        call = self._open().unary_stream(route.path)(
+            route.message(request).SerializeToString(), metadata=_metadata(request)
+        )
+        begun = dict(await call.initial_metadata() or ())
+        if _EVENT_NUMBER not in begun:
+            async for _ in call:  # raises why
+                break
+            raise httpx2.RemoteProtocolError("The stream has no event number.", request=request)
+        reader = AsyncReader(call)
+        stream = _AsyncStream(_events(reader, int(begun[_EVENT_NUMBER])), reader, request)
+        return httpx2.Response(200, headers={"Content-Type": "text/event-stream"}, stream=stream)
+
+    def _open(self) -> AsyncChannel:
+        with self._opening:
+            if self._channel is None:  # only now, as a channel belongs to the event loop that opens it
+                self._channel = open_channel(self._connection)
+            return self._channel
+
+
+class _AsyncStream(httpx2.AsyncByteStream):
+    """The content of a response, whose call ends with it."""
+
+    def __init__(self, content: AsyncIterator[bytes], call: Any, request: httpx2.Request) -> None:
+        self._content, self._call, self._request = content, call, request
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        try:
+            async for chunk in self._content:
+                yield chunk
+        except grpc.RpcError as error:
+            why = response_for(error, self._request)  # raises when the connection broke
+            raise httpx2.ReadError(f"status {why.status_code}", request=self._request) from error
+
+    async def aclose(self) -> None:
+        """End the call."""
+        self._call.cancel()
+
+
+async def _messages(
+    first: Any, request: httpx2.Request, offset: int, errors: list[Exception]
+) -> AsyncIterator[bytes]:
+    """The messages of an upload; an error of reading the file ends them and goes into ``errors``."""
+    yield first.SerializeToString()
+    body = request.extensions.get("body")
+    if isinstance(body, FileBody):
+        body.offset_bytes, offset = offset, 0
+    message = contract.message("UploadImageRequest")
+    content: Any = request.stream
+    try:
+        async for block in content:
+            for start in range(offset, len(block), _CHUNK_BYTES):
+                yield message(chunk=block[start : start + _CHUNK_BYTES]).SerializeToString()
+    except Exception as error:
+        errors.append(error)
+
+
+async def _events(reader: AsyncReader, after: int) -> AsyncIterator[bytes]:
+    """Events after number ``after`` as text, and comments as heartbeats."""
+    yield f"id: {after}\n\n".encode()
+    while (content := await reader.read(_HEARTBEAT_S)) != b"":
+        if content is None:
+            yield b": heartbeat\n\n"
+        else:
+            event = contract.message("Event").FromString(content)
+            yield f"id: {event.number}\ndata: {json.dumps(document_of(event))}\n\n".encode()
+
+
+async def _chunks(parts: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    async for content in parts:
+        yield contract.message("DownloadPart").FromString(content).chunk
+
+
+def _timeout_s(request: httpx2.Request) -> float:
+    """How long the client waits for an answer."""
+    within = request.headers.get("X-Timeout-S")
+    return float(within if within is not None else request.extensions["timeout"]["read"])
+
+
+def _metadata(request: httpx2.Request) -> tuple[tuple[str, str], ...]:
+    names = (REQUEST_ID, "Authorization")
+    return tuple((name.lower(), request.headers[name]) for name in names if name in request.headers)
+
+
+def _document(answer: Any) -> httpx2.Response:
+    if isinstance(answer, bytes):  # google.protobuf.Empty
+        return httpx2.Response(204)
+    return httpx2.Response(200, json=document_of(answer))
+
+
+def _png(content: bytes) -> httpx2.Response:
+    return httpx2.Response(200, headers={"Content-Type": "image/png"}, content=content)

@@ -1,0 +1,123 @@
+"""Failed calls as what HTTP has for them: the service's problem documents, and errors of the connection."""
+
+import json
+from typing import Any
+
+import grpc
+import httpx2
+from google.protobuf.message import DecodeError
+from google.rpc.error_details_pb2 import BadRequest, ErrorInfo, RetryInfo
+from google.rpc.status_pb2 import Status
+
+_DETAILS = "grpc-status-details-bin"
+_DOMAIN = "fvs"
+_BY_CODE = {
+    "malformed-request": 400,
+    "method-not-allowed": 405,
+    "request-timeout": 408,
+    "gone": 410,
+    "payload-too-large": 413,
+    "unsupported-media-type": 415,
+    "unknown-host": 421,
+    "out-of-space": 507,
+}
+"""The HTTP status of problems whose gRPC status stands for several."""
+_BY_STATUS = {
+    grpc.StatusCode.INVALID_ARGUMENT: 422,
+    grpc.StatusCode.UNAUTHENTICATED: 401,
+    grpc.StatusCode.PERMISSION_DENIED: 403,
+    grpc.StatusCode.NOT_FOUND: 404,
+    grpc.StatusCode.FAILED_PRECONDITION: 409,
+    grpc.StatusCode.ABORTED: 409,
+    grpc.StatusCode.OUT_OF_RANGE: 416,
+    grpc.StatusCode.RESOURCE_EXHAUSTED: 429,
+    grpc.StatusCode.UNIMPLEMENTED: 501,
+    grpc.StatusCode.UNAVAILABLE: 503,
+    grpc.StatusCode.DEADLINE_EXCEEDED: 504,
+}
+_NOT_CONNECTED = ("connect to all addresses", "connection refused", "resolution", "handshake", "ssl")
+_NOT_TRUSTED = ("ssl", "certificate", "handshake")
+
+
+def response_for(error: grpc.RpcError, request: httpx2.Request) -> httpx2.Response:
+    """The response of a service that refused ``request``.
+
+    Raises the ``httpx2.TransportError`` for a call that did not reach the service, or broke.
+    """
+    status = _status_of(error)
+    if status is not None:
+        return _refusal(error, status)
+    code, text = error.code(), error.details() or ""
+    if code is grpc.StatusCode.DEADLINE_EXCEEDED:
+        if (within := request.headers.get("X-Timeout-S")) is not None:
+            return _deadline_passed(within)
+        raise httpx2.ReadTimeout(text, request=request)
+    if code is grpc.StatusCode.UNAVAILABLE:
+        raise _unavailable(text, request)
+    if code in _BY_STATUS:
+        raise httpx2.RemoteProtocolError(f"{code.name}, and not from an fvs service: {text}", request=request)
+    raise httpx2.ReadError(text, request=request)
+
+
+def invalid(message: str) -> httpx2.Response:
+    """The response to a request that the contract cannot express."""
+    problem = {"title": "The request is not valid", "code": "invalid-request", "detail": f"{message}."}
+    return _problem(422, {**problem, "hint": "proto/fvs/v1 describes the request.", "retryable": False})
+
+
+def _unavailable(text: str, request: httpx2.Request) -> httpx2.TransportError:
+    lower = text.lower()
+    if "http1" in lower or "http/1" in lower:
+        return httpx2.RemoteProtocolError(
+            "a server without gRPC answers; is the port right?", request=request
+        )
+    if not any(words in lower for words in _NOT_CONNECTED):
+        return httpx2.ReadError(text, request=request)
+    mark = "[SSL] " if any(words in lower for words in _NOT_TRUSTED) else ""
+    return httpx2.ConnectError(f"{mark}{text}", request=request)
+
+
+def _status_of(error: grpc.RpcError) -> Status | None:
+    """The details of an error; None when it is not the service's."""
+    for key, value in error.trailing_metadata() or ():
+        if key == _DETAILS:
+            try:
+                return Status.FromString(value)
+            except DecodeError:
+                return None
+    return None
+
+
+def _refusal(error: grpc.RpcError, status: Status) -> httpx2.Response:
+    about, again, fields = ErrorInfo(), RetryInfo(), BadRequest()
+    for detail in status.details:
+        for message in (about, again, fields):
+            detail.Unpack(message)
+    code = about.metadata.get("code", "") if about.domain == _DOMAIN else ""
+    problem = {
+        "title": about.metadata.get("title", ""),
+        "code": code,
+        "detail": status.message,
+        "hint": about.metadata.get("hint", ""),
+        "retryable": about.metadata.get("retryable") == "true",
+        "request_id": about.metadata.get("request_id", ""),
+        "errors": [{"field": item.field, "message": item.description} for item in fields.field_violations],
+    }
+    headers = {"Retry-After": str(again.retry_delay.seconds)} if again.HasField("retry_delay") else {}
+    return _problem(_BY_CODE.get(code) or _BY_STATUS.get(error.code(), 500), problem, headers)
+
+
+def _deadline_passed(within: str) -> httpx2.Response:
+    problem = {
+        "title": "The answer took longer than the client waits",
+        "code": "deadline-exceeded",
+        "detail": f"There was no answer within {within} s.",
+        "hint": "Ask for fewer candidates or wait longer (timeout_s).",
+        "retryable": False,
+    }
+    return _problem(504, problem)
+
+
+def _problem(status: int, problem: dict[str, Any], headers: dict[str, str] | None = None) -> httpx2.Response:
+    content = json.dumps({**problem, "status": status}).encode()
+    return httpx2.Response(status, headers=headers, content=content)
