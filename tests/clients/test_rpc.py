@@ -30,7 +30,6 @@ def rpc_client(rpc_url: str) -> Iterator[Client]:
         yield client
 
 
-@pytest.mark.process
 def test_the_client_needs_no_grpc_for_http() -> None:
     code = "import sys, fvs_client; fvs_client.Client('http://127.0.0.1:1'); sys.exit('grpc' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
