@@ -122,6 +122,7 @@ class SceneServiceServicer:
 
     def WatchEvents(self, request, context):
         """Stream the events of a scene: the past ones after a number, then new ones. Ends when the scene is deleted.
+        The stream begins with the metadata `event-number`: the number after which its events are.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
