@@ -260,9 +260,14 @@ def delete(service: Service, scene: str) -> None:
     listed = service.call("GET", "/v1/scenes?limit=1000")["items"]
     require(scene not in [item["id"] for item in listed], "a deleted scene is listed")
     until = time.monotonic() + PATIENCE_S
-    while left := list(service.root.glob(f"**/{scene}")):
+    while left := on_disk(service.root, scene):
         require(time.monotonic() < until, f"a deleted scene is on the disk: {left}")
         time.sleep(0.5)
+
+
+def on_disk(root: Path, scene: str) -> list[Path]:
+    """The folders of a scene; other folders may vanish meanwhile."""
+    return [Path(folder) for folder, _, _ in os.walk(root) if Path(folder).name == scene]
 
 
 def require_health(service: Service) -> None:
