@@ -13,7 +13,7 @@ from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageRefusedError
 from fvs_service.model import now
 from fvs_service.storage.blobs import Blobs
-from fvs_service.storage.tables import JobRow, RemovalRow
+from fvs_service.storage.tables import JobRow, RemovalRow, WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import update
 from typer import Typer
@@ -165,7 +165,9 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
 ) -> None:
     storage = open_gateway().application.storage
     Heartbeats(storage.database, 20).beat("worker-0", disk_full=True)
-    Heartbeats(storage.database, -20).beat("worker-1")  # long ago
+    Heartbeats(storage.database, 20).beat("worker-1")
+    with storage.database.writing() as session:
+        session.execute(update(WorkerRow).where(WorkerRow.id == "worker-1").values(beaten_at_ms=0))
     ten_minutes_later = time.time() + 600
     monkeypatch.setattr("fvs_service.doctor.deployment.time.time", lambda: ten_minutes_later)
     monkeypatch.setattr(Blobs, "check", refuse)
