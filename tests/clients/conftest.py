@@ -1,8 +1,6 @@
-"""The service that clients are tested against: the gateway of ``tests/services``, on a socket of loopback."""
+"""The service that clients are tested against: a gateway on a socket of loopback."""
 
-import importlib.util
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,24 +11,12 @@ from typing import Any
 import httpx2
 import pytest
 import uvicorn
+from conftest_of import conftest_of
 from fvs_client import Client, Retries
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.server import GatewayServer
 
-_SERVICE_TESTS = Path(__file__).resolve().parent.parent / "fvs_service" / "conftest.py"
-
-
-def _load_service_fixtures() -> Any:
-    spec = importlib.util.spec_from_file_location("fixtures_of_the_service", _SERVICE_TESTS)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-_service = _load_service_fixtures()
+_service = conftest_of("fvs_service")
 serve = _service.serve
 photograph = _service.photograph
 _plain_logs = _service._plain_logs

@@ -8,6 +8,7 @@ from typing import Any
 
 import grpc
 import pytest
+from contract_outcome import outcome_of_error
 from fvs.v1 import images_pb2 as images
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
@@ -20,10 +21,10 @@ from grpc_reflection.v1alpha.reflection_pb2_grpc import ServerReflectionStub
 CHUNK = 1000
 
 
-def _refused(outcome_of: Any, call: Callable[[], Any]) -> Any:
+def _refused(call: Callable[[], Any]) -> Any:
     with pytest.raises(grpc.RpcError) as caught:
         call()
-    return caught.value, outcome_of(caught.value)
+    return caught.value, outcome_of_error(caught.value)
 
 
 def _metadata(tenant: Any) -> tuple[tuple[str, str], ...]:
@@ -59,16 +60,16 @@ def _offset(tenant: Any, scene: str, content: bytes) -> int:
 
 
 def test_an_upload_that_stops_half_way_resumes_where_it_stopped(
-    tenant: Any, photograph: Callable[..., bytes], outcome_of: Any
+    tenant: Any, photograph: Callable[..., bytes]
 ) -> None:
     scene, content = tenant.scene(), photograph(11)
-    error, outcome = _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, stop=2 * CHUNK)))
+    error, outcome = _refused(lambda: _send(tenant, _parts(scene, content, stop=2 * CHUNK)))
     assert error.code() is grpc.StatusCode.INVALID_ARGUMENT
     assert outcome.code == "malformed-request"
     assert "GetUpload" in outcome.hint
     assert _offset(tenant, scene, content) == 2 * CHUNK
 
-    _, wrong = _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, offset=CHUNK)))
+    _, wrong = _refused(lambda: _send(tenant, _parts(scene, content, offset=CHUNK)))
     assert wrong.code == "conflict"
     assert _offset(tenant, scene, content) == 2 * CHUNK  # nothing is lost by that
 
@@ -109,7 +110,7 @@ def _wait_until(true: Callable[[], bool]) -> None:
 
 
 def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
-    tenant: Any, photograph: Callable[..., bytes], outcome_of: Any
+    tenant: Any, photograph: Callable[..., bytes]
 ) -> None:
     scene, content = tenant.scene(), photograph(13)
     for given, code in (
@@ -118,59 +119,59 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
         ({"digest": "sha256:x"}, "invalid-request"),
         ({"size_bytes": 10**12}, "payload-too-large"),
     ):
-        _, outcome = _refused(outcome_of, lambda given=given: _send(tenant, _parts(scene, content, **given)))
+        _, outcome = _refused(lambda given=given: _send(tenant, _parts(scene, content, **given)))
         assert outcome.code == code
-    _, outcome = _refused(outcome_of, lambda: _send(tenant, iter(())))
+    _, outcome = _refused(lambda: _send(tenant, iter(())))
     assert outcome.code == "malformed-request"
     chunk = images.UploadImageRequest(chunk=b"x")
-    _, outcome = _refused(outcome_of, lambda: _send(tenant, iter([chunk])))
+    _, outcome = _refused(lambda: _send(tenant, iter([chunk])))
     assert outcome.code == "invalid-request"
     assert not list(tenant.gateway.settings.staging.iterdir())
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
 
 
 def test_another_tenant_does_not_see_an_upload(
-    tenant: Any, gateway: Any, photograph: Callable[..., bytes], outcome_of: Any
+    tenant: Any, gateway: Any, photograph: Callable[..., bytes]
 ) -> None:
     scene, content = tenant.scene(), photograph(14)
-    _refused(outcome_of, lambda: _send(tenant, _parts(scene, content, stop=CHUNK)))
+    _refused(lambda: _send(tenant, _parts(scene, content, stop=CHUNK)))
     other = gateway.application.storage.keys.create("other", tenant_id="somebody")
     request = images.GetUploadRequest(scene_id=scene, digest=_digest(content))
     call = tenant.transport.unary("GetUpload")
-    _, outcome = _refused(outcome_of, lambda: call(request, metadata=(("authorization", f"Bearer {other}"),)))
+    _, outcome = _refused(lambda: call(request, metadata=(("authorization", f"Bearer {other}"),)))
     assert outcome.code == "not-found"
 
 
-def test_a_field_of_a_newer_client_is_refused(tenant: Any, rpc: Any, outcome_of: Any) -> None:
+def test_a_field_of_a_newer_client_is_refused(tenant: Any, rpc: Any) -> None:
     scene = scenes.SceneRequest(name="a").SerializeToString() + b"\xf8\x07\x01"  # field 127
     content = b"\x0a" + bytes([len(scene)]) + scene
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(outcome_of, lambda: raw(content, metadata=_metadata(tenant)))
+    _, outcome = _refused(lambda: raw(content, metadata=_metadata(tenant)))
     assert outcome.code == "invalid-request"
     assert outcome.message == "scene: there is no field 127."
     assert "newer" in outcome.hint
-    _, outcome = _refused(outcome_of, lambda: raw(b"\xff\xff", metadata=_metadata(tenant)))
+    _, outcome = _refused(lambda: raw(b"\xff\xff", metadata=_metadata(tenant)))
     assert outcome.code == "malformed-request"
 
 
-def test_a_value_of_a_newer_client_is_refused(tenant: Any, outcome_of: Any) -> None:
+def test_a_value_of_a_newer_client_is_refused(tenant: Any) -> None:
     request = jobs.CreateJobRequest(scene_id=tenant.scene(), job=jobs.JobRequest(kind=99))
     call = tenant.transport.unary("CreateJob")
-    _, outcome = _refused(outcome_of, lambda: call(request, metadata=_metadata(tenant)))
+    _, outcome = _refused(lambda: call(request, metadata=_metadata(tenant)))
     assert outcome.code == "invalid-request"
     assert outcome.fields == ("kind",)
     assert "no value 99" in outcome.message
 
 
-def test_nothing_is_parsed_before_the_caller_is_known(rpc: Any, outcome_of: Any) -> None:
+def test_nothing_is_parsed_before_the_caller_is_known(rpc: Any) -> None:
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(outcome_of, lambda: raw(b"\xff\xff"))
+    _, outcome = _refused(lambda: raw(b"\xff\xff"))
     assert outcome.code == "unauthenticated"
 
 
-def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any, outcome_of: Any) -> None:
+def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any) -> None:
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(outcome_of, lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))
+    _, outcome = _refused(lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))
     assert outcome.code == "payload-too-large"
     with pytest.raises(grpc.RpcError) as caught:
         raw(b"\0" * (gateway.settings.limits.json_bytes + 1), metadata=_metadata(tenant))
@@ -226,7 +227,7 @@ def test_the_events_of_a_scene_end_when_it_is_deleted(tenant: Any) -> None:
     assert kinds[-1] == 3  # scene.deleted
 
 
-def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes], outcome_of: Any) -> None:
+def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes]) -> None:
     scene, content = tenant.scene(), photograph(15)
     digest = tenant.upload(scene, content).result["digest"]
     download = tenant.transport.stream("DownloadImage")
@@ -242,7 +243,7 @@ def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes], ou
     assert f"sha256:{info.sha256}" == digest
     assert read(start=10, stop=20)[1] == content[10:20]
     assert read(start=10, stop=10**9)[1] == content[10:]
-    error, outcome = _refused(outcome_of, lambda: read(start=len(content)))
+    error, outcome = _refused(lambda: read(start=len(content)))
     assert error.code() is grpc.StatusCode.OUT_OF_RANGE
     assert outcome.code == "range-not-satisfiable"
 

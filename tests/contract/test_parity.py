@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from contract_operations import OPERATIONS
+from contract_outcome import rest_word
 from fvs.v1 import (
     capabilities_pb2,
     downloads_pb2,
@@ -90,30 +92,30 @@ def _operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]
             yield f"{verb.upper()} {path}", operation
 
 
-def _name_of(operations: dict[str, Any], route: str) -> str:
+def _name_of(route: str) -> str:
     """The method of ``fvs.v1`` that is a route."""
     if route in OTHERWISE:
         return OTHERWISE[route]
     verb, path = route.split(" ")
     digest = path.replace("sha256:{hexadecimal}", "{digest}")
-    found = [name for name, one in operations.items() if (one.verb, one.path) == (verb, digest)]
+    found = [name for name, one in OPERATIONS.items() if (one.verb, one.path) == (verb, digest)]
     assert len(found) == 1, f"{route} is in neither OPERATIONS nor the exceptions"
     return found[0]
 
 
-def test_every_operation_exists_on_both_sides(document: dict[str, Any], operations: Any) -> None:
+def test_every_operation_exists_on_both_sides(document: dict[str, Any]) -> None:
     routes = {route for route, _ in _operations(document)}
-    named = {_name_of(operations, route) for route in routes if route not in REST_ONLY}
+    named = {_name_of(route) for route in routes if route not in REST_ONLY}
     assert set(REST_ONLY) <= routes
     assert set(OTHERWISE) <= routes
     assert named | set(RPC_ONLY) == set(_methods())
 
 
-def test_every_parameter_is_a_field_of_the_request(document: dict[str, Any], operations: Any) -> None:
+def test_every_parameter_is_a_field_of_the_request(document: dict[str, Any]) -> None:
     for route, operation in _operations(document):
         if route in REST_ONLY:
             continue
-        request = _methods()[_name_of(operations, route)].input_type
+        request = _methods()[_name_of(route)].input_type
         if request.name == "UploadImageRequest":
             request = request.fields_by_name["upload"].message_type
         fields = {field.name for field in request.fields}
@@ -149,13 +151,13 @@ def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> No
     assert set(_messages()) - schemas - of_calls == of_grpc
 
 
-def test_every_value_of_an_enum_exists_on_both_sides(document: dict[str, Any], word_of: Any) -> None:
+def test_every_value_of_an_enum_exists_on_both_sides(document: dict[str, Any]) -> None:
     schemas, enums = document["components"]["schemas"], _enums()
     assert {name for name, schema in schemas.items() if "enum" in schema} | set(PLAIN_WORDS) | {
         "PoseFrame"
     } == set(enums)
     for name, enum in enums.items():
-        words = {word_of(enum, value.number) for value in enum.values if value.number}
+        words = {rest_word(enum, value.number) for value in enum.values if value.number}
         assert words == _values(schemas, name), name
 
 

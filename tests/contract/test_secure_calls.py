@@ -10,6 +10,7 @@ from typing import Any
 
 import grpc
 import pytest
+from contract_outcome import outcome_of_error
 from fvs.v1.jobs_pb2 import WatchJobRequest
 from fvs.v1.jobs_pb2_grpc import JobServiceStub
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
@@ -106,9 +107,7 @@ def test_a_port_in_use_is_said(open_rpc: Callable[..., tuple[Any, int]], rpc_por
         open_rpc(grpc_port=rpc_port)
 
 
-def test_a_stop_ends_calls_with_a_reason(
-    open_rpc: Callable[..., tuple[Any, int]], gateway: Any, outcome_of: Any
-) -> None:
+def test_a_stop_ends_calls_with_a_reason(open_rpc: Callable[..., tuple[Any, int]], gateway: Any) -> None:
     headers = gateway.key("stopping")
     job = gateway.queue(gateway.scene(headers), headers=headers)
     server, port = open_rpc()
@@ -125,5 +124,5 @@ def test_a_stop_ends_calls_with_a_reason(
             next(watching)
         stop.join()
     assert time.monotonic() - began < _WITHIN_S
-    assert outcome_of(caught.value).code == "unavailable"
-    assert outcome_of(caught.value).retry_after
+    assert outcome_of_error(caught.value).code == "unavailable"
+    assert outcome_of_error(caught.value).retry_after

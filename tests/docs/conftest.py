@@ -1,17 +1,14 @@
 """The services that the pages of the documentation run against."""
 
-import importlib.util
-import sys
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest_of import conftest_of
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 from fvs_service.serving.running import running_service
 
-_CLIENT_TESTS = Path(__file__).resolve().parent.parent / "clients" / "conftest.py"
 ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, rms_m=0.1, inliers=6, positions=6)
 _SMALL_SERVICE = {
     "FVS_WORKER__LONG_SIDE_PX": "96",
@@ -20,18 +17,7 @@ _SMALL_SERVICE = {
     "FVS_WORKER__QUEUE_POLL_S": "0.5",
 }
 
-
-def _load_client_fixtures() -> Any:
-    spec = importlib.util.spec_from_file_location("fixtures_of_the_clients", _CLIENT_TESTS)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-_clients = _load_client_fixtures()
+_clients = conftest_of("clients")
 gateway = _clients.gateway
 _plain_logs = _clients._plain_logs
 

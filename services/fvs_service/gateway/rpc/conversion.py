@@ -68,7 +68,7 @@ def _validated(kind: type[ModelT], document: Any, limits: Limits | None) -> Mode
 
 def write(model: Model, kind: type[MessageT]) -> MessageT:
     """The model as a message."""
-    message: MessageT = kind(**_arguments(kind.DESCRIPTOR, model.model_dump()))
+    message: MessageT = kind(**arguments(kind.DESCRIPTOR, model.model_dump()))
     return message
 
 
@@ -149,7 +149,7 @@ def _value(field: _Field, value: Any, path: str) -> Any:
         raise _invalid(path, "it is not a time") from None
 
 
-def _arguments(descriptor: Descriptor, document: Any) -> Mapping[str, Any]:
+def arguments(descriptor: Descriptor, document: Any) -> Mapping[str, Any]:
     """The arguments of the constructor of a message, which makes the messages inside too."""
     if _is_list(descriptor):
         return {"items": [_argument(_fields(descriptor)["items"], item) for item in document]}
@@ -170,7 +170,7 @@ def _arguments(descriptor: Descriptor, document: Any) -> Mapping[str, Any]:
 
 def _argument(field: _Field, value: Any) -> Any:
     if field.message is not None:
-        return _arguments(field.message, value)
+        return arguments(field.message, value)
     return value if field.enum is None else field.numbers[value]
 
 

@@ -1,0 +1,179 @@
+"""The operations of the contract: how each is called in this process, over REST and over gRPC."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import orjson
+from fvs.v1 import capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, views_pb2
+from fvs_service.application import Application
+from fvs_service.gateway.capabilities import capabilities_of
+from fvs_service.gateway.rest.bodies import parse as parse_body
+from fvs_service.images.model import DigestCheck
+from fvs_service.jobs.model import JobRequest
+from fvs_service.model import NumberedPage, Page
+from fvs_service.principal import Principal
+from fvs_service.rankings.model import RankingRequest
+from fvs_service.rankings.port import ViewImage
+from fvs_service.scenes.model import SceneChange, SceneRequest
+from fvs_service.settings import Limits
+from fvs_service.snapshots.model import SnapshotChange
+
+_FILES = (capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, views_pb2)
+
+
+@dataclass(frozen=True)
+class Operation:
+    """How one method of ``fvs.v1`` is called over REST, and which service it is."""
+
+    verb: str
+    path: str
+    direct: Callable[[Application, Principal, "Call"], Any]
+    body: tuple[str, Any] | None = None
+    """The field of the request that is REST's body, and its model."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """The parameters of a call; ``body`` is the validated model for the services themselves."""
+
+    given: Mapping[str, Any]
+    body: Any = None
+
+    def __getattr__(self, name: str) -> Any:
+        return self.given.get(name)
+
+    def page(self, kind: type[Page] = Page) -> Any:
+        asked = {name: self.given[name] for name in ("after", "limit") if name in self.given}
+        return parse_body(kind, orjson.dumps(asked), Limits())
+
+
+def _render(app: Application, caller: Principal, call: Call) -> Any:
+    return app.rankings.render(caller, call.ranking_id, call.candidate_id, ViewImage.RENDER, 60.0)
+
+
+OPERATIONS: dict[str, Operation] = {
+    "CreateScene": Operation(
+        "POST",
+        "/v1/scenes",
+        lambda app, who, call: app.scenes.create(who, call.body, call.idempotency_key),
+        ("scene", SceneRequest),
+    ),
+    "ListScenes": Operation("GET", "/v1/scenes", lambda app, who, call: app.scenes.all(who, call.page())),
+    "GetScene": Operation(
+        "GET", "/v1/scenes/{scene_id}", lambda app, who, call: app.scenes.get(who, call.scene_id)
+    ),
+    "ChangeScene": Operation(
+        "PATCH",
+        "/v1/scenes/{scene_id}",
+        lambda app, who, call: app.scenes.change(who, call.scene_id, call.body),
+        ("change", SceneChange),
+    ),
+    "DeleteScene": Operation(
+        "DELETE", "/v1/scenes/{scene_id}", lambda app, who, call: app.deletions.scene(who, call.scene_id)
+    ),
+    "GetSceneSize": Operation(
+        "GET", "/v1/scenes/{scene_id}/size", lambda app, who, call: app.scenes.size(who, call.scene_id)
+    ),
+    "CheckImages": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/images:check",
+        lambda app, who, call: app.images.check(who, call.scene_id, call.body),
+        ("check", DigestCheck),
+    ),
+    "ListImages": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/images",
+        lambda app, who, call: app.images.of_scene(who, call.scene_id, call.page(NumberedPage)),
+    ),
+    "GetImage": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/images/{digest}",
+        lambda app, who, call: app.images.get(who, call.scene_id, call.digest),
+    ),
+    "DeleteImage": Operation(
+        "DELETE",
+        "/v1/scenes/{scene_id}/images/{digest}",
+        lambda app, who, call: app.exclusions.delete(who, call.scene_id, call.digest),
+    ),
+    "ExcludeImage": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/images/{digest}:exclude",
+        lambda app, who, call: app.exclusions.exclude(who, call.scene_id, call.digest),
+    ),
+    "IncludeImage": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/images/{digest}:include",
+        lambda app, who, call: app.exclusions.include(who, call.scene_id, call.digest),
+    ),
+    "CreateJob": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/jobs",
+        lambda app, who, call: app.jobs.create(who, call.scene_id, call.body, call.idempotency_key),
+        ("job", JobRequest),
+    ),
+    "ListJobs": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/jobs",
+        lambda app, who, call: app.jobs.of_scene(who, call.scene_id, call.page()),
+    ),
+    "GetJob": Operation("GET", "/v1/jobs/{job_id}", lambda app, who, call: app.jobs.get(who, call.job_id)),
+    "CancelJob": Operation(
+        "POST", "/v1/jobs/{job_id}:cancel", lambda app, who, call: app.jobs.cancel(who, call.job_id)
+    ),
+    "RetryJob": Operation(
+        "POST", "/v1/jobs/{job_id}:retry", lambda app, who, call: app.jobs.retry(who, call.job_id)
+    ),
+    "ListSnapshots": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/snapshots",
+        lambda app, who, call: app.storage.snapshots.of_scene(who, call.scene_id, call.page()),
+    ),
+    "GetSnapshot": Operation(
+        "GET",
+        "/v1/snapshots/{snapshot_id}",
+        lambda app, who, call: app.storage.snapshots.get(who, call.snapshot_id),
+    ),
+    "ChangeSnapshot": Operation(
+        "PATCH",
+        "/v1/snapshots/{snapshot_id}",
+        lambda app, who, call: app.storage.snapshots.change(who, call.snapshot_id, call.body),
+        ("change", SnapshotChange),
+    ),
+    "DeleteSnapshot": Operation(
+        "DELETE",
+        "/v1/snapshots/{snapshot_id}",
+        lambda app, who, call: app.deletions.snapshot(who, call.snapshot_id),
+    ),
+    "RankViews": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/rankings",
+        lambda app, who, call: app.rankings.create(who, call.scene_id, call.body, 60.0, call.idempotency_key),
+        ("ranking", RankingRequest),
+    ),
+    "GetRanking": Operation(
+        "GET", "/v1/rankings/{ranking_id}", lambda app, who, call: app.rankings.get(who, call.ranking_id)
+    ),
+    "DeleteRanking": Operation(
+        "DELETE",
+        "/v1/rankings/{ranking_id}",
+        lambda app, who, call: app.deletions.ranking(who, call.ranking_id),
+    ),
+    "RenderCandidate": Operation(
+        "GET", "/v1/rankings/{ranking_id}/candidates/{candidate_id}/render.png", _render
+    ),
+    "GetCapabilities": Operation("GET", "/v1/capabilities", lambda app, _who, _call: capabilities_of(app)),
+}
+"""Every operation that is one request and one response on both transports."""
+
+
+@cache
+def method(name: str) -> Any:
+    """The descriptor of a method of ``fvs.v1``."""
+    return next(
+        service.methods_by_name[name]
+        for file in _FILES
+        for service in file.DESCRIPTOR.services_by_name.values()
+        if name in service.methods_by_name
+    )
