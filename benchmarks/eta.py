@@ -1,4 +1,4 @@
-"""How far the estimated time of jobs is from the time that they took.
+"""Error of the estimated remaining time of jobs.
 
     python benchmarks/eta.py run DATA/kermit/images DATA/lund/images … [--images 12] [--record eta.json]
     python benchmarks/eta.py report eta.json…
@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def jump(self) -> float:
-        """The largest change of the predicted end between two estimates, as a share of the job."""
+        """The largest jump of the predicted end between two estimates, as a share of the job's time."""
         said = [one for one in self.estimates if one.eta_s is not None and one.at_s >= _FROM * self.took_s]
         ends = [one.at_s + one.eta_s for one in said if one.eta_s is not None]
         return float(np.abs(np.diff(ends)).max(initial=0.0)) / self.took_s
@@ -200,7 +200,7 @@ def size_of(files: list[Path], images: int, options: argparse.Namespace) -> JobS
 
 
 class ReplayedClock:
-    """A clock that says what it is set to."""
+    """A clock that tests set."""
 
     def __init__(self) -> None:
         self.now_s = 0.0

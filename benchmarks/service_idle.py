@@ -42,7 +42,7 @@ def processor_s(pid: int) -> float:
 
 
 def role_of(pid: int, service: RunningService) -> str:
-    """What a process of the service is."""
+    """The role of a process of the service."""
     if pid == service.pid:
         return "supervisor"
     command = command_of(pid)
@@ -97,7 +97,7 @@ class Watched:
 
 
 def delays_row(scene: Scene, jobs: int) -> Mapping[str, Any]:
-    """Delays of jobs of a quiet service, and of their events."""
+    """Delays from a job's commit to its start, and to the arrival of its event."""
     watched = Watched(scene)
     starts, events = [], []
     for _ in range(jobs):

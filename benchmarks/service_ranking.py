@@ -64,7 +64,7 @@ def ask(rank: Rank) -> Asked:
 
 @contextmanager
 def over_rest(service: RunningService, scene_id: str, options: argparse.Namespace) -> Iterator[Rank]:
-    """A client of REST with a connection of its own."""
+    """A REST client with its own connection."""
     with Client(service.url) as client:
         scene = client.scenes.get(scene_id)
         yield lambda: scene.rank(generator=Orbit(count=options.candidates), method=options.method)
@@ -72,7 +72,7 @@ def over_rest(service: RunningService, scene_id: str, options: argparse.Namespac
 
 @contextmanager
 def over_grpc(service: RunningService, scene_id: str, options: argparse.Namespace) -> Iterator[Rank]:
-    """A client of gRPC with a connection of its own; channels share one otherwise."""
+    """A gRPC client that does not share its connection with other channels."""
     own = (("grpc.use_local_subchannel_pool", 1),)
     with grpc.insecure_channel(service.rpc_url.removeprefix("grpc://"), own) as channel:
         grpc.channel_ready_future(channel).result()

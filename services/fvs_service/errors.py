@@ -274,7 +274,7 @@ class StorageUnavailableError(UnavailableError):
 
 
 class StorageRefusedError(StorageUnavailableError):
-    """The object store refuses the service, or lacks its bucket: waiting does not help."""
+    """The object store refuses the service's credentials, or its bucket does not exist."""
 
 
 class IncompatibleDatabaseError(

@@ -1,4 +1,4 @@
-"""What the files of the deployment say of each other, and of the service."""
+"""The deployment's files agree with each other and with the service's settings and metrics."""
 
 import json
 import re

@@ -144,7 +144,7 @@ class Takeovers(threading.Thread):
         self.seconds: list[float] = []
 
     def lost(self, worker: str) -> None:
-        """Note the jobs that a worker which is being killed runs."""
+        """Record the jobs of a worker that is about to be killed."""
         with contextlib.suppress(psycopg.Error), psycopg.connect(self._url, connect_timeout=2) as database:
             rows = database.execute(
                 "SELECT id, stage, progress FROM jobs WHERE state = 'running' AND worker_id = %s", (worker,)
@@ -386,7 +386,7 @@ def check(
 
 
 def require(holds: bool, otherwise: str) -> None:
-    """End the script when a check fails."""
+    """Exit unless a check holds."""
     if not holds:
         raise SystemExit(f"FAILED: {otherwise}")
 

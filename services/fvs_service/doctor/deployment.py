@@ -25,7 +25,7 @@ class Trouble:
 
 
 def troubles(storage: Storage) -> Iterator[Trouble]:
-    """What keeps this machine, or the service, from working."""
+    """The faults of this machine and of the deployment, each with its remedy."""
     try:
         storage.blobs.check()
     except StorageUnavailableError as error:

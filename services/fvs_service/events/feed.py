@@ -65,7 +65,7 @@ class EventFeed:
         return await self._read(last_number)
 
     def notify(self) -> None:
-        """There are new events; from any thread."""
+        """Wake the feed: there may be new events. Callable from any thread."""
         self._loop.call_soon_threadsafe(self._notified.set)
 
     async def watch(self) -> None:

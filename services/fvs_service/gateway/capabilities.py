@@ -24,7 +24,7 @@ class Capabilities(Model):
     image_formats: tuple[str, ...]
     job_kinds: tuple[str, ...] = tuple(kind.value for kind in JobKind)
     workers: tuple[WorkerStatus, ...]
-    """Those that live, and those that have fallen silent."""
+    """Workers that are alive, and those that stopped sending heartbeats."""
     keys_required: bool
     limits: Annotated[Limits, Field(description="Limits per request, scene and tenant.")]
 

@@ -19,7 +19,7 @@ class LoopLag:
         self._idle_from = 0.0
 
     def handling(self) -> None:
-        """Observe often for the next second: a request arrives, receives or sends. Called in the loop."""
+        """Observe often for the next second, because a request is being handled. Called in the loop."""
         self._idle_from = time.monotonic() + _BUSY_FOR_S
         self._handled.set()
 

@@ -27,7 +27,7 @@ _STOP_WITHIN_S = 1
 """Calls, then requests that take longer are given up; the supervisor's patience is longer than both."""
 _UNREAD_MS = 120_000
 _INSPECTORS_S = 1.0
-"""How often pebble looks whether an inspector has died or takes too long; its 0.1 s is a load by itself."""
+"""Interval at which pebble checks for dead and overdue inspectors; its default of 0.1 s is a load."""
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 

@@ -12,7 +12,7 @@ PartT = TypeVar("PartT")
 
 
 class UploadPace:
-    """How long the rest of one upload may still be waited for.
+    """Remaining patience with a slow upload.
 
     It begins with the grace period. Waiting uses it up, each byte restores the time that a body of the least
     allowed speed takes for it, and it never exceeds the grace period: a fast start does not pay for a slow

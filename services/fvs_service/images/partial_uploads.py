@@ -1,4 +1,4 @@
-"""Uploads that broke off: their bytes are kept for a while, and another upload can resume them.
+"""Partial uploads: the bytes of a broken upload are kept for a while, and another upload can resume them.
 
 A partial upload is a file whose name says whose it is and what it is a part of; its length is the offset to
 resume at, and its time of change the beginning of its last hour. Each belongs to a tenant. Resuming takes the

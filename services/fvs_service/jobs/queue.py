@@ -20,7 +20,7 @@ from fvs_service.storage.tables import JobRow, TenantRow
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 _TRY_AGAIN_MS = 5_000
 _LOOKS = 8
-"""A worker that looks in vain because others were faster, so often in a row, leaves the queue to them."""
+"""Number of lost races for a job in a row after which a worker leaves the queue to the others."""
 
 
 class JobQueue:

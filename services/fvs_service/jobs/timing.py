@@ -51,7 +51,7 @@ def past_timings(session: Session, kind: JobKind, first: bool) -> tuple[JobTimin
 
 
 def expected_seconds(size: JobSize, past: Sequence[JobTiming]) -> Mapping[str, float]:
-    """How long each stage of a job may take: the median over past jobs, each scaled to its size."""
+    """Expected time of each stage: the median over past jobs, each scaled to the size of this one."""
     stages = dict.fromkeys(stage for timing in past for stage in timing.seconds)
     return {
         stage: median(

@@ -57,7 +57,7 @@ class _Child:
 
 
 class Role(StrEnum):
-    """What a supervisor starts on its machine."""
+    """Processes that a supervisor starts on its machine."""
 
     ALL = "all"
     GATEWAY = "gateway"

@@ -43,7 +43,7 @@ _BUSY_S = 30
 _CONNECT_S = 5
 _CONNECTIONS = 48
 _IDLE_IN_TRANSACTION_S = 20
-"""A process that freezes in a transaction loses it, and its locks, after this time."""
+"""PostgreSQL ends a transaction that has been idle for this long, so that a frozen process holds no lock."""
 _KEEPALIVE = {
     "keepalives_idle": 10,
     "keepalives_interval": 5,

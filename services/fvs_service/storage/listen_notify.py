@@ -12,19 +12,19 @@ from sqlalchemy.orm import Session
 
 _PREFIX = "fvs_"
 _LOOK_S = 5.0
-"""How often a listener sees whether it is closed."""
+"""Interval at which a listener checks whether it was closed."""
 _RECONNECT_S = 2.0
 
 _log = structlog.get_logger()
 
 
 def notify(session: Session, topic: str) -> None:
-    """Have the server notify all listeners when the transaction is committed."""
+    """Notify all listeners when the transaction is committed."""
     session.execute(select(func.pg_notify(f"{_PREFIX}{topic}", "")))
 
 
 class Listener:
-    """A connection that listens, and its thread. It connects again when it was lost, and then calls back."""
+    """A listening connection and its thread, which reconnects when it is lost, and then calls back."""
 
     def __init__(self, engine: Engine, callbacks: Mapping[str, Callable[[], object]]) -> None:
         self._engine = engine
@@ -34,7 +34,7 @@ class Listener:
         self._thread.start()
 
     def close(self) -> None:
-        """Call back no more; the connection ends within seconds."""
+        """Stop listening; the connection is closed within seconds."""
         self._closed.set()
 
     def _listen(self) -> None:

@@ -46,7 +46,7 @@ class Listener:
         self._thread.start()
 
     def close(self) -> None:
-        """Call back no more, and remove the pipe."""
+        """Stop listening, and remove the pipe."""
         self._path.unlink(missing_ok=True)
         self._closed.set()
         with contextlib.suppress(BlockingIOError):  # then it is about to be read anyway

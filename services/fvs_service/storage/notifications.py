@@ -1,4 +1,4 @@
-"""Notifications between processes: a transaction that is committed wakes those who wait for what it changed.
+"""Notifications between processes: a commit wakes the processes that wait for what it changed.
 
 A notification has a topic and nothing else: its receivers look in the database. One that is lost only delays
 them until they look by themselves, which they do seldom. SQLite's processes are on one machine and notify
@@ -33,7 +33,7 @@ class Subscription(Protocol):
     """Calls back for notifications, from a thread of its own, until it is closed."""
 
     def close(self) -> None:
-        """Call back no more."""
+        """Stop listening."""
 
 
 def announce(session: Session, topic: Topic) -> None:

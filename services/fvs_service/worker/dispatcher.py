@@ -54,7 +54,7 @@ class Dispatcher:
         self._running: set[str] = set()
         self._starting = 0
         self._left_over = True
-        """The worker may have taken jobs that it does not run."""
+        """The worker may hold jobs that it does not run."""
         self._stopping = threading.Event()
         self._woken = threading.Event()
         self._woken.set()
@@ -71,7 +71,7 @@ class Dispatcher:
         self._thread.join(_STOP_S)  # it may be waiting for the database
 
     def wake(self) -> None:
-        """Look for jobs and requests now; from any thread."""
+        """Look for jobs and requests now. Callable from any thread."""
         self._woken.set()
 
     def _dispatch(self) -> None:
@@ -84,7 +84,7 @@ class Dispatcher:
             pause_s = self._poll_s if self._look() else min(_AFTER_ERROR_S, self._poll_s)
 
     def _look(self) -> bool:
-        """Begin what waits; returns whether the database could be asked."""
+        """Start jobs and runners that are queued; return whether the database could be reached."""
         try:
             self._dispatch_jobs()
             self._dispatch_runners()
@@ -132,7 +132,7 @@ class Dispatcher:
             self.wake()
 
     def _failed(self) -> None:
-        """Have the job run again, after a pause."""
+        """Put the job back into the queue, to be tried again after a delay."""
         self._stopping.wait(_AFTER_ERROR_S)
         self._left_over = True
 

@@ -36,11 +36,11 @@ _OWN_TRUST, _FOREIGN_TRUST = 0.05, 0.01
 """The speed is believed to be the usual one, as if this share of the job had shown it: less where the usual
 one is another machine's."""
 _RATE_TRUST = 0.2
-"""In the middle between the usual time of a stage and its present rate is the rate after this share."""
+"""Share of a stage after which its present rate and its usual time weigh the same."""
 _TRAIN_POWER = 1.25
-"""Iterations take longer as Gaussians are added: a share of them takes this power of it of the time."""
+"""Iterations slow down as Gaussians are added: a share s of them takes s to this power of the time."""
 _OVERDUE = 0.15
-"""A stage that takes longer than usual goes on for this share of what it has taken."""
+"""A stage that exceeds its usual time is expected to go on for this share of its time so far."""
 _SMOOTHING = 0.1
 _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03

@@ -21,7 +21,7 @@ from fvs_service.storage.blob_keys import working_copy_key
 from fvs_service.storage.removals import keep, remove_later
 
 _PARTS = ("growing", "fine", "choice.json")
-"""What jobs go on from; all other files of the folder are made again."""
+"""Files that a job resumes from; all others can be made again."""
 _MARKER = "working-copy"
 """The file with the name of the working copy that the folder comes from."""
 _PARTIAL = "working-copy.partial"
@@ -64,7 +64,7 @@ class WorkingCopies:
         write_text_atomically(folder / _MARKER, name)
 
     def restore(self, scene_id: str) -> None:
-        """Make the scene's folder one that comes from the newest working copy."""
+        """Replace the scene's folder with the newest working copy, unless it comes from it already."""
         if not self._storage.blobs.shared:
             return
         folder = self._folder(scene_id)

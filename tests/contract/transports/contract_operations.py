@@ -25,7 +25,7 @@ _FILES = (capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, vie
 
 @dataclass(frozen=True)
 class Operation:
-    """How one method of ``fvs.v1`` is called over REST, and which service it is."""
+    """One method of ``fvs.v1``: its REST route, and the service call behind both."""
 
     verb: str
     path: str

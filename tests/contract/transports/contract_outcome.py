@@ -18,7 +18,7 @@ class Outcome:
     retryable: bool | None = None
     message: str = ""
     hint: str = field(default="", compare=False)
-    """It names the transport's own means."""
+    """Not compared: it names REST's or gRPC's own means."""
     fields: tuple[str, ...] = ()
     retry_after: bool = False
 

@@ -29,7 +29,7 @@ def _image(service: Any, scene: str) -> dict[str, Any]:
 
 
 def _kill_in_the_search(service: Any, module: str, searches: int) -> None:
-    """Kill a process once so many SfM children, of which most are runs of the search, have been seen."""
+    """Kill a process once ``searches`` SfM children have been seen; most of them are runs of the search."""
     seen: set[int] = set()
     deadline = time.monotonic() + 240
     while len(seen) < searches:

@@ -1,4 +1,4 @@
-"""A scene's folder moves from machine to machine through the blobs."""
+"""Working copies carry a scene's folder from one machine to another."""
 
 import dataclasses
 from collections.abc import Callable

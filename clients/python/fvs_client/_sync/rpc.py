@@ -27,7 +27,7 @@ _SLOWEST_BYTES_PER_S = 10_000
 _DOWNLOAD_S = 600.0
 """A download that takes longer is resumed by another call."""
 _HEARTBEAT_S = 15.0
-"""A silent stream of events wakes its reader so often; gRPC itself notices a connection that is dead."""
+"""Interval at which a quiet event stream wakes its reader; gRPC itself notices a dead connection."""
 _EVENT_NUMBER = "event-number"
 _UNAVAILABLE = {"code": "unavailable", "detail": "The service is not ready.", "retryable": True}
 
@@ -201,7 +201,7 @@ def _messages(first: Any, request: httpx2.Request, offset: int, errors: list[Exc
 
 
 def _events(reader: Reader, after: int) -> Iterator[bytes]:
-    """Events after number ``after`` as text, and comments as heartbeats."""
+    """Server-sent events after number ``after``, with comments as heartbeats."""
     yield f"id: {after}\n\n".encode()
     while (content := reader.read(_HEARTBEAT_S)) != b"":
         if content is None:

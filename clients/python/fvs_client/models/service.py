@@ -42,7 +42,7 @@ class Capabilities(Answer):
     image_formats: tuple[str, ...]
     job_kinds: tuple[str, ...] = ()
     workers: tuple[WorkerStatus, ...] = ()
-    """Those that live, and those that have fallen silent."""
+    """Workers that are alive, and those that stopped sending heartbeats."""
     keys_required: bool
     limits: Limits
 

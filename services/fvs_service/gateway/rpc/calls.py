@@ -113,7 +113,7 @@ class Call:
         return self._context.time_remaining()  # type: ignore[no-any-return]
 
     def timeout_s(self) -> float:
-        """How long may be computed for the call."""
+        """The time that may be spent on the call, in s."""
         most = self._gateway.application.storage.settings.limits.ranking_timeout_s
         return most if self.left_s is None else min(self.left_s, most)
 

@@ -66,7 +66,7 @@ class _Operation:
         self._most_bytes = json_bytes if method.name in _WITH_LISTS else min(json_bytes, _WITHOUT_LISTS_BYTES)
 
     async def in_thread(self, content: bytes, context: Context) -> bytes:
-        """Answer a request with a plain method."""
+        """Answer a unary call with a synchronous method, which runs in a thread."""
 
         async def work(call: Call) -> bytes:
             caller = await self._caller(call, content)
@@ -77,7 +77,7 @@ class _Operation:
         return await answer(self._gateway, context, self._name, work)
 
     async def on_loop(self, content: bytes, context: Context) -> bytes:
-        """Answer a request with a coroutine."""
+        """Answer a unary call with a coroutine method."""
 
         async def work(call: Call) -> bytes:
             caller = await self._caller(call, content)
@@ -88,7 +88,7 @@ class _Operation:
         return await answer(self._gateway, context, self._name, work)
 
     async def to_stream(self, content: bytes, context: Context) -> None:
-        """Answer a request with a stream."""
+        """Answer a call that streams its response."""
 
         async def work(call: Call) -> None:
             caller = await self._caller(call, content)
@@ -100,7 +100,7 @@ class _Operation:
         await answer(self._gateway, context, self._name, work)
 
     async def from_stream(self, _: object, context: Context) -> bytes:
-        """Answer a stream of requests."""
+        """Answer a call that streams its request."""
 
         async def receive() -> bytes | None:
             content = await context.read()

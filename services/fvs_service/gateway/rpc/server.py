@@ -27,7 +27,7 @@ _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _HANDSHAKE_MS = 20_000
 _METADATA_BYTES = 16_384
 _CUT_S = 0.2
-"""Calls are cut so long before the server stops, so that their clients read why."""
+"""Calls are aborted this long before the server stops, so that their clients receive the reason."""
 
 
 class RpcServer:
@@ -67,7 +67,7 @@ class RpcServer:
         return bound
 
     async def stop(self, within_s: float) -> None:
-        """Accept no more calls, wait for those that run, and cut those that take longer."""
+        """Accept no more calls, wait for those in progress, and abort those that take longer."""
         self._gateway.stopping = True
         stop = asyncio.ensure_future(self._server.stop(within_s))
         await asyncio.wait((stop,), timeout=max(0.0, within_s - _CUT_S))

@@ -98,7 +98,7 @@ class RunnerServer:
             connection.close()
 
     def _is_known(self, connection: Connection) -> bool:
-        """Whether the first line has the secret; whoever does not know it is not waited for."""
+        """Whether the first line is the secret; it must arrive within seconds."""
         connection.set_timeout(_GREETING_S)
         line = connection.receive_line(_GREETING_BYTES)
         connection.set_timeout(None)
@@ -197,7 +197,7 @@ class RunnerServer:
 
 
 def _listen(address: str) -> socket.socket:
-    """A socket on a free port of ``address``, the name or the address of this machine."""
+    """A socket bound to a free port of ``address``, a host name or IP address of this machine."""
     (family, _, _, _, (host, *_)), *_ = socket.getaddrinfo(address, None, type=socket.SOCK_STREAM)
     return socket.create_server((str(host), 0), family=family, backlog=_BACKLOG)
 
