@@ -1,5 +1,6 @@
 """gRPC with TLS and mTLS, by the settings of REST; and its stop."""
 
+import os
 import shutil
 import subprocess
 import threading
@@ -51,7 +52,7 @@ def _signed(folder: Path, name: str, authority: Path) -> Path:
 @pytest.fixture(scope="module")
 def authorities(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The certificates of our authority and of another one, and one that each has signed."""
-    if shutil.which("openssl") is None:
+    if os.environ.get("CI") != "true" and shutil.which("openssl") is None:
         pytest.skip("makes certificates with openssl: apt-get install openssl")
     folder = tmp_path_factory.mktemp("certificates")
     ours, foreign = _authority(folder, "ours"), _authority(folder, "foreign")

@@ -16,13 +16,12 @@ _START_S = 60.0
 
 @functools.cache
 def programs() -> Path | None:
-    """The folder of the newest installed programs; None where there are none."""
+    """The folder of the newest installed server programs; None where there are none."""
     found = shutil.which("initdb")
     if found:
         return Path(found).resolve().parent
-    versions = Path("/usr/lib/postgresql")
-    folders = sorted(versions.glob("*/bin"), key=lambda folder: int(folder.parent.name))
-    return folders[-1] if folders else None
+    versions = Path("/usr/lib/postgresql").glob("*/bin/initdb")  # clients alone have the folder, too
+    return max((path.parent for path in versions), key=lambda folder: int(folder.parent.name), default=None)
 
 
 class PostgresqlServer:
