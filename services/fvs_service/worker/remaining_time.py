@@ -44,6 +44,9 @@ _OVERDUE = 0.15
 _SMOOTHING = 0.1
 _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03
+"""Share of the usual time that a job must have shown before a service without history estimates."""
+_LEAST_TRAINED_S = 5.0
+"""Or the time that it must have trained: iterations show their speed themselves, however many there are."""
 
 
 class RemainingTime:
@@ -98,10 +101,14 @@ class RemainingTime:
         """The remaining time now, also when no progress is reported for a while."""
         self._elapse()
         speed, known = self._slowness()
-        if not self._own and known < _LEAST_KNOWN:
+        if not self._own and known < _LEAST_KNOWN and not self._shows_its_rate():
             return None
         left_s = self._left_in_stage_s(speed) + speed * self._later_s()
         return self._smoothed(left_s)
+
+    def _shows_its_rate(self) -> bool:
+        trained_s = self._seconds.get("train", 0.0)
+        return self._stage == "train" and self._share > self._share_at_start and trained_s >= _LEAST_TRAINED_S
 
     def finished(self) -> JobTiming | None:
         """The job's timing, once it is committed; None when an earlier try has done a part of it."""

@@ -102,6 +102,19 @@ def test_without_past_jobs_nothing_is_said_at_first() -> None:
     assert 5 < estimate < 20
 
 
+@pytest.mark.parametrize("resumed", [False, True])
+def test_without_past_jobs_a_long_training_is_estimated_soon(resumed: bool) -> None:
+    clock, started = Clock(), 0.02 if resumed else 0.0
+    size = _SIZE.model_copy(update={"iterations": 100_000})
+    remaining = RemainingTime(JobKind.UPDATE, size, (), resumed=resumed, clock=clock)
+    remaining.add(StageProgress(stage="train", share=started))
+    for second in range(1, 11):
+        clock.now_s += 1.0
+        estimate = remaining.add(StageProgress(stage="train", share=started + 2e-4 * second))
+    assert estimate is not None
+    assert estimate > 10 * 60  # at this rate it takes more than an hour
+
+
 def test_the_time_of_a_stage_is_scaled_by_its_work() -> None:
     twice = _SIZE.model_copy(update={"images": 20, "new": 20, "iterations": 500})
     expected = expected_seconds(twice, _PAST)
