@@ -155,13 +155,22 @@ def test_a_question_that_waits_is_dropped_with_its_asker(asking: Asking) -> None
     assert asking.computed == ["a"]
 
 
-def test_a_question_is_dropped_at_its_deadline(asking: Asking) -> None:
-    asked = [asking.ask("a", views=100, timeout_s=0.3), asking.ask("b", timeout_s=0.3)]
-    for one in asked:
-        with pytest.raises(DeadlineError):
-            one.result(SOON_S)
-    until(lambda: asking.stopped == ["a"] and asking.length == 0)
+def test_a_question_that_waits_is_dropped_at_its_deadline(asking: Asking) -> None:
+    first = asking.ask("a")
+    with pytest.raises(DeadlineError):
+        asking.ask("b", timeout_s=0.1).result(SOON_S)
+    assert asking.length == 1
+    asking.answer("a")
+    first.result(SOON_S)
     assert asking.computed == ["a"]
+
+
+def test_a_computation_is_stopped_at_its_deadline(asking: Asking) -> None:
+    with pytest.raises(DeadlineError):
+        asking.ask("a", views=100, timeout_s=0.3).result(SOON_S)
+    until(lambda: asking.length == 0)
+    # On a machine that is too busy to begin in time there is nothing to stop.
+    assert asking.stopped == asking.computed
 
 
 def test_who_asks_again_after_hanging_up_gets_a_computation_that_is_not_stopped(asking: Asking) -> None:
