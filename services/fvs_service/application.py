@@ -5,13 +5,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from fvs_service.auth import Keys
-from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.deletion.service import Deletions
 from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.partial_uploads import PartialUploads
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
+from fvs_service.images.upload_places import UploadPlaces
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
@@ -49,7 +49,7 @@ class Application:
     runners: SceneRunners
     staging: StagingArea
     partial_uploads: PartialUploads
-    upload_limit: ConcurrencyLimit
+    upload_places: UploadPlaces
     scenes: Scenes
     images: Images
     exclusions: Exclusions
@@ -114,7 +114,11 @@ def open_application(settings: Settings, make_runners: MakeRunners) -> Iterator[
                     keep_s=settings.partial_upload_s,
                     per_tenant=limits.open_uploads_per_tenant,
                 ),
-                upload_limit=ConcurrencyLimit("uploads", limits.open_uploads_per_tenant),
+                upload_places=UploadPlaces(
+                    limits.open_uploads_per_tenant,
+                    grace_s=settings.upload_grace_s,
+                    hold_s=settings.upload_place_s,
+                ),
                 scenes=Scenes(storage.database, limits),
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 exclusions=Exclusions(storage.database, jobs),

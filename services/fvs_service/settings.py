@@ -147,9 +147,10 @@ class Settings(BaseSettings):
     ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
     service, and origins besides its own whose pages may use it. Events whose notification was lost are
     found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
-    ``upload_bytes_per_s`` is refused. gRPC is served beside REST, unless ``grpc`` is false, by default on the
-    port after ``port`` (on a free one when that is 0). An upload that breaks off is kept for
-    ``partial_upload_s``.
+    ``upload_bytes_per_s`` is refused. When a tenant's places for uploads are all held, an upload that is
+    older than ``upload_place_s`` gives way to a new one (see ``images.upload_places``). gRPC is served beside
+    REST, unless ``grpc`` is false, by default on the port after ``port`` (on a free one when that is 0). An
+    upload that breaks off is kept for ``partial_upload_s``.
     """
 
     model_config = SettingsConfigDict(
@@ -176,6 +177,7 @@ class Settings(BaseSettings):
     upload_idle_s: PositiveFloat = 30.0
     upload_grace_s: PositiveFloat = 30.0
     upload_bytes_per_s: PositiveFloat = 500.0
+    upload_place_s: PositiveFloat = 300.0
     partial_upload_s: PositiveFloat = 3600.0
     read_within_s: PositiveFloat = 120.0
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import select
 import socket
 import threading
 import time
@@ -14,16 +15,14 @@ _UNKNOWN = hashlib.sha256(b"never").hexdigest()
 
 
 @contextlib.contextmanager
-def _upload(server: Any, scene: str, declared_bytes: int = 1_000_000) -> Iterator[socket.socket]:
+def _upload(server: Any, scene: str, key: str = "") -> Iterator[socket.socket]:
     """A connection that has sent the head of an upload."""
     url = server.client.base_url
-    head = (
-        f"PUT /v1/scenes/{scene}/images/sha256:{_UNKNOWN} HTTP/1.1\r\n"
-        f"Host: localhost\r\nContent-Length: {declared_bytes}\r\n\r\n"
-    )
+    head = f"PUT /v1/scenes/{scene}/images/sha256:{_UNKNOWN} HTTP/1.1\r\nHost: localhost\r\n"
+    head += f"Authorization: {key}\r\n" if key else ""
     with socket.create_connection((url.host, url.port)) as connection:
         connection.settimeout(20)
-        connection.sendall(head.encode())
+        connection.sendall(f"{head}Content-Length: 1000000\r\n\r\n".encode())
         yield connection
 
 
@@ -33,6 +32,14 @@ def _drip(connection: socket.socket, every_s: float, stop: threading.Event) -> N
             connection.sendall(b"a")
 
 
+def _until_staged(server: Any, uploads: int) -> None:
+    """Wait until so many uploads have places."""
+    deadline = time.monotonic() + 20
+    while len(list(server.settings.staging.iterdir())) < uploads:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
 def test_a_dripped_body_frees_its_place_for_others(serve: Any, photograph: Any) -> None:
     server = serve(upload_grace_s=0.6, upload_bytes_per_s=1_000, limits={"open_uploads_per_tenant": 1})
     scene, stop = server.scene(), threading.Event()
@@ -40,10 +47,7 @@ def test_a_dripped_body_frees_its_place_for_others(serve: Any, photograph: Any) 
         dripping = threading.Thread(target=_drip, args=(connection, 0.05, stop))
         dripping.start()
         try:
-            deadline = time.monotonic() + 20
-            while not list(server.settings.staging.iterdir()):  # until the place is taken
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
+            _until_staged(server, 1)
             answer = connection.recv(4096)
             while not answer.endswith(b"}"):
                 answer += connection.recv(4096)
@@ -53,6 +57,38 @@ def test_a_dripped_body_frees_its_place_for_others(serve: Any, photograph: Any) 
     assert b" 408 " in answer.split(b"\r\n")[0]
     assert b"1000 bytes per second" in answer
     assert server.put(scene, photograph(2)).status_code == 201
+
+
+def test_slow_uploads_of_one_key_give_a_place_to_another_key(serve: Any, photograph: Any) -> None:
+    server = serve(
+        require_keys=True,
+        upload_grace_s=2.0,
+        upload_bytes_per_s=1,
+        limits={"open_uploads_per_tenant": 2},
+    )
+    slow, other = server.key("tenant"), server.key("tenant")
+    scene, key = server.scene(slow), slow["Authorization"]
+    with _upload(server, scene, key) as first, _upload(server, scene, key) as second:
+        stop = threading.Event()
+        threads = [threading.Thread(target=_drip, args=(one, 0.02, stop)) for one in (first, second)]
+        for thread in threads:
+            thread.start()
+        try:
+            _until_staged(server, 2)
+            answer = server.put(scene, photograph(2), headers=other)
+            deadline = time.monotonic() + 20
+            while answer.status_code == 429 and time.monotonic() < deadline:  # within the grace period
+                assert answer.headers["Retry-After"] in ("1", "2")
+                time.sleep(0.05)
+                answer = server.put(scene, photograph(2), headers=other)
+            ended, _, _ = select.select([first, second], [], [], 20)
+        finally:
+            stop.set()
+            for thread in threads:
+                thread.join()
+        assert answer.status_code == 201, answer.text
+        assert len(ended) == 1
+        assert b" 408 " in ended[0].recv(4096).split(b"\r\n")[0]
 
 
 def test_a_fast_start_does_not_pay_for_a_slow_rest(serve: Any) -> None:

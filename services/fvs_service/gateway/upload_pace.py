@@ -23,6 +23,7 @@ class UploadPace:
         self._idle_s, self._grace_s = settings.upload_idle_s, settings.upload_grace_s
         self._bytes_per_s = settings.upload_bytes_per_s
         self._left_s = self._grace_s
+        self.received_bytes = 0
 
     async def wait(self, receive: Callable[[], Awaitable[PartT]], size: Callable[[PartT], int]) -> PartT:
         """The next part of the body, which has ``size`` bytes; raises ``SlowRequestError``."""
@@ -33,6 +34,7 @@ class UploadPace:
         except TimeoutError as error:
             raise self._error() from error
         waited_s = time.monotonic() - started
+        self.received_bytes += size(part)
         restored_s = size(part) / self._bytes_per_s
         self._left_s = min(self._grace_s, self._left_s - waited_s + restored_s)
         if self._left_s <= 0:

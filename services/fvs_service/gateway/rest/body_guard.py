@@ -41,22 +41,23 @@ class BodyGuard:
         if refused is not None:
             await problem_response(Request(scope), refused)(scope, receive, send)
             return
-        await self._app(scope, self._guarded(receive, limit), send)
-
-    def _guarded(self, receive: Receive, limit: int) -> Callable[[], asyncio.Future[Message]]:
         pace = UploadPace(self._settings)
-        received, more = 0, True
+        scope.setdefault("state", {})["pace"] = pace
+        await self._app(scope, self._guarded(receive, pace, limit), send)
+
+    def _guarded(
+        self, receive: Receive, pace: UploadPace, limit: int
+    ) -> Callable[[], asyncio.Future[Message]]:
+        more = True
 
         async def guarded() -> Message:
-            nonlocal received, more
+            nonlocal more
             if not more:  # after the body only a disconnect can follow
                 return await receive()
             message = await pace.wait(receive, _body_bytes)
-            size = _body_bytes(message)
-            received += size
-            self._metrics.received_bytes.inc(size)
+            self._metrics.received_bytes.inc(_body_bytes(message))
             more = message["type"] == "http.request" and message.get("more_body", False)
-            if received > limit:
+            if pace.received_bytes > limit:
                 raise too_large(limit)
             return message
 

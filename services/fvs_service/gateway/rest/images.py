@@ -1,5 +1,6 @@
 """Images over REST."""
 
+from collections.abc import AsyncIterator
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -25,7 +26,7 @@ from fvs_service.gateway.rest.dependencies import (
     scene_uploader,
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest
-from fvs_service.gateway.rest.multipart import receive_files
+from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
 from fvs_service.gateway.rest.ranges import ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.model import (
@@ -39,6 +40,7 @@ from fvs_service.images.model import (
     UploadItem,
 )
 from fvs_service.images.staging import require_digest
+from fvs_service.images.upload_places import UploadPlace
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
@@ -118,9 +120,10 @@ async def post_images(
     """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
     await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
-    with app.upload_limit.slot(caller.tenant_id):
+    with app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place:
         most = app.storage.settings.limits.multipart_files
-        async for file in receive_files(request, app.staging, most, parsing):
+        files = receive_files(request, app.staging, most, parsing)
+        while (file := await _next(files, place)) is not None:
             metadata = _named(file.name)
             image, new = await run_in_threadpool(app.images.store, caller, scene_id, file.staged, metadata)
             _count(metrics, image, created=new)
@@ -210,16 +213,23 @@ async def _receive(
             pass
         return known, False
     with (
-        app.upload_limit.slot(caller.tenant_id),
+        app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place,
         app.staging.receive(_declared_bytes(request)) as receiver,
     ):
-        async for block in blocks(request):
-            await run_in_threadpool(receiver.write, block)
+        async with place.receiving():
+            async for block in blocks(request):
+                await run_in_threadpool(receiver.write, block)
         staged = receiver.finish()
         require_digest(staged.digest, digest)
         image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
     _count(metrics, image, created=created)
     return image, created
+
+
+async def _next(files: AsyncIterator[UploadedFile], place: UploadPlace) -> UploadedFile | None:
+    """The next file of a form; None after the last."""
+    async with place.receiving():
+        return await anext(files, None)
 
 
 def _named(filename: str) -> ImageMetadata:

@@ -44,9 +44,14 @@ class ImageUpload:
         known = await run_sync(app.images.known, self._caller, upload.scene_id, upload.digest, metadata)
         if known is not None:
             return _response(known, created=False)
-        with app.upload_limit.slot(tenant_id), await run_sync(self._receiver, upload) as receiver:
+        left_bytes = upload.size_bytes - upload.offset_bytes
+        with (
+            app.upload_places.place(self._caller, self._pace, left_bytes) as place,
+            await run_sync(self._receiver, upload) as receiver,
+        ):
             try:
-                await self._receive_all(upload, receiver)
+                async with place.receiving():
+                    await self._receive_all(upload, receiver)
             except InvalidRequestError:  # what arrived is not this image
                 raise
             except BaseException:  # also that the client is gone

@@ -1,0 +1,126 @@
+"""Places for uploads that are all held: who gives way, who waits, and for how long."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import pytest
+from fvs_service.errors import LimitExceededError, SlowRequestError
+from fvs_service.images.upload_places import UploadPlace, UploadPlaces
+from fvs_service.principal import ALL_SCOPES, Principal
+
+_LONG_S = 1000.0
+
+
+@dataclass
+class _Arrival:
+    received_bytes: int = 0
+
+
+def _key(key_id: str, tenant_id: str = "tenant") -> Principal:
+    return Principal(tenant_id, ALL_SCOPES, key_id=key_id)
+
+
+@contextlib.asynccontextmanager
+async def _uploading(
+    places: UploadPlaces, key: Principal, received_bytes: int = 0, expected_bytes: int | None = None
+) -> AsyncIterator["asyncio.Task[None]"]:
+    """An upload that has come so far and goes on until its place is taken."""
+    began = asyncio.Event()
+
+    async def send() -> None:
+        with places.place(key, _Arrival(received_bytes), expected_bytes) as place:
+            async with place.receiving():
+                began.set()
+                await asyncio.Event().wait()
+
+    task = asyncio.create_task(send())
+    await began.wait()
+    try:
+        yield task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def _ask(places: UploadPlaces, key: Principal) -> None:
+    with places.place(key, _Arrival(), None) as place:
+        assert isinstance(place, UploadPlace)
+
+
+def test_the_slowest_upload_of_a_key_with_more_gives_way_after_the_grace_period() -> None:
+    async def run() -> None:
+        places, greedy = UploadPlaces(3, grace_s=0.0, hold_s=_LONG_S), _key("greedy")
+        async with (
+            _uploading(places, greedy, 900_000) as first,
+            _uploading(places, greedy, 1) as slow,
+            _uploading(places, greedy, 900_000) as last,
+        ):
+            await _ask(places, _key("other"))
+            with pytest.raises(SlowRequestError, match="bytes per second"):
+                await slow
+            assert not first.done()
+            assert not last.done()
+
+    asyncio.run(run())
+
+
+def test_a_key_takes_no_place_when_that_would_not_be_fairer() -> None:
+    async def run() -> None:
+        places = UploadPlaces(3, grace_s=0.0, hold_s=_LONG_S)
+        async with (
+            _uploading(places, _key("two")),
+            _uploading(places, _key("two")),
+            _uploading(places, _key("one")),
+        ):
+            await _ask(places, _key("one"))
+
+    with pytest.raises(LimitExceededError):
+        asyncio.run(run())
+
+
+def test_a_key_does_not_take_its_own_places_until_they_were_held_long() -> None:
+    async def run(hold_s: float) -> None:
+        places = UploadPlaces(1, grace_s=0.0, hold_s=hold_s)
+        async with _uploading(places, _key("a"), 10) as held:
+            await _ask(places, _key("a"))
+            with pytest.raises(SlowRequestError):
+                await held
+
+    with pytest.raises(LimitExceededError):
+        asyncio.run(run(_LONG_S))
+    asyncio.run(run(0.0))
+
+
+def test_retry_after_is_when_an_upload_ends_or_gives_way() -> None:
+    async def refused(key: Principal, grace_s: float, *uploads: tuple[int, int | None]) -> int:
+        places = UploadPlaces(len(uploads), grace_s=grace_s, hold_s=_LONG_S)
+        async with contextlib.AsyncExitStack() as stack:
+            for received, expected in uploads:
+                await stack.enter_async_context(_uploading(places, _key("a"), received, expected))
+            with pytest.raises(LimitExceededError) as error:
+                await _ask(places, key)
+        assert error.value.retry_after_s is not None
+        return error.value.retry_after_s
+
+    never, almost = (1, None), (999_999, 1_000_000)
+    assert asyncio.run(refused(_key("a"), 30.0, never, never)) == _LONG_S
+    assert asyncio.run(refused(_key("a"), 30.0, never, almost)) == 1
+    assert asyncio.run(refused(_key("b"), 30.0, never, never)) == 30
+
+
+def test_a_stored_upload_and_those_of_other_tenants_keep_their_places() -> None:
+    async def run() -> None:
+        places = UploadPlaces(1, grace_s=0.0, hold_s=0.0)
+        async with _uploading(places, _key("a", "another tenant")) as foreign:
+            with places.place(_key("a"), _Arrival(5), 5) as place:
+                async with place.receiving():
+                    pass
+                with pytest.raises(LimitExceededError) as error:
+                    await _ask(places, _key("b"))
+                assert error.value.retry_after_s == 1
+            await _ask(places, _key("b"))
+            assert not foreign.done()
+
+    asyncio.run(run())
