@@ -114,16 +114,19 @@ class WorkerSettings(Record):
 
 
 class Retention(Record):
-    """How long snapshots and rankings are kept, by default for ever; scenes can set each number themselves.
+    """How long snapshots and rankings, by default for ever, and events are kept.
 
-    Of each the newest ``snapshots`` and ``rankings`` stay, and those younger than ``snapshot_days`` and
-    ``ranking_days``; with both limits, what exceeds either is deleted.
+    Of each scene's the newest ``snapshots``, ``rankings`` and ``events`` stay, and those younger than
+    ``snapshot_days``, ``ranking_days`` and ``event_days``; with both limits, what exceeds either is deleted.
+    Scenes can have numbers of their own for snapshots and rankings.
     """
 
     snapshots: PositiveInt | None = None
     snapshot_days: PositiveFloat | None = None
     rankings: PositiveInt | None = None
     ranking_days: PositiveFloat | None = None
+    events: PositiveInt | None = 10_000
+    event_days: PositiveFloat | None = 90.0
 
 
 class _FilesOfEnvironment(EnvSettingsSource):

@@ -53,7 +53,7 @@ class RetentionRules:
         for scene_id, request in found:
             own = SceneRequest.model_validate(request).retention.model_dump(exclude_none=True)
             retention = Retention(**{**usual, **own})
-            if retention != Retention():
+            if retention.model_dump(exclude={"events", "event_days"}, exclude_none=True):
                 limited.append((scene_id, retention))
         return limited
 

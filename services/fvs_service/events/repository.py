@@ -10,7 +10,7 @@ from fvs_service.events.model import Event, EventKind
 from fvs_service.model import now
 from fvs_service.storage.database import lock
 from fvs_service.storage.notifications import Topic, announce
-from fvs_service.storage.tables import EventRow
+from fvs_service.storage.tables import EventRow, SceneRow
 
 _PUBLISHED = "fvs_published"
 
@@ -39,7 +39,13 @@ def _number(session: Session) -> None:
 
 
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:
-    """The events of a scene after ``number``, the oldest first."""
+    """The events of a scene after ``number``, the oldest first.
+
+    Where the retention has deleted some of them, the first one says so.
+    """
+    last_deleted = session.scalar(select(SceneRow.last_deleted_event).where(SceneRow.id == scene_id)) or 0
+    if number < last_deleted:
+        return (_lacking(scene_id, last_deleted), *events_after(session, scene_id, last_deleted, limit))
     rows = session.scalars(
         select(EventRow)
         .where(EventRow.scene_id == scene_id, EventRow.number > number)
@@ -56,6 +62,11 @@ def events_after(session: Session, scene_id: str, number: int, limit: int = 256)
         )
         for row in rows
     )
+
+
+def _lacking(scene_id: str, number: int) -> Event:
+    data = {"reason": "retention"}
+    return Event(number=number, scene_id=scene_id, kind=EventKind.EVENTS_DELETED, data=data, created_at=now())
 
 
 def last_number(session: Session) -> int:

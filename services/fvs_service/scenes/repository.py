@@ -47,6 +47,7 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
             snapshot_id=None,
             working_bytes=0,
             last_image_number=0,
+            last_deleted_event=0,
             created_at=at,
         )
     )

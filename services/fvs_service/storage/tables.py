@@ -61,7 +61,10 @@ class IdempotencyRow(Table):
 
 
 class SceneRow(Table):
-    """A scene; ``snapshot_id`` points to the latest snapshot, ``working_copy`` to that of its folder."""
+    """A scene; ``snapshot_id`` points to the latest snapshot, ``working_copy`` to that of its folder.
+
+    Of its events those up to ``last_deleted_event`` are not kept any longer.
+    """
 
     __tablename__ = "scenes"
 
@@ -73,6 +76,7 @@ class SceneRow(Table):
     working_bytes: Mapped[int] = mapped_column(BigInteger)
     working_copy: Mapped[str | None] = mapped_column(String(40))
     last_image_number: Mapped[int]
+    last_deleted_event: Mapped[int] = mapped_column(BigInteger)
     created_at: Mapped[datetime]
 
 

@@ -14,6 +14,7 @@ from sqlalchemy.exc import IntegrityError
 from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.application import Storage
+from fvs_service.deletion.event_retention import EventRetention
 from fvs_service.deletion.retention import RetentionRules
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.model import now
@@ -34,6 +35,7 @@ class Sweeps:
         self._storage = storage
         settings = storage.settings
         self._retention = RetentionRules(storage.database, settings.retention, settings.removal_grace_s)
+        self._events = EventRetention(storage.database, settings.retention)
         self._grace = timedelta(seconds=settings.removal_grace_s)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -51,10 +53,11 @@ class Sweeps:
         self.remove_working_folders()
         if self._is_mine():
             deleted, removed = self._retention.apply(), self._storage.removals.run()
+            events = self._events.apply()
             for file in self._storage.blobs.unfinished(now() - self._grace):
                 file.unlink(missing_ok=True)
-            if deleted or removed:
-                _log.info("swept", deleted=deleted, removed=removed)
+            if deleted or removed or events:
+                _log.info("swept", deleted=deleted, removed=removed, events=events)
 
     def remove_working_folders(self) -> None:
         """Remove the working folders of deleted scenes from this machine."""

@@ -27,6 +27,8 @@ class EventKind(Word):
     SNAPSHOT_DELETED = "snapshot.deleted"
     RANKING_CREATED = "ranking.created"
     RANKING_DELETED = "ranking.deleted"
+    EVENTS_DELETED = "events.deleted"
+    """The service no longer has the events up to this number that were asked for: read the scene anew."""
 
 
 class Event(Answer):

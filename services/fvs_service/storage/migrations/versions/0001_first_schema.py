@@ -92,6 +92,7 @@ def _create_tables_of_scenes() -> None:
         sa.Column("working_bytes", sa.BigInteger(), nullable=False),
         sa.Column("working_copy", sa.String(40)),
         sa.Column("last_image_number", sa.Integer(), nullable=False),
+        sa.Column("last_deleted_event", sa.BigInteger(), nullable=False),
         _time("created_at"),
     )
     op.create_table(
