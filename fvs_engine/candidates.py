@@ -1,7 +1,10 @@
-"""Ranked candidates of a ranking; importable without torch, which the service's gateway does not load."""
+"""Scored and ranked candidates; importable without torch, which the service's gateway does not load."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
+
+from fvs_engine.errors import InvalidInputError
 
 
 class CandidateStatus(StrEnum):
@@ -16,6 +19,31 @@ class CandidateStatus(StrEnum):
     """Nothing of the model is in view."""
     LOW_COVERAGE = "low-coverage"
     """The model fills so little of the view that the score describes mostly the empty background."""
+
+
+@dataclass(frozen=True)
+class CandidateScore:
+    """The score of one candidate: the lowest ``score`` ranks first.
+
+    ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
+    the mean alpha of the view: the share of it that the model fills; None where nothing was rendered.
+    Raises ``InvalidInputError`` otherwise.
+    """
+
+    name: str
+    score: float | None
+    status: CandidateStatus
+    coverage: float | None
+
+    def __post_init__(self) -> None:
+        if (self.score is None) != (self.status is CandidateStatus.OUT_OF_MODEL):
+            raise InvalidInputError(f"Candidate {self.name}: no score if and only if it is out of the model.")
+        if self.score is not None and not math.isfinite(self.score):
+            raise InvalidInputError(f"Candidate {self.name}: a score must be finite, not {self.score}.")
+        if self.coverage is not None and not 0.0 <= self.coverage <= 1.0:
+            raise InvalidInputError(
+                f"Candidate {self.name}: coverage must be in [0, 1], not {self.coverage}."
+            )
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Progress reports of a long computation, and the request to stop it."""
+"""Progress reports of a long computation, its results so far, and the request to stop it."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fvs_engine.errors import Cancelled
@@ -20,19 +20,29 @@ class Progress:
 class Monitor:
     """Receives the progress of a computation, and carries the request to stop it.
 
-    ``on_progress`` is called in the computing thread; it must return quickly. ``cancel`` may be called
-    from any thread or from a signal handler; the computation then raises ``Cancelled`` at its next
-    ``check``, having left a resumable state behind.
+    ``on_progress`` and ``on_results`` are called in the computing thread; they must return quickly.
+    ``cancel`` may be called from any thread or from a signal handler; the computation then raises
+    ``Cancelled`` at its next ``check``, having left a resumable state behind.
     """
 
-    def __init__(self, on_progress: Callable[[Progress], None] | None = None) -> None:
+    def __init__(
+        self,
+        on_progress: Callable[[Progress], None] | None = None,
+        on_results: Callable[[Sequence[object]], None] | None = None,
+    ) -> None:
         self._on_progress = on_progress
+        self._on_results = on_results
         self._cancelled = threading.Event()
 
     def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
         """Report that ``done`` units of ``stage`` are finished."""
         if self._on_progress is not None:
             self._on_progress(Progress(stage, done, total, detail))
+
+    def pass_on(self, results: Sequence[object]) -> None:
+        """Pass on a part of the results that is known before the end: the scores of some candidates."""
+        if self._on_results is not None:
+            self._on_results(results)
 
     def cancel(self) -> None:
         """Request the computation to stop at its next safe point."""

@@ -1,7 +1,8 @@
 """Scores of candidate views."""
 
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.score.information import ViewInformation, estimated_information, view_information
-from fvs_engine.score.interface import CandidateScore, Scorer
+from fvs_engine.score.interface import Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
 from fvs_engine.score.rank import rank
 from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged

@@ -4,9 +4,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import CandidateScore, CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.score.interface import CandidateScore
 
 _ORDER = (CandidateStatus.RANKED, CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL)
 

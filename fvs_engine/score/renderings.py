@@ -9,10 +9,9 @@ from itertools import islice
 import torch
 from torch import Tensor
 
-from fvs_engine.candidates import CandidateStatus
+from fvs_engine.candidates import CandidateScore, CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.score.interface import CandidateScore
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
@@ -72,8 +71,10 @@ class RenderingScorer(ABC):
                 colors.append(rendering.color)
                 alphas.append(rendering.alpha.mean())
             values = self.measure(torch.stack(colors)).tolist()
+            known = len(scores)
             for candidate, value, alpha in zip(batch, values, torch.stack(alphas).tolist(), strict=True):
                 scores.append(judged(candidate.name, value, alpha, self.min_coverage))
+            monitor.pass_on(scores[known:])
             monitor.report("score", len(scores), len(candidates))
         return tuple(scores)
 

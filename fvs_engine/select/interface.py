@@ -62,7 +62,8 @@ class Selector(Protocol):
     def score(self, context: SelectionContext, monitor: Monitor | None = None) -> tuple[CandidateScore, ...]:
         """One score per candidate, in their order: lower ranks first. Gains are negated.
 
-        ``coverage`` is None for selectors that do not render. Progress is reported in views. Raises
+        ``coverage`` is None for selectors that do not render. Progress is reported in views, and
+        the scores of a selector that computes them one by one are passed on to ``monitor``. Raises
         ``InvalidInputError`` for candidates that cannot be compared, ``Cancelled`` on request.
         """
         ...

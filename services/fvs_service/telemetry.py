@@ -52,3 +52,8 @@ class Metrics:
             buckets=_LAGS,
             registry=self.registry,
         )
+
+    def count_ranking(self, method: str, seconds: float, waited_s: float) -> None:
+        """Count a ranking, with the times of scoring and of waiting for others."""
+        self.rankings.labels(method).observe(seconds)
+        self.ranking_waits.observe(waited_s)

@@ -120,6 +120,16 @@ def rankings(surface: Surface) -> Iterator[Any]:
     yield ranking
     yield ranking.best
     yield do(scene.rank, generator=Orbit(count=5), top_k=2)
+    scored: list[Any] = []
+    same, keyed = {"near": near, "far": far}, {"idempotency_key": f"ranking-{folder.name}"}
+    streamed = do(scene.rank, same, on_scored=scored.extend, **keyed)
+    yield sorted(scored, key=lambda one: one.id)
+    yield streamed
+    yield do(client.rankings.get, streamed.id) == streamed
+    yield do(scene.rank, same, **keyed) == streamed
+    yield surface.attempt(scene.rank, {"near": near}, on_scored=scored.extend, **keyed)
+    yield surface.attempt(scene.rank, method="guess", on_scored=scored.extend)
+    yield surface.attempt(scene.rank, same, on_scored=_tired)
     yield do(client.rankings.get, ranking.id) == ranking
     yield do(ranking.render, "near")[:8]
     yield surface.attempt(ranking.render, "elsewhere")
@@ -132,6 +142,10 @@ def rankings(surface: Surface) -> Iterator[Any]:
     yield do(snapshot.download, "cameras.json", folder).read_bytes()
     yield surface.attempt(snapshot.download, "model.obj", folder)
     yield surface.attempt(client.snapshots.get, "snp_none")
+
+
+def _tired(_scored: Any) -> None:
+    raise FileNotFoundError("This one is good enough.")
 
 
 def deletions(surface: Surface) -> Iterator[Any]:

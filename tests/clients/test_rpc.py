@@ -17,7 +17,7 @@ from fvs_client.cli.app import app
 from fvs_client.connection import Connection
 from fvs_client.rpc import contract
 from fvs_client.rpc.addresses import credentials_of, target_of
-from fvs_client.rpc.routes import _TABLE
+from fvs_client.rpc.routes import _STREAMED, _TABLE
 from typer.testing import CliRunner
 
 SOON = Retries(first_s=0.01, longest_s=0.05)
@@ -65,6 +65,7 @@ def test_tls_trusts_what_is_given(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 def test_every_method_of_the_contract_answers_a_request() -> None:
     services = contract.method("SceneService", "GetScene").containing_service.file.pool
     names = {name for _, _, name in _TABLE}
+    names |= {f"{method.containing_service.name}.{method.name}" for method in _STREAMED.values()}
     unused = {"ImageService.GetUpload", "JobService.WatchJob"}  # for resuming; waiting follows the events
     for service in {name.partition(".")[0] for name in names}:
         methods = services.FindServiceByName(f"fvs.v1.{service}").methods

@@ -20,6 +20,7 @@ from fvs.v1 import (
 from fvs_service.errors import ServiceError
 from fvs_service.events.model import Event, EventKind
 from fvs_service.gateway.rpc.failures import code_of, status_of
+from fvs_service.rankings.model import RankingPart
 from pydantic.json_schema import models_json_schema
 
 _FILES = (
@@ -64,8 +65,10 @@ PLAIN_WORDS = {"GridLook": ("Grid", "look"), "PoseFrame": ("RankingRequest", "fr
 @pytest.fixture(scope="module")
 def document(gateway: Any) -> dict[str, Any]:
     document: dict[str, Any] = gateway.client.get("/openapi.json").json()
-    _, events = models_json_schema([(Event, "serialization")], ref_template="#/components/schemas/{model}")
-    document["components"]["schemas"].update(events["$defs"])  # of the stream, which OpenAPI cannot describe
+    streamed = [(Event, "serialization"), (RankingPart, "serialization")]  # which OpenAPI cannot describe
+    _, models = models_json_schema(streamed, ref_template="#/components/schemas/{model}")
+    for name, schema in models["$defs"].items():
+        document["components"]["schemas"].setdefault(name, schema)
     return document
 
 
@@ -98,7 +101,11 @@ def _name_of(route: str) -> str:
         return OTHERWISE[route]
     verb, path = route.split(" ")
     digest = path.replace("sha256:{hexadecimal}", "{digest}")
-    found = [name for name, one in OPERATIONS.items() if (one.verb, one.path) == (verb, digest)]
+    found = [
+        name
+        for name, one in OPERATIONS.items()
+        if (one.verb, one.path) == (verb, digest) and not one.streamed
+    ]
     assert len(found) == 1, f"{route} is in neither OPERATIONS nor the exceptions"
     return found[0]
 
@@ -108,7 +115,24 @@ def test_every_operation_exists_on_both_sides(document: dict[str, Any]) -> None:
     named = {_name_of(route) for route in routes if route not in REST_ONLY}
     assert set(REST_ONLY) <= routes
     assert set(OTHERWISE) <= routes
-    assert named | set(RPC_ONLY) == set(_methods())
+    streamed = {name for name, one in OPERATIONS.items() if one.streamed}
+    assert named | streamed | set(RPC_ONLY) == set(_methods())
+
+
+def test_every_stream_is_a_media_type_of_its_route(document: dict[str, Any]) -> None:
+    """Over REST the same route streams its response, to who accepts server-sent events."""
+    for name, one in OPERATIONS.items():
+        if not one.streamed:
+            continue
+        operation = document["paths"][one.path][one.verb.lower()]
+        assert "text/event-stream" in operation["responses"]["200"]["content"]
+        plain = _methods()[_name_of(f"{one.verb} {one.path}")]
+        assert _methods()[name].server_streaming
+        assert _shape(_methods()[name].input_type) == _shape(plain.input_type)
+
+
+def _shape(message: Any) -> list[tuple[str, int, Any]]:
+    return [(field.name, field.type, field.message_type) for field in message.fields]
 
 
 def test_every_parameter_is_a_field_of_the_request(document: dict[str, Any]) -> None:

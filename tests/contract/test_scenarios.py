@@ -181,6 +181,33 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     compare(scenario)
 
 
+def test_candidates_are_streamed_as_they_are_scored(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _refused(tenant.call("StreamRankViews", {}, scene_id=scene), "no-snapshot")
+        _model(tenant, scene)
+        candidates = [
+            {"id": f"c{number}", "pose": {**LOOK, "position": [0.0, 0.2 * number, -4.0]}}
+            for number in range(5)
+        ]
+        near = {"candidates": candidates, "current_pose": LOOK, "radius_m": 0.5, "top_k": 2}
+        *scored, last = tenant.call("StreamRankViews", near, scene_id=scene, idempotency_key="s").result
+        assert {one["id"] for part in scored for one in part["candidates"]} == {"c0", "c1", "c2"}
+        assert [part["ranking"] for part in scored] == [None] * len(scored)
+        made = last["ranking"]
+        assert last["candidates"] == []
+        assert made == tenant.call("RankViews", near, scene_id=scene, idempotency_key="s").result
+        assert made == tenant.call("GetRanking", ranking_id=made["id"]).result
+        (again,) = tenant.call("StreamRankViews", near, scene_id=scene, idempotency_key="s").result
+        assert again == last
+        _refused(tenant.call("StreamRankViews", {"method": "no-method"}, scene_id=scene), "invalid-request")
+        far = {"candidates": candidates[3:], "current_pose": LOOK, "radius_m": 0.5}
+        (only,) = tenant.call("StreamRankViews", far, scene_id=scene).result
+        assert {one["status"] for one in only["ranking"]["candidates"]} == {"out-of-range"}
+
+    compare(scenario)
+
+
 @pytest.mark.parametrize(
     "request_document",
     [
@@ -232,6 +259,7 @@ def test_foreign_and_unknown_things_answer_alike(compare: Compare) -> None:
             _refused(tenant.call("DeleteScene", scene_id=scene_id, key=key), "not-found")
             _refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=scene_id, key=key), "not-found")
             _refused(tenant.call("RankViews", {}, scene_id=scene_id, key=key), "not-found")
+            _refused(tenant.call("StreamRankViews", {}, scene_id=scene_id, key=key), "not-found")
             _refused(
                 tenant.call("CheckImages", {"digests": [NOTHING]}, scene_id=scene_id, key=key), "not-found"
             )
@@ -255,6 +283,7 @@ def test_keys_are_needed_valid_and_have_scopes(compare: Compare) -> None:
         _refused(tenant.call("DeleteScene", scene_id=scene, key=reader), "forbidden")
         _refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=scene, key=reader), "forbidden")
         _refused(tenant.call("RankViews", {}, scene_id=scene, key=reader), "forbidden")
+        _refused(tenant.call("StreamRankViews", {}, scene_id=scene, key=reader), "forbidden")
         _refused(tenant.upload(scene, b"x", key=reader), "forbidden")
         device = tenant.new_key(scene_id=scene)
         tenant.call("GetScene", scene_id=scene, key=device)
@@ -271,6 +300,7 @@ def test_a_service_without_runners_says_so(compare: Compare) -> None:
         tenant.gateway.runners.reachable = False
         try:
             _refused(tenant.call("RankViews", {}, scene_id=scene), "unavailable")
+            _refused(tenant.call("StreamRankViews", {}, scene_id=scene), "unavailable")
         finally:
             tenant.gateway.runners.reachable = True
 

@@ -33,7 +33,7 @@ from fvs_service.gateway.rest.app import create_app
 from fvs_service.jobs.queue import take_job
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.logs import configure_logging
-from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners
+from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, RenderView, SceneRunners
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.settings import Settings
@@ -50,6 +50,7 @@ from postgresql_server import PostgresqlServer, programs
 from sqlalchemy import select
 from starlette.testclient import TestClient
 
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.geometry import look_at, quaternion_from_matrix
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
@@ -74,6 +75,13 @@ class ComputingRunners:
         self._require_reachable()
         self.asked.append(request)
         return await run_sync(self._rank, request)
+
+    async def stream(self, request: RankViews) -> RankingSteps:
+        """Each candidate by itself, then the result."""
+        ranked = await self.rank(request)
+        for one in ranked.candidates:
+            yield (CandidateScore(one.name, one.score, one.status, one.coverage),)
+        yield ranked
 
     async def render(self, request: RenderView) -> bytes:
         self._require_reachable()

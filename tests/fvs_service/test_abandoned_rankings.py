@@ -3,89 +3,19 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import pytest
-from fvs_service.rankings.port import RankedViews, RankViews
 from fvs_service.worker.runner import server
 from fvs_service.worker.runner.model_states import ModelStates
-from fvs_service.worker.runners import LeasedRunners
-
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
-from fvs_engine.monitor import Monitor
-
-_VIEW_S = 0.01
-
-
-@dataclass
-class Scoring:
-    """Stands for the engine: every view takes 0.01 s, and ``began`` has the seed of each ranking.
-
-    A ranking ends only while ``may_end`` is set.
-    """
-
-    began: list[int] = field(default_factory=list)
-    ended: list[int] = field(default_factory=list)
-    busy: threading.Event = field(default_factory=threading.Event)
-    may_end: threading.Event = field(default_factory=threading.Event)
-
-    def __post_init__(self) -> None:
-        self.may_end.set()
-
-    def __call__(self, request: RankViews, _state: Any, _rasterizer: Any, monitor: Monitor) -> RankedViews:
-        self.began.append(request.seed)
-        self.busy.set()
-        for done in range(len(request.views)):
-            monitor.check()
-            time.sleep(_VIEW_S)
-            monitor.report("score", done + 1, len(request.views))
-        while not self.may_end.wait(_VIEW_S):
-            monitor.check()
-        self.ended.append(request.seed)
-        candidates = [
-            RankedCandidate(number, view.name, 0.0, CandidateStatus.RANKED, 1.0, None)
-            for number, view in enumerate(request.views, start=1)
-        ]
-        return RankedViews(
-            snapshot_id=request.snapshot_id, iterations=7, gaussians=60, candidates=tuple(candidates)
-        )
-
-
-@dataclass
-class Scene:
-    """A scene with a runner whose scoring is slow."""
-
-    scoring: Scoring
-    gateway: Any
-    path: str
-
-    def ask(self, views: int, seed: int = 0, timeout_s: float = 60.0, **headers: str) -> httpx2.Response:
-        with httpx2.Client(base_url=self.gateway.client.base_url, timeout=timeout_s) as client:
-            document = {"generator": {"kind": "orbit", "count": views}, "seed": seed}
-            return client.post(self.path, json=document, headers=headers)
-
-    def abandon(self, views: int, seed: int, after_s: float) -> None:
-        with pytest.raises(httpx2.TimeoutException):
-            self.ask(views, seed, after_s)
+from slow_scoring import Scene, slow_scene
 
 
 @pytest.fixture
 def scene(serve: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
-    scoring = Scoring()
-    monkeypatch.setattr(server, "rank_views", scoring)
-    monkeypatch.setattr(ModelStates, "newest", lambda *_: None)
-    gateway = serve(runners=LeasedRunners, worker={"backend": "reference"})
-    scene_id = gateway.scene()
-    gateway.model(scene_id)
-    runner = server.RunnerServer(scene_id, tmp_path, gateway.settings, "secret")
-    threading.Thread(target=runner.serve, daemon=True).start()
-    host, port = runner.address
-    gateway.application.storage.leases.extend(gateway.lease(scene_id), f"{host}:{port}/secret")
-    yield Scene(scoring, gateway, f"/v1/scenes/{scene_id}/rankings")
-    runner._socket.close()
+    with slow_scene(serve, tmp_path, monkeypatch) as scene:
+        yield scene
 
 
 def together(calls: list[Callable[[], Any]]) -> list[Any]:
@@ -103,7 +33,7 @@ def together(calls: list[Callable[[], Any]]) -> list[Any]:
 
 
 def test_a_scene_is_usable_at_once_after_many_clients_hung_up(scene: Scene) -> None:
-    clients, views = 12, 600  # 72 s of scoring
+    clients, views = 12, 200  # 24 s of scoring
     together([lambda seed=seed: scene.abandon(views, seed, after_s=2.0) for seed in range(1, clients + 1)])
     began = time.monotonic()
     answer = scene.ask(5)

@@ -59,6 +59,7 @@ from fvs_client.models.rankings import (
     RankedCandidate,
     RankingRequest,
     RankingWarning,
+    ScoredCandidate,
 )
 from fvs_client.models.scenes import (
     Alignment,
@@ -163,6 +164,7 @@ __all__ = [
     "Retries",
     "Scene",
     "SceneSize",
+    "ScoredCandidate",
     "ServiceFailedError",
     "Snapshot",
     "SnapshotCameras",

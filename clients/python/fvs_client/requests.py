@@ -15,6 +15,7 @@ from fvs_client.models.rankings import RankingRequest
 from fvs_client.models.scenes import SceneChange, SceneRequest
 
 REQUEST_ID = "X-Request-Id"
+EVENT_STREAM = "text/event-stream"
 
 _RANKING_TIMEOUT_S = 180.0
 """Long enough to load the model of a cold scene and to score 2,000 views on a CPU."""
@@ -201,16 +202,27 @@ def watch_events(scene_id: str, after: int | None, timeout_s: float | None = Non
         "GET",
         f"/v1/scenes/{_part(scene_id)}/events",
         {"tail": "true"} if after is None else {},
-        {"Accept": "text/event-stream", **({"Last-Event-ID": str(after)} if resumed else {})},
+        {"Accept": EVENT_STREAM, **({"Last-Event-ID": str(after)} if resumed else {})},
         read_timeout_s=timeout_s or _EVENTS_TIMEOUT_S,
     )
 
 
 def create_ranking(
-    scene_id: str, ranking: RankingRequest, idempotency_key: str | None, timeout_s: float | None = None
+    scene_id: str,
+    ranking: RankingRequest,
+    idempotency_key: str | None,
+    timeout_s: float | None = None,
+    *,
+    streamed: bool = False,
 ) -> Request:
-    """Create a ranking; the service computes it for at most ``timeout_s``."""
-    return _computed(_keyed(f"/v1/scenes/{_part(scene_id)}/rankings", ranking, idempotency_key), timeout_s)
+    """Create a ranking; the service computes it for at most ``timeout_s``.
+
+    When ``streamed``, the answer is a stream of events, with candidates as they are scored.
+    """
+    request = _keyed(f"/v1/scenes/{_part(scene_id)}/rankings", ranking, idempotency_key)
+    if streamed:
+        request = replace(request, headers={**request.headers, "Accept": EVENT_STREAM})
+    return _computed(request, timeout_s)
 
 
 def get_ranking(ranking_id: str) -> Request:

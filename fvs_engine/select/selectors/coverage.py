@@ -65,6 +65,7 @@ class Coverage:
             alpha = float(rendering.alpha.mean())
             value = float(rendering.color[..., 0].mean()) + self.empty_coverage * (1 - alpha)
             scores.append(judged(view.name, value, alpha, self.min_coverage))
+            monitor.pass_on(scores[-1:])
             monitor.report("coverage", done, total)
         return tuple(scores)
 

@@ -56,6 +56,7 @@ class InformationGain:
             found = _information(context, view, monitor)
             gain = self.gain(found.diagonal, torch.as_tensor(known, device=found.diagonal.device))
             scores.append(judged(view.name, -float(gain), found.coverage, self.min_coverage))
+            monitor.pass_on(scores[-1:])
             monitor.report("information", done, total)
         return tuple(scores)
 

@@ -62,6 +62,16 @@ class RankViewsRequest(_message.Message):
     idempotency_key: str
     def __init__(self, scene_id: _Optional[str] = ..., ranking: _Optional[_Union[RankingRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
+class StreamRankViewsRequest(_message.Message):
+    __slots__ = ("scene_id", "ranking", "idempotency_key")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    RANKING_FIELD_NUMBER: _ClassVar[int]
+    IDEMPOTENCY_KEY_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    ranking: RankingRequest
+    idempotency_key: str
+    def __init__(self, scene_id: _Optional[str] = ..., ranking: _Optional[_Union[RankingRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
+
 class GetRankingRequest(_message.Message):
     __slots__ = ("ranking_id",)
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
@@ -174,6 +184,22 @@ class RankingRequest(_message.Message):
     seed: int
     def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ...) -> None: ...
 
+class ScoredCandidate(_message.Message):
+    __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    SCORE_FIELD_NUMBER: _ClassVar[int]
+    STATUS_FIELD_NUMBER: _ClassVar[int]
+    COVERAGE_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    score: float
+    status: CandidateStatus
+    coverage: float
+    distance_m: float
+    pose: _poses_pb2.Pose
+    def __init__(self, id: _Optional[str] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ...) -> None: ...
+
 class RankedCandidate(_message.Message):
     __slots__ = ("id", "rank", "score", "status", "coverage", "distance_m", "pose")
     ID_FIELD_NUMBER: _ClassVar[int]
@@ -235,3 +261,11 @@ class Ranking(_message.Message):
     warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
     created_at: _timestamp_pb2.Timestamp
     def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[RankingRequest, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., iterations: _Optional[int] = ..., gaussians: _Optional[int] = ..., fallback: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[RankedCandidate, _Mapping]]] = ..., total: _Optional[int] = ..., seconds: _Optional[float] = ..., waited_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class RankingPart(_message.Message):
+    __slots__ = ("candidates", "ranking")
+    CANDIDATES_FIELD_NUMBER: _ClassVar[int]
+    RANKING_FIELD_NUMBER: _ClassVar[int]
+    candidates: _containers.RepeatedCompositeFieldContainer[ScoredCandidate]
+    ranking: Ranking
+    def __init__(self, candidates: _Optional[_Iterable[_Union[ScoredCandidate, _Mapping]]] = ..., ranking: _Optional[_Union[Ranking, _Mapping]] = ...) -> None: ...

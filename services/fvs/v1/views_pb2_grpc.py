@@ -41,6 +41,11 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.RankViewsRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.Ranking.FromString,
                 _registered_method=True)
+        self.StreamRankViews = channel.unary_stream(
+                '/fvs.v1.ViewService/StreamRankViews',
+                request_serializer=fvs_dot_v1_dot_views__pb2.StreamRankViewsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.RankingPart.FromString,
+                _registered_method=True)
         self.GetRanking = channel.unary_unary(
                 '/fvs.v1.ViewService/GetRanking',
                 request_serializer=fvs_dot_v1_dot_views__pb2.GetRankingRequest.SerializeToString,
@@ -64,6 +69,13 @@ class ViewServiceServicer:
 
     def RankViews(self, request, context):
         """Rank candidates for the next image; possible while a job runs. Cancelling the call cancels it.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def StreamRankViews(self, request, context):
+        """Rank candidates, and return them as they are scored; the last message has the ranking.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -97,6 +109,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     servicer.RankViews,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.RankViewsRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.Ranking.SerializeToString,
+            ),
+            'StreamRankViews': grpc.unary_stream_rpc_method_handler(
+                    servicer.StreamRankViews,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.StreamRankViewsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.RankingPart.SerializeToString,
             ),
             'GetRanking': grpc.unary_unary_rpc_method_handler(
                     servicer.GetRanking,
@@ -142,6 +159,33 @@ class ViewService:
             '/fvs.v1.ViewService/RankViews',
             fvs_dot_v1_dot_views__pb2.RankViewsRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.Ranking.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def StreamRankViews(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/fvs.v1.ViewService/StreamRankViews',
+            fvs_dot_v1_dot_views__pb2.StreamRankViewsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.RankingPart.FromString,
             options,
             channel_credentials,
             insecure,

@@ -153,6 +153,32 @@ class RankingRequest(Model):
         return self
 
 
+class ScoredCandidate(Model):
+    """One candidate that has been scored, before the ranking is known."""
+
+    id: str
+    score: Number | None
+    """The lower, the less the model knows about what the view shows."""
+    status: CandidateStatus
+    coverage: Number | None
+    """The share of the view that the model covers; null when it was not rendered."""
+    distance_m: Number | None
+    """From the current pose; null without one."""
+    pose: Pose
+
+    @classmethod
+    def of(cls, candidate: engine.CandidateScore, distance_m: float | None, pose: Pose) -> Self:
+        """The engine's score of a candidate, with its pose in the frame of the answer."""
+        return cls(
+            id=candidate.name,
+            score=candidate.score,
+            status=candidate.status,
+            coverage=candidate.coverage,
+            distance_m=distance_m,
+            pose=pose,
+        )
+
+
 class RankedCandidate(Model):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
 
@@ -208,3 +234,12 @@ class Ranking(Model):
     warnings: tuple[RankingWarning, ...] = ()
     """What limits the use of the ranking."""
     created_at: Timestamp
+
+
+class RankingPart(Model):
+    """A part of a ranking that is streamed: what has been scored since the part before; last, the ranking."""
+
+    candidates: tuple[ScoredCandidate, ...] = ()
+    """In the order of scoring. When scoring had to begin again, a candidate can come twice."""
+    ranking: Ranking | None = None
+    """Of the last part; null in all others."""

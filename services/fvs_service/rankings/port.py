@@ -4,11 +4,11 @@ Views are in the model frame: only the gateway knows the world frame. The reques
 messages of the runners' protocol, so poses are not converted on the way.
 """
 
-from collections.abc import Mapping
+from collections.abc import AsyncGenerator, Mapping
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypeAlias
 
-from fvs_engine.candidates import RankedCandidate
+from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
 
@@ -34,7 +34,7 @@ class RankViews(Question):
 
     ``distances`` (by id, in metres) break ties. ``snapshot_id`` is the snapshot to use when ``pinned``; else
     the state of a training that started from it may be used, which has the same frame. ``budget`` is how many
-    photographs are still to be taken.
+    photographs are still to be taken. When ``streamed``, scores are sent before the result.
     """
 
     kind: Literal["rank"] = "rank"
@@ -44,6 +44,7 @@ class RankViews(Question):
     pinned: bool = False
     budget: int = 1
     seed: int = 0
+    streamed: bool = False
 
 
 class RankedViews(Record):
@@ -63,6 +64,10 @@ class RankedViews(Record):
     waited_s: float = 0.0
 
 
+RankingSteps: TypeAlias = AsyncGenerator[tuple[CandidateScore, ...] | RankedViews, None]
+"""Scores as they become known, and last the ranking."""
+
+
 class RenderView(Question):
     """Make an image of one view of a snapshot; the result over the protocol is the PNG in base 64."""
 
@@ -75,7 +80,7 @@ class SceneRunners(Protocol):
     """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
     Equal questions at the same time are computed once. A call that is cancelled stops the computation, unless
-    others wait for it. Both methods raise ``UnavailableError`` when no runner can answer now,
+    others wait for it. All methods raise ``UnavailableError`` when no runner can answer now,
     ``LimitExceededError`` when too many ask (both with ``retry_after_s``), ``DeadlineError`` after
     ``timeout_s``, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
     """
@@ -87,6 +92,13 @@ class SceneRunners(Protocol):
 
     async def rank(self, request: RankViews) -> RankedViews:
         """Rank views; the result has every id of the request exactly once."""
+        ...
+
+    def stream(self, request: RankViews) -> RankingSteps:
+        """Rank views as ``rank`` does; the scores that are known come before the result.
+
+        When the runner moves meanwhile, scoring begins again, and scores come a second time.
+        """
         ...
 
     async def render(self, request: RenderView) -> bytes:

@@ -1,6 +1,7 @@
 """Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from contextlib import aclosing
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +22,7 @@ from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.generators import generate
-from fvs_service.rankings.model import RankedCandidate, Ranking, RankingRequest
+from fvs_service.rankings.model import RankedCandidate, Ranking, RankingPart, RankingRequest, ScoredCandidate
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.warnings import warnings_of
@@ -52,6 +53,7 @@ class _Prepared:
     distances: Mapping[str, float]
     excluded: Mapping[str, engine.RankedCandidate]
     question: RankViews
+    remembered: IdempotencyKey
 
 
 class Rankings:
@@ -89,16 +91,37 @@ class Rankings:
 
         Cancelling it stops the computation. Raises ``DeadlineError`` when it takes longer than ``timeout_s``.
         """
-        principal.require(Scope.OPERATE, scene_id)
         with self._limit.slot(principal.tenant_id):
-            operation = f"rankings.create {scene_id}"
-            remembered = await run_sync(IdempotencyKey, principal.tenant_id, key, operation, request)
-            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, remembered)
+            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
             question = prepared.question
             result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
-            return await run_sync(self._finish, principal, prepared, result, remembered)
+            return await run_sync(self._finish, principal, prepared, result)
+
+    async def stream(
+        self,
+        principal: Principal,
+        scene_id: str,
+        request: RankingRequest,
+        timeout_s: float,
+        key: str | None = None,
+    ) -> AsyncGenerator[RankingPart, None]:
+        """Rank candidates as ``create`` does; yields those that are scored, and last the ranking."""
+        with self._limit.slot(principal.tenant_id):
+            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
+            if isinstance(prepared, Ranking):
+                yield RankingPart(ranking=prepared)
+                return
+            result = _unscored(prepared.snapshot)
+            if prepared.question.views:
+                async with aclosing(self._runners.stream(prepared.question)) as parts:
+                    async for part in parts:
+                        if isinstance(part, RankedViews):
+                            result = part
+                        else:
+                            yield RankingPart(candidates=await run_sync(_scored, prepared, part))
+            yield RankingPart(ranking=await run_sync(self._finish, principal, prepared, result))
 
     def get(self, principal: Principal, ranking_id: str) -> Ranking:
         """One ranking; raises ``NotFoundError``."""
@@ -126,9 +149,11 @@ class Rankings:
         scene_id: str,
         request: RankingRequest,
         timeout_s: float,
-        remembered: IdempotencyKey,
+        key: str | None,
     ) -> _Prepared | Ranking:
         """What to ask the runner, or the ranking that was made with the same idempotency key."""
+        principal.require(Scope.OPERATE, scene_id)
+        remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
         with self._database.reading() as session:
             scene = scene_head_of(session, principal, scene_id)
             earlier = self._earlier(session, principal, remembered)
@@ -172,15 +197,9 @@ class Rankings:
             budget=request.budget,
             seed=request.seed,
         )
-        return _Prepared(request, scene, snapshot, frame, poses, distances, excluded, question)
+        return _Prepared(request, scene, snapshot, frame, poses, distances, excluded, question, remembered)
 
-    def _finish(
-        self,
-        principal: Principal,
-        prepared: _Prepared,
-        result: RankedViews,
-        remembered: IdempotencyKey,
-    ) -> Ranking:
+    def _finish(self, principal: Principal, prepared: _Prepared, result: RankedViews) -> Ranking:
         """Keep the ranking that the runner's result makes."""
         request, scene_id, snapshot = prepared.request, prepared.scene.id, prepared.snapshot
         first = (*result.candidates, *prepared.excluded.values())[: request.top_k]
@@ -204,11 +223,11 @@ class Rankings:
         )
         with self._database.writing(principal.tenant_id, scene_id) as session:
             scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
-            earlier = self._earlier(session, principal, remembered)
+            earlier = self._earlier(session, principal, prepared.remembered)
             if earlier is not None:  # the same request, sent twice at once
                 return earlier
             repository.add_ranking(session, ranking)
-            remembered.remember(session, ranking.id)
+            prepared.remembered.remember(session, ranking.id)
             data = {"ranking_id": ranking.id, "snapshot_id": snapshot.id, "method": request.method}
             publish(session, scene_id, EventKind.RANKING_CREATED, data)
         return ranking
@@ -297,6 +316,13 @@ def _poses_as_asked(prepared: _Prepared, names: Sequence[str]) -> tuple[FramePos
     if wanted is None:
         wanted = "geodetic" if frame.georeferenced else "world"
     return frame.poses([prepared.poses[name] for name in names], wanted)
+
+
+def _scored(prepared: _Prepared, scores: Sequence[engine.CandidateScore]) -> tuple[ScoredCandidate, ...]:
+    """Scored candidates as the client asked for them."""
+    poses = _poses_as_asked(prepared, [score.name for score in scores])
+    distances = (prepared.distances.get(score.name) for score in scores)
+    return tuple(map(ScoredCandidate.of, scores, distances, poses))
 
 
 def _unscored(snapshot: Snapshot) -> RankedViews:

@@ -2,18 +2,22 @@
 
 import asyncio
 import base64
+import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing
 from typing import Any, TypeVar, get_args
 
 from anyio.to_thread import run_sync
+from pydantic import TypeAdapter
 
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.choices import Method
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
-from fvs_service.rankings.port import RankedViews, RankViews, RenderView
-from fvs_service.worker.protocol.async_connection import AsyncConnections, result_of
+from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, RenderView
+from fvs_service.worker.protocol.async_connection import AsyncConnections, exchange, result_of
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.worker.protocol.messages import error_of
 from fvs_service.worker.runner_requests import RunnerRequests
@@ -25,6 +29,7 @@ _START_S = 45.0
 """How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
 _START_AGAIN_S = 2.0
 _POLL_S = 0.1
+_SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
 
@@ -42,6 +47,22 @@ class LeasedRunners:
     async def rank(self, request: RankViews) -> RankedViews:
         """See ``SceneRunners``."""
         return await self._ask(request, RankedViews.model_validate)
+
+    async def stream(self, request: RankViews) -> RankingSteps:
+        """See ``SceneRunners``."""
+        until = time.monotonic() + request.timeout_s
+        async with aclosing(self._parts(request.model_copy(update={"streamed": True}), until)) as parts:
+            while True:
+                try:
+                    async with asyncio.timeout(until - time.monotonic()):  # not while the caller has a part
+                        part = await anext(parts, None)
+                except TimeoutError as error:
+                    raise deadline_passed(request.timeout_s) from error
+                except RunnerError as error:
+                    raise error_of(error.failure) from error
+                if part is None:
+                    return
+                yield part
 
     async def render(self, request: RenderView) -> bytes:
         """See ``SceneRunners``."""
@@ -66,20 +87,37 @@ class LeasedRunners:
             raise error_of(error.failure) from error
 
     async def _call(self, request: RankViews | RenderView, until: float) -> bytes:
-        """The runner's response; tries again when the runner died or moved, starts one if need be."""
+        """The runner's response; asks again when the runner died or moved."""
+        async with aclosing(self._endpoints(request.scene_id)) as endpoints:
+            async for endpoint in endpoints:
+                with contextlib.suppress(RunnerGoneError):
+                    return await self._connections.call(endpoint, await run_sync(_line, request, until))
+        raise AssertionError  # the endpoints do not end
+
+    async def _parts(self, request: RankViews, until: float) -> RankingSteps:
+        """What the runner sends; asks again when the runner died or moved."""
+        async with aclosing(self._endpoints(request.scene_id)) as endpoints:
+            async for endpoint in endpoints:
+                line = await run_sync(_line, request, until)
+                with contextlib.suppress(RunnerGoneError):
+                    async with aclosing(exchange(endpoint, line)) as documents:
+                        async for document in documents:
+                            yield await run_sync(_part, document)
+                    return
+
+    async def _endpoints(self, scene_id: str) -> AsyncGenerator[str, None]:
+        """The endpoint of the scene's runner, again and again, until one answers; starts one if need be.
+
+        Raises ``UnavailableError`` when that takes too long.
+        """
         give_up = time.monotonic() + _START_S
         started = -math.inf
         while True:
-            holder = await run_sync(self._leases.holder, request.scene_id)
+            holder = await run_sync(self._leases.holder, scene_id)
             if holder is not None and holder.endpoint is not None:
-                left_s = max(0.0, until - time.monotonic())
-                line = await run_sync(request.model_copy(update={"timeout_s": left_s}).model_dump_json)
-                try:
-                    return await self._connections.call(holder.endpoint, line.encode())
-                except RunnerGoneError:
-                    pass  # the lease of a dead runner lasts a while longer
+                yield holder.endpoint  # of a dead runner too: its lease lasts a while longer
             if time.monotonic() - started > _START_AGAIN_S:
-                await run_sync(self._requests.add, request.scene_id)
+                await run_sync(self._requests.add, scene_id)
                 started = time.monotonic()
             if time.monotonic() > give_up:
                 raise UnavailableError(
@@ -88,3 +126,14 @@ class LeasedRunners:
                     retry_after_s=10,
                 )
             await asyncio.sleep(_POLL_S)
+
+
+def _line(request: RankViews | RenderView, until: float) -> bytes:
+    left_s = max(0.0, until - time.monotonic())
+    return request.model_copy(update={"timeout_s": left_s}).model_dump_json().encode()
+
+
+def _part(document: Any) -> tuple[CandidateScore, ...] | RankedViews:
+    if "scored" in document:
+        return _SCORES.validate_python(document["scored"])
+    return RankedViews.model_validate(document["result"])

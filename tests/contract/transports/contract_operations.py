@@ -32,6 +32,8 @@ class Operation:
     direct: Callable[[Application, Principal, "Call"], Any]
     body: tuple[str, Any] | None = None
     """The field of the request that is REST's body, and its model."""
+    streamed: bool = False
+    """Whether it answers with a stream: over REST of server-sent events, for who accepts one."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,13 @@ OPERATIONS: dict[str, Operation] = {
         lambda app, who, call: app.rankings.create(who, call.scene_id, call.body, 60.0, call.idempotency_key),
         ("ranking", RankingRequest),
     ),
+    "StreamRankViews": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/rankings",
+        lambda app, who, call: app.rankings.stream(who, call.scene_id, call.body, 60.0, call.idempotency_key),
+        ("ranking", RankingRequest),
+        streamed=True,
+    ),
     "GetRanking": Operation(
         "GET", "/v1/rankings/{ranking_id}", lambda app, who, call: app.rankings.get(who, call.ranking_id)
     ),
@@ -165,7 +174,7 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "GetCapabilities": Operation("GET", "/v1/capabilities", lambda app, _who, _call: capabilities_of(app)),
 }
-"""Every operation that is one request and one response on both transports."""
+"""Every operation with one request, and one response or a stream of JSON, on both transports."""
 
 
 @cache

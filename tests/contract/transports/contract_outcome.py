@@ -1,8 +1,10 @@
 """What a call returns, in a form that does not show how it was called."""
 
+import json
 from dataclasses import dataclass, field
 from typing import Any
 
+import httpx2
 from google.rpc import error_details_pb2, status_pb2
 
 _LISTS_OR_NULL = frozenset({"centre"})
@@ -28,6 +30,8 @@ def outcome_of_response(response: Any) -> Outcome:
     if response.status_code < 400:
         if response.content and response.headers.get("content-type") == "application/json":
             return Outcome(result=response.json())
+        if response.headers.get("content-type", "").startswith("text/event-stream"):
+            return Outcome(result=[json.loads(one.data) for one in httpx2.EventSource(response)])
         return Outcome(result=response.content or None)
     problem = response.json()
     return Outcome(

@@ -62,6 +62,8 @@ class Direct:
     def _outcome(self, run: Callable[[], Any]) -> Outcome:
         async def awaited() -> Any:
             result = await run_sync(run)
+            if hasattr(result, "__aiter__"):
+                return [part async for part in result]
             return await result if hasattr(result, "__await__") else result
 
         try:
@@ -75,6 +77,8 @@ class Direct:
                 fields=tuple(item.field for item in error.errors),
                 retry_after=error.retry_after_s is not None,
             )
+        if isinstance(result, list):
+            return Outcome(result=[part.model_dump(mode="json") for part in result])
         return Outcome(result=result.model_dump(mode="json") if hasattr(result, "model_dump") else result)
 
 
@@ -93,6 +97,8 @@ class Rest:
         headers = bearer(key)
         if "idempotency_key" in given:
             headers["Idempotency-Key"] = given["idempotency_key"]
+        if operation.streamed:
+            headers["Accept"] = "text/event-stream"
         options = {} if operation.body is None else {"json": body or {}}
         return outcome_of_response(
             self._gateway.client.request(operation.verb, path, params=query, headers=headers, **options)
@@ -121,9 +127,10 @@ class Rpc:
         if operation.body is not None:
             part = getattr(request, operation.body[0])
             part.CopyFrom(type(part)(**arguments(part.DESCRIPTOR, body or {})))
-        return self._outcome(
-            lambda: self.unary(name)(request, timeout=60, metadata=metadata_of(key)),
-        )
+        metadata = metadata_of(key)
+        if operation.streamed:
+            return self._outcome(lambda: list(self.stream(name)(request, timeout=60, metadata=metadata)))
+        return self._outcome(lambda: self.unary(name)(request, timeout=60, metadata=metadata))
 
     def upload(
         self, key: str | None, scene_id: str, digest: str, content: bytes, metadata: Mapping[str, Any]
@@ -165,6 +172,8 @@ class Rpc:
             result = run()
         except grpc.RpcError as error:
             return outcome_of_error(error)
+        if isinstance(result, list):
+            return Outcome(result=[document_of(part) for part in result])
         if result.DESCRIPTOR.name == "CandidateRender":
             return Outcome(result=result.png)
         return Outcome(result=document_of(result) or None)

@@ -1,6 +1,6 @@
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -37,6 +37,7 @@ class Asking:
                     if monitor.cancelled:
                         self.stopped.append(key)
                         monitor.check()
+                monitor.pass_on([f"{key}{done}"])
                 monitor.report("score", done + 1, views)
             return f"answer to {key}"
 
@@ -49,11 +50,13 @@ class Asking:
         api_key: str = "mine",
         timeout_s: float = 60.0,
         gone: Callable[[], bool] = lambda: False,
+        pass_on: Callable[[Sequence[Any]], object] | None = None,
     ) -> "Future[Any]":
         """Ask, and return once the question is in the queue."""
         before = self.length
         joined = key in self.steps
-        asking = self._pool.submit(self.queue.ask, self.question(key, views), Asker(api_key, timeout_s, gone))
+        asker = Asker(api_key, timeout_s, gone, pass_on)
+        asking = self._pool.submit(self.queue.ask, self.question(key, views), asker)
         until(lambda: asking.done() or self.length > before or joined)
         return asking
 
@@ -125,6 +128,19 @@ def test_the_same_question_is_computed_once_for_all_who_ask_it(asking: Asking) -
     asking.answer("a")
     assert {one.result()[0] for one in asked} == {"answer to a"}
     assert asking.computed == ["a"]
+
+
+def test_everyone_who_asks_gets_all_results_before_the_answer(asking: Asking) -> None:
+    first: list[str] = []
+    later: list[str] = []
+    asked = [asking.ask("a", views=5, pass_on=first.extend)]
+    asking.answer("a", 2)
+    until(lambda: first == ["a0", "a1"])
+    asked += [asking.ask("a", pass_on=later.extend), asking.ask("a")]
+    until(lambda: later == ["a0", "a1"])
+    asking.answer("a", 3)
+    assert {one.result(SOON_S)[0] for one in asked} == {"answer to a"}
+    assert first == later == [f"a{number}" for number in range(5)]
 
 
 def test_a_computation_stops_only_when_all_who_asked_are_gone(asking: Asking) -> None:

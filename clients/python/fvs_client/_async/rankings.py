@@ -1,8 +1,18 @@
 """Rankings: get them, and the renders of their candidates."""
 
+import time
+from collections.abc import Callable
+
+import httpx2
+
 from fvs_client import requests
+from fvs_client._async.concurrency import sleep
 from fvs_client._async.session import AsyncResource, AsyncSession
-from fvs_client.models.rankings import RankedCandidate, RankingData
+from fvs_client.answers import parse, refusal
+from fvs_client.errors import ConnectionFailedError, FvsError
+from fvs_client.models.base import Answer
+from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
+from fvs_client.requests import Request
 
 
 class AsyncRanking(AsyncResource, RankingData):
@@ -34,3 +44,47 @@ class AsyncRankings:
     async def get(self, ranking_id: str) -> AsyncRanking:
         """Get a ranking."""
         return await self._session.fetch(AsyncRanking, requests.get_ranking(ranking_id))
+
+
+class _AsyncPart(Answer):
+    """A part of a ranking that is streamed."""
+
+    candidates: tuple[ScoredCandidate, ...]
+    ranking: AsyncRanking | None
+
+
+async def stream_ranking(
+    session: AsyncSession, request: Request, on_scored: Callable[[tuple[ScoredCandidate, ...]], object]
+) -> AsyncRanking:
+    """Send ``request``, with retries, and return the ranking at the end of the stream.
+
+    ``on_scored`` gets candidates as they are scored; again when the request is sent again.
+    """
+    request = request.identified()
+    began, attempt = time.monotonic(), 0
+    while True:
+        attempt += 1
+        try:
+            return await _follow(session, request, on_scored)
+        except FvsError as error:
+            pause = session.retries.pause_s(error, attempt, time.monotonic() - began)
+            if pause is None:
+                raise
+        await sleep(pause)
+
+
+async def _follow(
+    session: AsyncSession, request: Request, on_scored: Callable[[tuple[ScoredCandidate, ...]], object]
+) -> AsyncRanking:
+    request_id = request.headers[requests.REQUEST_ID]
+    async with session.open(request) as response:
+        async for message in httpx2.EventSource(response, max_event_size=None):
+            content = message.data.encode()
+            if message.event == "problem":
+                raise refusal(httpx2.Response(500, content=content), request_id)
+            part = parse(_AsyncPart, content, session)
+            if part.candidates:
+                on_scored(part.candidates)
+            if part.ranking is not None:
+                return part.ranking
+    raise ConnectionFailedError("The stream ended before the ranking.", request_id=request_id)

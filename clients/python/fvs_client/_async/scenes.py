@@ -1,18 +1,18 @@
 """Scenes: create, get, list, change and delete them; update and rank one."""
 
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from typing import Self
 
 from fvs_client import requests
 from fvs_client._async.events import follow
 from fvs_client._async.images import AsyncSceneImages
 from fvs_client._async.jobs import AsyncJob, AsyncSceneJobs
-from fvs_client._async.rankings import AsyncRanking
+from fvs_client._async.rankings import AsyncRanking, stream_ranking
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest
+from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -94,13 +94,15 @@ class AsyncScene(AsyncResource, SceneData):
         seed: int = 0,
         timeout_s: float | None = None,
         idempotency_key: str | None = None,
+        on_scored: Callable[[tuple[ScoredCandidate, ...]], object] | None = None,
     ) -> AsyncRanking:
         """Rank the views that could be photographed next; answered at once, also while a job runs.
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
         is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
-        candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
-        scene has no model, ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
+        candidates within that distance of ``current_pose`` are ranked. ``on_scored`` gets candidates as they
+        are scored; raise in it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
+        ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
         if isinstance(candidates, Mapping):
             candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
@@ -116,6 +118,9 @@ class AsyncScene(AsyncResource, SceneData):
             budget=budget,
             seed=seed,
         )
+        if on_scored is not None:
+            streamed = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s, streamed=True)
+            return await stream_ranking(self._session, streamed, on_scored)
         request = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s)
         return await self._session.fetch(AsyncRanking, request)
 

@@ -1,9 +1,19 @@
 # Generated from _async/rankings.py by `make generate`. Do not edit.
 """Rankings: get them, and the renders of their candidates."""
 
+import time
+from collections.abc import Callable
+
+import httpx2
+
 from fvs_client import requests
+from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Resource, Session
-from fvs_client.models.rankings import RankedCandidate, RankingData
+from fvs_client.answers import parse, refusal
+from fvs_client.errors import ConnectionFailedError, FvsError
+from fvs_client.models.base import Answer
+from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
+from fvs_client.requests import Request
 
 
 class Ranking(Resource, RankingData):
@@ -35,3 +45,47 @@ class Rankings:
     def get(self, ranking_id: str) -> Ranking:
         """Get a ranking."""
         return self._session.fetch(Ranking, requests.get_ranking(ranking_id))
+
+
+class _Part(Answer):
+    """A part of a ranking that is streamed."""
+
+    candidates: tuple[ScoredCandidate, ...]
+    ranking: Ranking | None
+
+
+def stream_ranking(
+    session: Session, request: Request, on_scored: Callable[[tuple[ScoredCandidate, ...]], object]
+) -> Ranking:
+    """Send ``request``, with retries, and return the ranking at the end of the stream.
+
+    ``on_scored`` gets candidates as they are scored; again when the request is sent again.
+    """
+    request = request.identified()
+    began, attempt = time.monotonic(), 0
+    while True:
+        attempt += 1
+        try:
+            return _follow(session, request, on_scored)
+        except FvsError as error:
+            pause = session.retries.pause_s(error, attempt, time.monotonic() - began)
+            if pause is None:
+                raise
+        sleep(pause)
+
+
+def _follow(
+    session: Session, request: Request, on_scored: Callable[[tuple[ScoredCandidate, ...]], object]
+) -> Ranking:
+    request_id = request.headers[requests.REQUEST_ID]
+    with session.open(request) as response:
+        for message in httpx2.EventSource(response, max_event_size=None):
+            content = message.data.encode()
+            if message.event == "problem":
+                raise refusal(httpx2.Response(500, content=content), request_id)
+            part = parse(_Part, content, session)
+            if part.candidates:
+                on_scored(part.candidates)
+            if part.ranking is not None:
+                return part.ranking
+    raise ConnectionFailedError("The stream ended before the ranking.", request_id=request_id)

@@ -15,7 +15,7 @@ from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 
 from fvs_client._sync.channels import Channel, Reader, open_channel
 from fvs_client.connection import Connection
-from fvs_client.requests import REQUEST_ID, FileBody
+from fvs_client.requests import EVENT_STREAM, REQUEST_ID, FileBody
 from fvs_client.rpc import contract
 from fvs_client.rpc.documents import document_of, fill
 from fvs_client.rpc.failures import invalid, response_for
@@ -68,6 +68,8 @@ class RpcTransport(httpx2.BaseTransport):
             return _png(answer.png) if route.name == "RenderCandidate" else _document(answer)
         if route.name == "WatchEvents":
             return self._watch(route, request)
+        if route.name == "StreamRankViews":
+            return self._rank(route, request)
         return self._download(route, request)
 
     def _fetch(self, route: Route, message: Any, request: httpx2.Request) -> Any:
@@ -156,7 +158,18 @@ class RpcTransport(httpx2.BaseTransport):
             raise httpx2.RemoteProtocolError("The stream has no event number.", request=request)
         reader = Reader(call)
         stream = _Stream(_events(reader, int(begun[_EVENT_NUMBER])), reader, request)
-        return httpx2.Response(200, headers={"Content-Type": "text/event-stream"}, stream=stream)
+        return httpx2.Response(200, headers={"Content-Type": EVENT_STREAM}, stream=stream)
+
+    def _rank(self, route: Route, request: httpx2.Request) -> httpx2.Response:
+        """The parts of a ranking as server-sent events."""
+        asked = route.message(request).SerializeToString()
+        call = self._open().unary_stream(route.path)(
+            asked, timeout=_timeout_s(request), metadata=_metadata(request)
+        )
+        parts = iter(call)
+        first = next(parts)  # raises why there is none
+        stream = _Stream(_ranking_parts(first, parts, request), call, request)
+        return httpx2.Response(200, headers={"Content-Type": EVENT_STREAM}, stream=stream)
 
     def _open(self) -> Channel:
         with self._opening:
@@ -209,6 +222,18 @@ def _events(reader: Reader, after: int) -> Iterator[bytes]:
         else:
             event = contract.message("Event").FromString(content)
             yield f"id: {event.number}\ndata: {json.dumps(document_of(event))}\n\n".encode()
+
+
+def _ranking_parts(first: bytes, rest: Iterator[bytes], request: httpx2.Request) -> Iterator[bytes]:
+    """Server-sent events; why there are no more of them is one too."""
+    kind = contract.message("RankingPart")
+    yield f"data: {json.dumps(document_of(kind.FromString(first)))}\n\n".encode()
+    try:
+        for content in rest:
+            yield f"data: {json.dumps(document_of(kind.FromString(content)))}\n\n".encode()
+    except grpc.RpcError as error:
+        problem = response_for(error, request)  # raises when the connection broke
+        yield b"event: problem\ndata: " + problem.content + b"\n\n"
 
 
 def _chunks(parts: Iterator[bytes]) -> Iterator[bytes]:

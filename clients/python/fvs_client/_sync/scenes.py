@@ -1,19 +1,19 @@
 # Generated from _async/scenes.py by `make generate`. Do not edit.
 """Scenes: create, get, list, change and delete them; update and rank one."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Self
 
 from fvs_client import requests
 from fvs_client._sync.events import follow
 from fvs_client._sync.images import SceneImages
 from fvs_client._sync.jobs import Job, SceneJobs
-from fvs_client._sync.rankings import Ranking
+from fvs_client._sync.rankings import Ranking, stream_ranking
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest
+from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -95,13 +95,15 @@ class Scene(Resource, SceneData):
         seed: int = 0,
         timeout_s: float | None = None,
         idempotency_key: str | None = None,
+        on_scored: Callable[[tuple[ScoredCandidate, ...]], object] | None = None,
     ) -> Ranking:
         """Rank the views that could be photographed next; answered at once, also while a job runs.
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
         is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
-        candidates within that distance of ``current_pose`` are ranked. Raises ``NoSnapshotError`` when the
-        scene has no model, ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
+        candidates within that distance of ``current_pose`` are ranked. ``on_scored`` gets candidates as they
+        are scored; raise in it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
+        ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
         if isinstance(candidates, Mapping):
             candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
@@ -117,6 +119,9 @@ class Scene(Resource, SceneData):
             budget=budget,
             seed=seed,
         )
+        if on_scored is not None:
+            streamed = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s, streamed=True)
+            return stream_ranking(self._session, streamed, on_scored)
         request = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s)
         return self._session.fetch(Ranking, request)
 

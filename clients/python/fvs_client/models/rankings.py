@@ -96,6 +96,21 @@ class RankingRequest(Input):
     seed: int = 0
 
 
+class ScoredCandidate(Answer):
+    """A candidate that has been scored, before the ranking is known."""
+
+    id: str
+    score: float | None
+    """Lower where the model is less certain of what the view shows."""
+    status: CandidateStatus
+    coverage: float | None
+    """Share of the view that the model fills; None when the view was not rendered."""
+    distance_m: float | None
+    """Distance from the current pose; None without one."""
+    pose: Pose
+    """In the frame of the ranking's poses."""
+
+
 class RankedCandidate(Answer):
     """A candidate with its score; `rank` is None for candidates that were not ranked (see `status`)."""
 

@@ -11,6 +11,7 @@ import httpx2
 from google.protobuf.descriptor import MethodDescriptor
 from google.protobuf.message import Message
 
+from fvs_client.requests import EVENT_STREAM
 from fvs_client.rpc import contract
 from fvs_client.rpc.documents import fill
 
@@ -51,6 +52,8 @@ _TABLE = (
     ("DELETE", _RANKING, "ViewService.DeleteRanking"),
     ("GET", f"{_RANKING}/candidates/{{candidate_id}}/{{image}}.png", "ViewService.RenderCandidate"),
 )
+_STREAMED = {"RankViews": contract.method("ViewService", "StreamRankViews")}
+"""The methods that answer requests which accept a stream of events."""
 _ROUTES = tuple(
     (verb, re.compile(re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", path)), contract.method(*name.split(".")))
     for verb, path, name in _TABLE
@@ -87,6 +90,8 @@ def route_of(request: httpx2.Request) -> Route:
     path = request.url.raw_path.decode().partition("?")[0]
     for verb, pattern, method in _ROUTES:
         if verb == request.method and (found := pattern.fullmatch(path)) is not None:
+            if request.headers.get("Accept") == EVENT_STREAM:
+                method = _STREAMED.get(method.name, method)
             return Route(method, {name: unquote(text) for name, text in found.groupdict().items()})
     raise LookupError(f"{request.method} {path} has no counterpart in {contract.PACKAGE}.")
 

@@ -1,8 +1,8 @@
 """How long a client waits for an answer that is computed: ``X-Timeout-S``, and until it hangs up."""
 
 import asyncio
-from collections.abc import Coroutine
-from typing import Annotated, Any, TypeVar
+from collections.abc import Awaitable
+from typing import Annotated, TypeVar
 
 from fastapi import Depends, Header, Request
 
@@ -33,7 +33,7 @@ def _timeout_s(
 TimeoutS = Annotated[float, Depends(_timeout_s)]
 
 
-async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
+async def while_connected(request: Request, work: Awaitable[T]) -> T:
     """The result of ``work``, which is cancelled when the client hangs up; then raises ``ClientGoneError``.
 
     The body of the request must have been read.

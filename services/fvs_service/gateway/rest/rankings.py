@@ -16,16 +16,23 @@ from fvs_service.gateway.rest.dependencies import (
     scene_operator,
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
+from fvs_service.gateway.rest.ranking_stream import MEDIA_TYPE, ranking_stream
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.rankings.model import Ranking, RankingRequest
 from fvs_service.rankings.port import ViewImage
 
 router = json_router("/v1", "rankings")
 
+_STREAM = {200: {"description": "The parts of the ranking.", "content": {MEDIA_TYPE: {}}}}
 _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
 
 
-@router.post("/scenes/{scene_id}/rankings", status_code=201, response_model=Ranking)
+@router.post(
+    "/scenes/{scene_id}/rankings",
+    status_code=201,
+    response_model=Ranking,
+    responses=_STREAM,  # type: ignore[arg-type]
+)
 async def create_ranking(
     http: Request,
     app: App,
@@ -36,11 +43,18 @@ async def create_ranking(
     timeout_s: TimeoutS,
     key: IdempotencyKey = None,
 ) -> Response:
-    """Rank candidates for the next image; possible while a job runs. Hanging up cancels it."""
+    """Rank candidates for the next image; possible while a job runs. Hanging up cancels it.
+
+    With `Accept: text/event-stream` the response is a stream of server-sent events: `candidates` as they are
+    scored (`id`, `score`, `status`, `coverage`, `distance_m`, `pose`), and last the `ranking`. An error after
+    the first of them is an event `problem`.
+    """
+    if MEDIA_TYPE in http.headers.get("accept", ""):
+        stream = app.rankings.stream(caller, scene_id, request, timeout_s, key)
+        return await ranking_stream(http, metrics, stream)
     with metrics.rankings_open.track_inprogress():
         ranking = await while_connected(http, app.rankings.create(caller, scene_id, request, timeout_s, key))
-    metrics.rankings.labels(ranking.request.method).observe(ranking.seconds)
-    metrics.ranking_waits.observe(ranking.waited_s)
+    metrics.count_ranking(ranking.request.method, ranking.seconds, ranking.waited_s)
     return Response(
         await run_in_threadpool(ranking.model_dump_json),  # long lists would block the event loop
         status_code=201,

@@ -27,7 +27,7 @@ from fvs_service.gateway.rpc.conversion import write
 from fvs_service.model import Model
 from fvs_service.principal import Principal
 
-_WITH_LISTS = frozenset({"CheckImages", "RankViews"})
+_WITH_LISTS = frozenset({"CheckImages", "RankViews", "StreamRankViews"})
 _WITHOUT_LISTS_BYTES = 65_536
 """Of the requests of all other methods."""
 

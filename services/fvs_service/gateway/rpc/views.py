@@ -1,5 +1,9 @@
 """Rankings over gRPC."""
 
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from typing import TypeAlias
+
 from anyio.to_thread import run_sync
 from fvs.v1 import views_pb2 as pb
 
@@ -9,8 +13,10 @@ from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.model import Model
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import Ranking, RankingRequest
+from fvs_service.rankings.model import Ranking, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
+
+_RankRequest: TypeAlias = pb.RankViewsRequest | pb.StreamRankViewsRequest
 
 
 class _Wanted(Model):
@@ -33,9 +39,22 @@ class ViewServicer:
             ranking = await self._app.rankings.create(
                 caller, request.scene_id, wanted, call.timeout_s(), idempotency_key(request)
             )
-        metrics.rankings.labels(ranking.request.method).observe(ranking.seconds)
-        metrics.ranking_waits.observe(ranking.waited_s)
+        metrics.count_ranking(ranking.request.method, ranking.seconds, ranking.waited_s)
         return ranking
+
+    async def stream_rank_views(
+        self, call: Call, caller: Principal, request: pb.StreamRankViewsRequest
+    ) -> AsyncIterator[RankingPart]:
+        """Rank candidates, and return them as they are scored."""
+        wanted = await self._wanted(call, caller, request)
+        metrics, key = call.gateway.metrics, idempotency_key(request)
+        stream = self._app.rankings.stream(caller, request.scene_id, wanted, call.timeout_s(), key)
+        with metrics.rankings_open.track_inprogress():
+            async with aclosing(stream) as parts:
+                async for part in parts:
+                    if (made := part.ranking) is not None:
+                        metrics.count_ranking(made.request.method, made.seconds, made.waited_s)
+                    yield part
 
     def get_ranking(self, caller: Principal, request: pb.GetRankingRequest) -> Ranking:
         """Return a ranking."""
@@ -56,7 +75,7 @@ class ViewServicer:
             )
         return pb.CandidateRender(png=png)
 
-    async def _wanted(self, call: Call, caller: Principal, request: pb.RankViewsRequest) -> RankingRequest:
+    async def _wanted(self, call: Call, caller: Principal, request: _RankRequest) -> RankingRequest:
         await run_sync(self._app.scenes.require, caller, Scope.OPERATE, request.scene_id)
         limits = self._app.storage.settings.limits
         size = request.ByteSize()

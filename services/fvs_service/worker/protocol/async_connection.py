@@ -4,7 +4,10 @@ import asyncio
 import contextlib
 import json
 from collections import defaultdict
+from collections.abc import AsyncGenerator
 from typing import Any
+
+from anyio.to_thread import run_sync
 
 from fvs_service.worker.protocol.connection import MAX_LINE_BYTES, RunnerError, RunnerGoneError, keep_alive
 from fvs_service.worker.protocol.messages import Failure
@@ -19,11 +22,17 @@ class AsyncConnection:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
 
-    async def call(self, request: bytes) -> bytes:
-        """The response to a request, both as JSON; raises ``RunnerGoneError``."""
+    async def send(self, request: bytes) -> None:
+        """Send a request as JSON; raises ``RunnerGoneError``."""
         try:
             self._writer.write(request + b"\n")
             await self._writer.drain()
+        except OSError as error:
+            raise RunnerGoneError("The connection is broken.") from error
+
+    async def receive(self) -> bytes:
+        """The next document as JSON; raises ``RunnerGoneError``."""
+        try:
             line = await self._reader.readline()
         except (OSError, ValueError) as error:  # ValueError: a line that is too long
             raise RunnerGoneError("The connection is broken.") from error
@@ -77,7 +86,8 @@ class AsyncConnections:
 
     async def _use(self, endpoint: str, connection: AsyncConnection, request: bytes) -> bytes:
         try:
-            response = await connection.call(request)
+            await connection.send(request)
+            response = await connection.receive()
         except BaseException:  # cancelled, too: the runner notices that nobody waits any longer
             connection.close()
             raise
@@ -88,9 +98,31 @@ class AsyncConnections:
         return response
 
 
+async def exchange(endpoint: str, request: bytes) -> AsyncGenerator[Any, None]:
+    """Send a request over a connection of its own; yields what ``connection.exchange`` does.
+
+    Large documents are read in a thread. Raises ``RunnerError`` when the response is an error,
+    ``RunnerGoneError``.
+    """
+    connection = await connect(endpoint)
+    try:
+        await connection.send(request)
+        while True:
+            document = await run_sync(_document, await connection.receive())
+            yield document
+            if "result" in document:
+                return
+    finally:
+        connection.close()
+
+
 def result_of(response: bytes) -> Any:
     """The result in a response; raises ``RunnerError`` when it is an error."""
-    document = json.loads(response)
+    return _document(response)["result"]
+
+
+def _document(line: bytes) -> Any:
+    document = json.loads(line)
     if "error" in document:
         raise RunnerError(Failure.model_validate(document["error"]))
-    return document["result"]
+    return document

@@ -3,7 +3,8 @@
 A request is ``RankViews``, ``RenderView``, ``RunJob``, ``CancelJob``, ``YieldScene`` or ``Ping``. The
 response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects with
 ``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason) or ``wanted``
-(another worker asks for the scene) precede it.
+(another worker asks for the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are
+scored, objects with ``scored`` (a list of ``CandidateScore``).
 """
 
 from typing import Annotated, Literal

@@ -7,7 +7,7 @@ own. When the last of them has hung up, or its time is up, it leaves the queue, 
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any
@@ -34,11 +34,15 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Asker:
-    """Who asks: with which API key, for how long, and whether the connection has ended since."""
+    """Who asks: with which API key, for how long, and whether the connection has ended since.
+
+    ``pass_on`` gets the results that are known before the answer, in the thread that asks.
+    """
 
     api_key: str
     timeout_s: float
     gone: Callable[[], bool]
+    pass_on: Callable[[Sequence[Any]], object] | None = None
 
 
 class AskerGoneError(Exception):
@@ -60,13 +64,22 @@ class _Computation:
         self.question = question
         self.askers: set[Asker] = set()
         self.answer: Future[Any] = Future()
-        self.monitor = Monitor(self._on_progress)
+        self.results: list[Any] = []
+        """Those that are known so far."""
+        self.monitor = Monitor(self._on_progress, self.results.extend)
         self.started = math.inf
         self.share = 0.0
 
     def _on_progress(self, progress: Progress) -> None:
         if progress.total and progress.stage != "compile":
             self.share = progress.done / progress.total
+
+    def pass_on(self, asker: Asker, known: int) -> int:
+        """Pass the results after the first ``known`` on to an asker; returns how many there are."""
+        results = self.results[known:]
+        if results and asker.pass_on is not None:
+            asker.pass_on(results)
+        return known + len(results)
 
     def left_s(self, pace: Pace) -> float:
         """The time until it is answered, once it is the first."""
@@ -98,7 +111,7 @@ class RequestQueue:
         ``LimitExceededError`` when the queue is too long, also to be answered in time; ``DeadlineError``
         when the asker's time is up, ``AskerGoneError`` when its connection does.
         """
-        arrived = time.monotonic()
+        arrived, known = time.monotonic(), 0
         computation = self._enter(question, asker)
         try:
             while not wait((computation.answer,), _POLL_S).done:
@@ -106,9 +119,12 @@ class RequestQueue:
                     raise AskerGoneError
                 if time.monotonic() - arrived >= asker.timeout_s:
                     raise deadline_passed(asker.timeout_s)
+                known = computation.pass_on(asker, known)
         finally:
             self._leave(computation, asker)
-        return computation.answer.result(), max(0.0, computation.started - arrived)
+        answer = computation.answer.result()
+        computation.pass_on(asker, known)
+        return answer, max(0.0, computation.started - arrived)
 
     def wait_until_empty(self) -> None:
         """Wait until no question is left, but for 2 s at most."""

@@ -7,10 +7,14 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pydantic import TypeAdapter
+
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster import create_rasterizer
@@ -123,8 +127,9 @@ class RunnerServer:
     def _result(self, connection: Connection, request: Request) -> Any:
         match request:
             case RankViews():
+                send = partial(_send_scores, connection) if request.streamed else None
                 ranked, waited_s = self._ask(
-                    connection, request, request.method, len(request.views), self._rank
+                    connection, request, request.method, len(request.views), self._rank, send
                 )
                 return {**ranked, "waited_s": waited_s}
             case RenderView():
@@ -156,12 +161,14 @@ class RunnerServer:
         kind: str,
         views: int,
         compute: Callable[[QuestionT, Monitor], Any],
+        pass_on: Callable[[Sequence[Any]], object] | None = None,
     ) -> tuple[Any, float]:
         """The answer to a question in its turn, and the seconds that it waited."""
         self._used = time.monotonic()
-        key = request.model_dump_json(exclude={"api_key", "timeout_s"})
+        key = request.model_dump_json(exclude={"api_key", "timeout_s", "streamed"})
         question = Question(key, kind, views, lambda monitor: compute(request, monitor))
-        return self._requests.ask(question, Asker(request.api_key, request.timeout_s, connection.ended))
+        asker = Asker(request.api_key, request.timeout_s, connection.ended, pass_on)
+        return self._requests.ask(question, asker)
 
     def _rank(self, request: RankViews, monitor: Monitor) -> Any:
         find = self._states.of_snapshot if request.pinned else self._states.newest
@@ -194,6 +201,10 @@ class RunnerServer:
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
+
+
+def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
+    connection.send({"scored": TypeAdapter(Sequence[CandidateScore]).dump_python(scores, mode="json")})
 
 
 def _listen(address: str) -> socket.socket:
