@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.rotations import (
@@ -31,7 +30,8 @@ def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tup
     travelled (distance as a share of the path's extent, plus turns as a share of π). The first and the last
     camera are met exactly. Raises ``InvalidInputError`` without cameras or for ``count`` < 1.
     """
-    from scipy.interpolate import CubicSpline  # slow to import
+    from scipy.interpolate import CubicSpline  # slow to import, as are rotations
+    from scipy.spatial.transform import Rotation, RotationSpline
 
     if not model_from_cameras or count < 1:
         raise InvalidInputError("A path needs at least one camera to pass through and one to return.")

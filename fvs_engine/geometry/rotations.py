@@ -1,11 +1,15 @@
 """Rotations as unit quaternions ``wxyz`` and as matrices [3, 3]."""
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.validation import points_array
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -29,14 +33,19 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
         raise InvalidInputError(f"Rotations must have shape [..., 3, 3], not {list(matrix.shape)}.")
     if not np.isfinite(matrix).all() or (np.linalg.det(matrix) <= 0).any():
         raise InvalidInputError("A rotation matrix is singular, a reflection or not finite.")
-    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3))
+    flat = _scipy().from_matrix(matrix.reshape(-1, 3, 3))
     return np.asarray(flat.as_quat(canonical=True, scalar_first=True).reshape(*matrix.shape[:-2], 4))
+
+
+def matrix_from_rotation_vector(rotation_vector: ArrayLike) -> Array:
+    """The rotation matrix [3, 3] of a turn about an axis: its direction, by its length in rad."""
+    return np.asarray(_scipy().from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix())
 
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
     """Angle in rad, 0 to π, of the turn from one rotation matrix to another, each [..., 3, 3]."""
     turn = np.swapaxes(np.asarray(first, dtype=np.float64), -2, -1) @ np.asarray(second, dtype=np.float64)
-    flat = Rotation.from_matrix(turn.reshape(-1, 3, 3))
+    flat = _scipy().from_matrix(turn.reshape(-1, 3, 3))
     return np.asarray(flat.magnitude().reshape(turn.shape[:-2]))
 
 
@@ -49,12 +58,19 @@ def slerp(first_wxyz: ArrayLike, second_wxyz: ArrayLike, t: ArrayLike) -> Array:
     first, second = _rotation(first_wxyz), _rotation(second_wxyz)
     whole_turn = (first.inv() * second).as_rotvec()  # of length ≤ π, hence the short way
     steps = np.asarray(t, dtype=np.float64)
-    turned = first * Rotation.from_rotvec(steps.reshape(-1, 1) * whole_turn)
+    turned = first * _scipy().from_rotvec(steps.reshape(-1, 1) * whole_turn)
     return np.asarray(turned.as_quat(canonical=True, scalar_first=True).reshape(*steps.shape, 4))
 
 
-def _rotation(quaternion_wxyz: ArrayLike) -> Rotation:
+def _rotation(quaternion_wxyz: ArrayLike) -> "Rotation":
     quaternion = points_array("quaternion_wxyz", quaternion_wxyz, 4)
     if not np.isfinite(quaternion).all() or (np.linalg.norm(quaternion, axis=-1) < 1e-150).any():
         raise InvalidInputError("A quaternion is zero or not finite.")
-    return Rotation.from_quat(quaternion, scalar_first=True)
+    return _scipy().from_quat(quaternion, scalar_first=True)
+
+
+def _scipy() -> Any:
+    """Scipy's rotations, loaded when the first is needed: their import takes longer than all of ours."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation

@@ -7,8 +7,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field
 
-from fvs_engine.geometry.cameras import MAX_SIDE_PX
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
+from fvs_engine.images.limits import MAX_SIDE_PX
 from fvs_service.model import WHOLE, Number
 
 QuantityT = TypeVar("QuantityT")

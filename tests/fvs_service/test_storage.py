@@ -9,7 +9,7 @@ from alembic.migration import MigrationContext
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 from fvs_service.ids import PATTERN, new_id
 from fvs_service.storage.blobs import Blobs
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import KNOWN_VERSIONS, Database
 from fvs_service.storage.tables import Table
 from sqlalchemy import text
 
@@ -70,8 +70,10 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
     database.migrate()
     database.migrate()
     with database.connect() as connection:
+        context = MigrationContext.configure(connection)
+        assert context.get_current_heads() == (KNOWN_VERSIONS[-1],)
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
-        assert compare_metadata(MigrationContext.configure(connection), Table.metadata) == []
+        assert compare_metadata(context, Table.metadata) == []
     database.close()
 
 

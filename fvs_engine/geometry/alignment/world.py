@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.attitudes import Attitude, Headings, model_down
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
+from fvs_engine.geometry.rotations import matrix_from_rotation_vector
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 
 Array = NDArray[np.float64]
@@ -122,7 +121,7 @@ class _Track:
         """The rotation with turns about the track, of which the positions say nothing."""
         axis = np.linalg.svd(self.positions - self.positions.mean(axis=0))[2][0]
         angles = np.arange(_STARTS) * (2.0 * np.pi / _STARTS)
-        return [Rotation.from_rotvec(angle * axis).as_matrix() @ rotation for angle in angles]
+        return [matrix_from_rotation_vector(angle * axis) @ rotation for angle in angles]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +151,10 @@ def _fit(
     track: _Track, starts: Sequence[Array], down: Array | None, headings: Headings | None
 ) -> tuple[Array, float]:
     """The most likely rotation, and its standard error about the least certain axis."""
+    from scipy.optimize import least_squares  # slow to import
 
     def residuals(turn: Array, base: Array) -> Array:
-        rotation = Rotation.from_rotvec(turn).as_matrix() @ base
+        rotation = matrix_from_rotation_vector(turn) @ base
         parts = [(track.misses(track.placed(rotation)) / track.noise).ravel()]
         if down is not None:
             parts.append((rotation @ down + np.array([0.0, 0.0, 1.0])) / _GRAVITY_RAD)
@@ -164,6 +164,6 @@ def _fit(
 
     fits = [(least_squares(residuals, np.zeros(3), args=(start,)), start) for start in starts]
     best, start = min(fits, key=lambda found: found[0].cost)
-    rotation = Rotation.from_rotvec(best.x).as_matrix() @ start
+    rotation = matrix_from_rotation_vector(best.x) @ start
     information = np.linalg.eigvalsh(best.jac.T @ best.jac)[0]
     return rotation, float(1.0 / np.sqrt(information)) if information > 0 else np.inf

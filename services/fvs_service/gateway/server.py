@@ -1,4 +1,4 @@
-"""The gateway's servers: sockets, TLS, and the rule that remote access needs keys."""
+"""The gateway's servers: sockets, TLS, signals."""
 
 import asyncio
 import gc
@@ -7,17 +7,17 @@ import ssl
 import sys
 from collections.abc import Callable
 from types import FrameType
-from urllib.parse import urlsplit
 
 import structlog
 import uvicorn
 from fastapi import FastAPI
 from pebble import CONSTS
 
-from fvs_engine.records import Record
-from fvs_service.application import MakeRunners, open_storage
-from fvs_service.errors import ForbiddenError, UnavailableError
+from fvs_service.application import MakeRunners
+from fvs_service.errors import UnavailableError
+from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.connection import http_protocol
+from fvs_service.gateway.protection import require_protection
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.rpc.calls import Gateway
 from fvs_service.gateway.rpc.server import RpcServer
@@ -32,22 +32,6 @@ _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
 _log = structlog.get_logger()
-
-
-class Addresses(Record):
-    """Where the gateway listens: its URL, and the port of gRPC, None without it."""
-
-    url: str
-    rpc_port: int | None
-
-    @property
-    def rpc_url(self) -> str | None:
-        """The address of gRPC, as ``grpc://host:port``, or ``grpcs`` with TLS."""
-        if self.rpc_port is None:
-            return None
-        parts = urlsplit(self.url)
-        scheme = "grpcs" if parts.scheme == "https" else "grpc"
-        return f"{scheme}://{parts.netloc.rpartition(':')[0]}:{self.rpc_port}"
 
 
 def run_gateway(
@@ -164,21 +148,3 @@ class GatewayServer(uvicorn.Server):
         if self._rpc is not None:  # before the application closes
             await self._rpc.stop(_STOP_WITHIN_S)
         await super().shutdown(sockets)
-
-
-def require_protection(settings: Settings) -> None:
-    """Raise ``ForbiddenError`` when keys are required and there is none."""
-    if not settings.keys_required:
-        return
-    with open_storage(settings) as storage:
-        if any(key.valid for key in storage.keys.all()):
-            return
-    if settings.loopback:
-        raise ForbiddenError(
-            "FVS_REQUIRE_KEYS is set, and there is no API key.",
-            hint="Create one first: fvs keys create NAME.",
-        )
-    raise ForbiddenError(
-        f"Programs on other machines can reach {settings.host}, and there is no API key.",
-        hint="Create one first: fvs keys create NAME. Or listen on 127.0.0.1.",
-    )

@@ -3,14 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from fvs_engine.geometry import RigidTransform, angle_between
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.snapshots.model import SnapshotCameras
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 
@@ -57,8 +60,10 @@ class SceneGeometry:
         return np.asarray(self.level[:, 2])
 
     @cached_property
-    def tree(self) -> KDTree:
+    def tree(self) -> "KDTree":
         """The camera centres as a k-d tree."""
+        from scipy.spatial import KDTree  # slow to import
+
         return KDTree(np.stack([camera.translation for camera in self.cameras]))
 
     @property

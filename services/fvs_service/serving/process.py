@@ -8,23 +8,11 @@ import os
 import sys
 
 from fvs_engine.child_process import end_with_parent
-from fvs_engine.records import Record
 from fvs_service.application import open_storage
+from fvs_service.gateway.addresses import Addresses
 from fvs_service.logs import configure_logging, log_uncaught
-from fvs_service.settings import Settings
-from fvs_service.worker.process import run_worker
+from fvs_service.serving.process_order import GATEWAY, ProcessOrder
 from fvs_service.worker.runners import LeasedRunners
-
-GATEWAY, WORKER = "gateway", "worker"
-
-
-class ProcessOrder(Record):
-    """What a child process runs with; ``name`` is a worker's id, the same in every restart."""
-
-    name: str
-    parent: int
-    settings: Settings
-    log_json: bool
 
 
 def main() -> None:
@@ -47,11 +35,13 @@ def _run_gateway(order: ProcessOrder) -> None:
     os._exit(0)  # without waiting for threads whose requests have been given up
 
 
-def _print(addresses: Record) -> None:
+def _print(addresses: Addresses) -> None:
     print(addresses.model_dump_json(), flush=True)  # noqa: T201
 
 
 def _run_worker(order: ProcessOrder) -> None:
+    from fvs_service.worker.process import run_worker
+
     with open_storage(order.settings) as storage:
         run_worker(storage, order.name)
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them

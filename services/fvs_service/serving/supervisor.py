@@ -24,9 +24,10 @@ from fvs_service.errors import (
     StorageUnavailableError,
     UnavailableError,
 )
-from fvs_service.gateway.server import Addresses, require_protection
+from fvs_service.gateway.addresses import Addresses
+from fvs_service.gateway.protection import require_protection
 from fvs_service.serving.identity import machine_name
-from fvs_service.serving.process import GATEWAY, WORKER, ProcessOrder
+from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings

@@ -12,15 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.script import ScriptDirectory
 from sqlalchemy import (
     URL,
     BigInteger,
     Connection,
     Engine,
-    Inspector,
     create_engine,
     event,
     func,
@@ -52,6 +48,8 @@ _KEEPALIVE = {
 }
 _MIGRATIONS = Path(__file__).with_name("migrations")
 _VERSIONS = "alembic_version"
+KNOWN_VERSIONS = tuple(sorted(file.name[:4] for file in (_MIGRATIONS / "versions").glob("[0-9]*.py")))
+"""Versions of the schema, oldest first: the numbers that the names of the migrations begin with."""
 _LOCKED = "fvs_locked"
 
 
@@ -94,12 +92,16 @@ class Database:
 
         Raises ``IncompatibleDatabaseError`` when a newer version of the service has migrated it further.
         """
+        with self.reading() as session:
+            if _version(session) == KNOWN_VERSIONS[-1]:
+                return
+        from alembic import command  # slow to import
+        from alembic.config import Config
+
         config = Config()
         config.set_main_option("script_location", str(_MIGRATIONS))
         with self.writing("migration") as session:
-            _require_known_version(
-                inspect(session.connection()), session, ScriptDirectory.from_config(config)
-            )
+            _require_known_version(_version(session))
             config.attributes["connection"] = session.connection()
             command.upgrade(config, "head")
 
@@ -170,18 +172,23 @@ def _reachable() -> Iterator[None]:
         ) from error
 
 
-def _require_known_version(schema: Inspector, session: Session, migrations: ScriptDirectory) -> None:
-    if not schema.has_table(_VERSIONS):
+def _version(session: Session) -> str | None:
+    """The version of the database's schema; None before the first migration."""
+    if not inspect(session.connection()).has_table(_VERSIONS):
+        return None
+    version: str | None = session.scalar(text(f"SELECT version_num FROM {_VERSIONS}"))
+    return version
+
+
+def _require_known_version(version: str | None) -> None:
+    if version is None or version in KNOWN_VERSIONS:
         return
-    known = {script.revision for script in migrations.walk_revisions()}
-    for version in session.scalars(text(f"SELECT version_num FROM {_VERSIONS}")):
-        if version not in known:
-            raise IncompatibleDatabaseError(
-                f"The database has version {version} of the schema, and this program knows it up to "
-                f"{migrations.get_current_head()}.",
-                hint="A newer version of the service has migrated it: install that version, or restore a "
-                "backup from before.",
-            )
+    raise IncompatibleDatabaseError(
+        f"The database has version {version} of the schema, and this program knows it up to "
+        f"{KNOWN_VERSIONS[-1]}.",
+        hint="A newer version of the service has migrated it: install that version, or restore a "
+        "backup from before.",
+    )
 
 
 def _postgresql(url: URL) -> Engine:

@@ -1,0 +1,15 @@
+"""What a supervisor tells the processes that it starts."""
+
+from fvs_engine.records import Record
+from fvs_service.settings import Settings
+
+GATEWAY, WORKER = "gateway", "worker"
+
+
+class ProcessOrder(Record):
+    """What a child process runs with; ``name`` is a worker's id, the same in every restart."""
+
+    name: str
+    parent: int
+    settings: Settings
+    log_json: bool
