@@ -35,6 +35,7 @@ _STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "s
 _STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "fvs_until", "yard_dir"}
 _PROCESS_FILES = (
     "clients/test_rpc.py",
+    "clients/test_secure_service.py",
     "clients/test_command_line.py",
     "docs/test_code_blocks.py",
     "docs/test_site.py",

@@ -1,5 +1,6 @@
 """What only gRPC has: streams, deadlines, messages of other versions, health, reflection, a stop."""
 
+import asyncio
 import hashlib
 import threading
 import time
@@ -17,6 +18,8 @@ from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest
 from grpc_reflection.v1alpha.reflection_pb2_grpc import ServerReflectionStub
+
+from fvs_engine.candidates import CandidateScore, CandidateStatus
 
 CHUNK = 1000
 
@@ -195,6 +198,28 @@ def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -
     assert len(asked) == before
 
 
+def test_a_deadline_ends_a_stream(tenant: Any, gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = tenant.scene()
+    gateway.model(scene, headers=tenant.headers)
+    closed = threading.Event()
+
+    async def slow(_request: Any) -> Any:
+        try:
+            yield (CandidateScore("orbit-0000", 1.0, CandidateStatus.RANKED, 1.0),)
+            await asyncio.sleep(60)
+        finally:
+            closed.set()
+
+    monkeypatch.setattr(gateway.runners, "stream", slow)
+    stream = tenant.transport.stream("StreamRankViews")(
+        views.StreamRankViewsRequest(scene_id=scene), timeout=2, metadata=_metadata(tenant)
+    )
+    with pytest.raises(grpc.RpcError) as caught:
+        list(stream)
+    assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
+    assert closed.wait(60)
+
+
 def test_a_watched_job_is_streamed_until_it_has_ended(tenant: Any, gateway: Any) -> None:
     scene = tenant.scene()
     job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
@@ -225,6 +250,25 @@ def test_the_events_of_a_scene_end_when_it_is_deleted(tenant: Any) -> None:
     kinds = [first.kind, *(event.kind for event in watching)]
     assert kinds[0] == 1  # scene.created
     assert kinds[-1] == 3  # scene.deleted
+
+
+def test_a_client_that_vanishes_leaves_its_streams(tenant: Any, gateway: Any, rpc_port: int) -> None:
+    scene = tenant.scene()
+    job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+    open_streams = gateway.app.state.metrics.streams._value.get
+    before = open_streams()
+    with grpc.insecure_channel(f"127.0.0.1:{rpc_port}") as channel:
+        theirs = type(tenant.transport)(channel)
+        calls = [
+            theirs.stream("WatchJob")(jobs.WatchJobRequest(job_id=job), metadata=_metadata(tenant)),
+            theirs.stream("WatchEvents")(
+                scenes.WatchEventsRequest(scene_id=scene), metadata=_metadata(tenant)
+            ),
+        ]
+        for call in calls:
+            next(call)
+        assert open_streams() == before + 2
+    _wait_until(lambda: open_streams() == before)
 
 
 def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes]) -> None:

@@ -1,14 +1,12 @@
 """gRPC with TLS and mTLS, by the settings of REST; and its stop."""
 
-import os
-import shutil
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import certificates
 import grpc
 import pytest
 from contract_outcome import outcome_of_error
@@ -20,48 +18,10 @@ from grpc_health.v1.health_pb2_grpc import HealthStub
 _WITHIN_S = 10
 
 
-def _openssl(*arguments: object) -> None:
-    subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True)
-
-
-def _authority(folder: Path, name: str) -> Path:
-    """A certificate of an authority, with its key beside it."""
-    certificate = folder / f"{name}.pem"
-    _openssl(
-        *("req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", 1, "-subj", f"/CN={name}"),
-        *("-keyout", certificate.with_suffix(".key"), "-out", certificate),
-    )
-    return certificate
-
-
-def _signed(folder: Path, name: str, authority: Path) -> Path:
-    """A certificate for 127.0.0.1 that the authority has signed."""
-    certificate, request, names = folder / f"{name}.pem", folder / f"{name}.csr", folder / f"{name}.txt"
-    names.write_text("subjectAltName=IP:127.0.0.1\n")
-    _openssl(
-        *("req", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}"),
-        *("-keyout", certificate.with_suffix(".key"), "-out", request),
-    )
-    _openssl(
-        *("x509", "-req", "-in", request, "-days", 1, "-extfile", names, "-out", certificate),
-        *("-CA", authority, "-CAkey", authority.with_suffix(".key"), "-CAcreateserial"),
-    )
-    return certificate
-
-
 @pytest.fixture(scope="module")
 def authorities(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The certificates of our authority and of another one, and one that each has signed."""
-    if os.environ.get("CI") != "true" and shutil.which("openssl") is None:
-        pytest.skip("makes certificates with openssl: apt-get install openssl")
-    folder = tmp_path_factory.mktemp("certificates")
-    ours, foreign = _authority(folder, "ours"), _authority(folder, "foreign")
-    return {
-        "ours": ours,
-        "service": _signed(folder, "service", ours),
-        "client": _signed(folder, "client", ours),
-        "stranger": _signed(folder, "stranger", foreign),
-    }
+    """See ``certificates.made_for_tests``."""
+    return certificates.made_for_tests(tmp_path_factory.mktemp("certificates"))
 
 
 def _status(port: int, authority: Path | None, client: Path | None = None) -> int:

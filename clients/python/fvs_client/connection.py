@@ -18,6 +18,13 @@ from fvs_client.requests import Request
 DEFAULT_URL = "http://127.0.0.1:8000"
 RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
+_SECURE = ("https", "grpcs")
+# Why a handshake failed is not said to who is refused: with TLS 1.3 the connection just ends.
+_WITH_TLS = (
+    "Try again. If it breaks each time, the service may ask clients for a certificate of its authority: give "
+    "one with ssl_context, over gRPC with credentials."
+)
+_WITHOUT_TLS = "Try again. If it breaks each time, the service may have TLS: https://, over gRPC grpcs://."
 
 
 @dataclass(frozen=True)
@@ -131,7 +138,8 @@ class Connection:
             )
         if isinstance(error, httpx2.TransportError) and not isinstance(error, httpx2.SSEError):
             return ConnectionFailedError(
-                f"The connection to {self.url} broke: {str(error) or 'no reason known'}.",
+                f"The connection to {self.url} broke: {str(error).rstrip('.') or 'no reason known'}.",
+                hint=_WITH_TLS if urlsplit(self.url).scheme in _SECURE else _WITHOUT_TLS,
                 request_id=request_id,
             )
         return UnexpectedAnswerError(

@@ -7,6 +7,7 @@ import ssl
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 import structlog
 import uvicorn
@@ -60,10 +61,7 @@ def run_gateway(
         date_header=False,  # see ``RequestContext``
         timeout_keep_alive=30,
         timeout_graceful_shutdown=_STOP_WITHIN_S,
-        ssl_certfile=settings.tls_certificate,
-        ssl_keyfile=settings.tls_key,
-        ssl_ca_certs=None if settings.tls_client_ca is None else str(settings.tls_client_ca),
-        ssl_cert_reqs=ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_REQUIRED,
+        **certificates_of(settings),
     )
     listening = listen(config)
     host, port = listening.getsockname()[:2]
@@ -72,6 +70,16 @@ def run_gateway(
     GatewayServer(config, app, settings, lambda rpc: announce(Addresses(url=url, rpc_port=rpc))).run(
         sockets=[listening]
     )
+
+
+def certificates_of(settings: Settings) -> dict[str, Any]:
+    """The options of uvicorn for TLS and mTLS; ``RpcServer`` has those of gRPC."""
+    return {
+        "ssl_certfile": settings.tls_certificate,
+        "ssl_keyfile": settings.tls_key,
+        "ssl_ca_certs": None if settings.tls_client_ca is None else str(settings.tls_client_ca),
+        "ssl_cert_reqs": ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_REQUIRED,
+    }
 
 
 def listen(config: uvicorn.Config) -> socket.socket:

@@ -35,6 +35,7 @@ _BY_STATUS = {
     grpc.StatusCode.UNAVAILABLE: 503,
     grpc.StatusCode.DEADLINE_EXCEEDED: 504,
 }
+_CUT = ("socket closed", "connection reset")
 _NOT_CONNECTED = ("connect to all addresses", "connection refused", "resolution", "handshake", "ssl")
 _NOT_TRUSTED = ("ssl", "certificate", "handshake")
 
@@ -71,7 +72,7 @@ def _unavailable(text: str, request: httpx2.Request) -> httpx2.TransportError:
         return httpx2.RemoteProtocolError(
             "a server without gRPC answers; is the port right?", request=request
         )
-    if not any(words in lower for words in _NOT_CONNECTED):
+    if any(words in lower for words in _CUT) or not any(words in lower for words in _NOT_CONNECTED):
         return httpx2.ReadError(text, request=request)
     mark = "[SSL] " if any(words in lower for words in _NOT_TRUSTED) else ""
     return httpx2.ConnectError(f"{mark}{text}", request=request)
