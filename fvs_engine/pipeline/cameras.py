@@ -1,7 +1,7 @@
 """Cameras of a reconstruction: estimated by structure from motion or imported, then undistorted."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +16,11 @@ from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import SfmFolder
 
 _MIN_VIEWS = 2
 
@@ -39,9 +41,8 @@ def find_cameras(
     """
     began = time.monotonic()
     with storage_errors(workspace.sfm), blame_full_disk(workspace.root):
-        source, model_dir, report = _find(workspace, manifest, monitor, threads)
-        model = undistort(model_dir, workspace.images, workspace.undistorted, monitor)
-    for sentence in report.warnings if report else ():
+        source, model, report, warnings = _find_undistorted(workspace, manifest, monitor, threads)
+    for sentence in warnings:
         warn(sentence)
     names = {record.normalised_name for record in manifest.images.photographs}
     registered = tuple(sorted(view.name for view in model.views))
@@ -58,6 +59,25 @@ def find_cameras(
     return manifest
 
 
+def _find_undistorted(
+    workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
+) -> tuple[CameraSource, Reconstruction, SfmReport | None, Sequence[str]]:
+    """The source of the cameras, the undistorted model, the report on the cameras, and warnings.
+
+    Images on which the undistortion dies are quarantined, and the cameras are found without them.
+    """
+    quarantine = SfmFolder(workspace.sfm).quarantine
+    while True:
+        source, model_dir, report = _find(workspace, manifest, monitor, threads)
+        try:
+            model = undistort(model_dir, workspace.images, workspace.undistorted, monitor)
+        except CulpritError as culprit:
+            quarantine.add(culprit)
+            continue
+        left_out = [warning(*each) for each in quarantine.reasons.items()]
+        return source, model, report, left_out if report is None else report.warnings
+
+
 def _find(
     workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
 ) -> tuple[CameraSource, Path, SfmReport | None]:
@@ -71,7 +91,9 @@ def _find(
         cameras = fit_cameras(_of_photographs(import_colmap(file), file, manifest), workspace.images)
         if len(cameras.points) > 0:
             model_dir = workspace.sfm / "sparse"
-            write_colmap(cameras, model_dir)
+            quarantined = SfmFolder(workspace.sfm).quarantine.reasons
+            usable = tuple(view for view in cameras.views if view.name not in quarantined)
+            write_colmap(replace(cameras, views=usable), model_dir)
             return source, model_dir, None
         result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
     elif manifest.settings.transforms is not None:

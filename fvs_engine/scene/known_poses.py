@@ -13,6 +13,7 @@ from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
@@ -90,7 +91,11 @@ class KnownPoses:
             folder = SfmFolder(self._folder)
             if not has_colmap_model(folder.mapping(GIVEN)):  # it failed earlier
                 raise
-            evidence = read_model_evidence(Stages(folder, self._settings, monitor))
+            try:
+                evidence = read_model_evidence(Stages(folder, self._settings, monitor))
+            except CulpritError as culprit:
+                folder.quarantine.add(culprit)
+                return self._triangulated(views, monitor)
             self._require_support(evidence.of(open_colmap(folder.mapping(GIVEN)), monitor))
             return PointCloud.empty(), ()
         self._require_support(result.report.candidates[0].evidence)

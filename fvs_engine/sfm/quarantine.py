@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import NativeJobError, ReconstructionError
 from fvs_engine.files.record import read_record, write_record
 from fvs_engine.records import Record
 
@@ -17,6 +17,11 @@ class CulpritError(ReconstructionError):
         super().__init__(f"{name} cannot be used: {reason}", hint="Leave it out.")
         self.name = name
         self.reason = reason
+
+    @classmethod
+    def of(cls, name: str, error: NativeJobError) -> "CulpritError":
+        """For the image on which a job died with ``error`` again and again."""
+        return cls(name, f"{error.message} It does so whenever it gets this image.")
 
 
 class _Quarantined(Record):
@@ -36,7 +41,9 @@ class Quarantine:
         return {} if found is None else found.images
 
     def add(self, culprit: CulpritError) -> None:
-        """Quarantine an image."""
+        """Quarantine an image; raises ``culprit`` when it was quarantined before, and a job got it again."""
+        if culprit.name in self.reasons:
+            raise culprit
         self._write({**self.reasons, culprit.name: culprit.reason})
 
     def release(self, names: Iterable[str]) -> None:

@@ -181,7 +181,7 @@ class Stages:
         accused = run_or_accuse(run, items, controls)
         if accused is not None:
             culprit, error = accused
-            raise CulpritError(image_of(culprit), f"{error.message} It does so whenever it gets this image.")
+            raise CulpritError.of(image_of(culprit), error)
         return results[-1]
 
     def write_model(self, model: pycolmap.Reconstruction) -> None:

@@ -112,8 +112,17 @@ def calibrate_view_graph(stages: Stages) -> None:
     partial = folder.partial(folder.calibrated)
     stages.monitor.report("calibration", 0, 1)
     with stages.timed("calibration"):
-        arguments = {"database": str(folder.database), "target": str(partial), "seed": stages.settings.seed}
-        if not stages.native("calibrate", arguments):
+        calibrated = stages.native_over(
+            "calibrate",
+            sorted(image_ids(folder.database)),
+            lambda some: {
+                "database": str(folder.database),
+                "target": str(partial),
+                "names": list(some),
+                "seed": stages.settings.seed,
+            },
+        )
+        if not calibrated:
             stages.warnings.append(
                 "The view graph could not be calibrated; focal lengths start from a guess."
             )

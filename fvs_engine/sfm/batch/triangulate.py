@@ -1,8 +1,9 @@
 """Sparse points for given views, triangulated from the matches of their images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -44,9 +45,8 @@ def triangulate(
     """
     quarantine = SfmFolder(out_dir).quarantine
     while True:
-        usable = [view for view in cameras.views if view.name not in quarantine.reasons]
         try:
-            return _triangulate(replace(cameras, views=tuple(usable)), image_dir, out_dir, settings, monitor)
+            return _triangulate(cameras, image_dir, out_dir, settings, monitor)
         except CulpritError as culprit:
             quarantine.add(culprit)
 
@@ -55,10 +55,12 @@ def _triangulate(
     cameras: Reconstruction, image_dir: Path, out_dir: Path, settings: SfmSettings, monitor: Monitor
 ) -> SfmResult:
     views, missing = _views_with_images(cameras.views, image_dir)
+    quarantined = SfmFolder(out_dir).quarantine.reasons
+    views = [view for view in views if view.name not in quarantined]
     if len(views) < _MIN_VIEWS:
         raise InvalidInputError(
-            f"{len(views)} of the {len(cameras.views)} given cameras have their image in {image_dir}"
-            + (f"; {missing[0]} has not." if missing else "."),
+            f"{len(views)} of the {len(cameras.views)} given cameras have a usable image in {image_dir}"
+            + (f"; {missing[0]} has none." if missing else "."),
             hint="Give the folder of photographs that these cameras were computed from.",
         )
     names = [view.name for view in views]
@@ -98,24 +100,25 @@ def _views_with_images(views: Sequence[AnyView], image_dir: Path) -> tuple[list[
 
 def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> pycolmap.Reconstruction:
     folder = stages.folder
-    posed = fresh_folder(folder.root / "given")
+    posed = folder.root / "given"
     ids = image_ids(folder.database)
-    known = [view for view in views if view.name in ids]
-    to_pycolmap(known, image_ids=ids).write_binary(posed)
+    known = {view.name: view for view in views if view.name in ids}
     target = folder.mapping(GIVEN)
-    partial = fresh_folder(folder.partial(target))
+    partial = folder.partial(target)
+
+    def arguments(some: Sequence[str]) -> Mapping[str, Any]:
+        to_pycolmap([known[name] for name in some], image_ids=ids).write_binary(fresh_folder(posed))
+        return {
+            "database": str(folder.database),
+            "image_dir": str(image_dir),
+            "model_dir": str(posed),
+            "out_dir": str(fresh_folder(partial)),
+            "threads": stages.settings.threads,
+        }
+
     stages.monitor.report("triangulation", 0, 1)
     with stages.timed("triangulation"):
-        points = stages.native(
-            "triangulate",
-            {
-                "database": str(folder.database),
-                "image_dir": str(image_dir),
-                "model_dir": str(posed),
-                "out_dir": str(partial),
-                "threads": stages.settings.threads,
-            },
-        )
+        points = stages.native_over("triangulate", list(known), arguments)
     rename_over(partial, target)
     stages.monitor.report("triangulation", 1, 1)
     if points == 0:

@@ -36,7 +36,7 @@ def localise(
 
     ``stages`` has a database of its own for them, which keeps their features and matches from call to call;
     features of registered images (``order`` is that of adding) are copied into it from ``database``, which
-    is only read.
+    is only read. Raises ``CulpritError`` when a job dies on one of ``names``.
     """
     stages.folder.root.mkdir(parents=True, exist_ok=True)
     guest_database = stages.folder.database
@@ -53,7 +53,7 @@ def localise(
         names = [name for name in neighbours if name not in here]
         if names:
             arguments = {"source": str(database), "target": str(guest_database), "names": names}
-            stages.native("copy_features", arguments)
+            stages.native("copy_features", arguments)  # copies rows: no image can kill it
 
     chosen = match_with_neighbours(stages, usable, order, current.centres(), retrieval, fetch)
     groups = camera_groups(image_dir, [*order, *usable], stages.settings.focal_prior)
@@ -66,12 +66,13 @@ def localise(
     }
     stages.monitor.report("localisation", 0, len(usable))
     with stages.timed("localisation"):
-        localised = stages.native(
+        localised = stages.native_over(
             "localise",
-            {
+            list(chosen),
+            lambda some: {
                 "database": str(guest_database),
                 "model_dir": str(model_dir),
-                "neighbours": chosen,
+                "neighbours": {name: chosen[name] for name in some},
                 "siblings": siblings,
                 "positions": positions.to_json(),
                 "min_image_support": stages.settings.growth.min_image_support,
@@ -91,6 +92,7 @@ def _delete_if_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str])
     sizes = {name: (image_dir / name).stat().st_size for name in names}
     if any(known.get(name, size) != size for name, size in sizes.items()):
         delete_database(folder.database)
+        folder.quarantine.release(names)
         known = {}
     write_text_atomically(folder.state, json.dumps(known | sizes))
 

@@ -195,30 +195,36 @@ class GrowingReconstruction:
     ) -> dict[str, AnyView]:
         """Estimate the poses of other images in the current model, which does not change.
 
-        Those without a pose, or whose matches or ``positions`` contradict it, are left out; registered images
-        have their current poses. The result depends on the current model only, not on earlier calls. Raises
-        ``InvalidInputError`` for missing files, ``Cancelled``.
+        Those without a pose, whose matches or ``positions`` contradict it, or on which pycolmap dies, are
+        left out; registered images have their current poses. The result depends on the current model only,
+        not on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
         """
         require_plain_names(names)
         require_unchanged(self._state, self._image_dir, names)
         if not self.registered:
             return {}
         registered = {view.name: view for view in self.reconstruction.views}
-        guests = [name for name in dict.fromkeys(names) if name not in registered]
         found = {name: registered[name] for name in names if name in registered}
-        if guests:
+        quarantine = self._folder.localise.quarantine
+        others = [name for name in dict.fromkeys(names) if name not in registered]
+        while guests := [name for name in others if name not in quarantine.reasons]:
             stages = Stages(self._folder.localise, self._settings, monitor)
-            found |= localise(
-                stages,
-                self._image_dir,
-                guests,
-                self.reconstruction,
-                self.registered,
-                self._folder.model(self.generation),
-                self._folder.sfm.database,
-                self._open_retrieval(),
-                positions or Positions(),
-            )
+            try:
+                return found | localise(
+                    stages,
+                    self._image_dir,
+                    guests,
+                    self.reconstruction,
+                    self.registered,
+                    self._folder.model(self.generation),
+                    self._folder.sfm.database,
+                    self._open_retrieval(),
+                    positions or Positions(),
+                )
+            except CulpritError as culprit:
+                if culprit.name not in guests:
+                    raise
+                quarantine.add(culprit)
         return found
 
     def _bootstrap(self, monitor: Monitor, positions: Positions | None) -> _Messages:

@@ -13,6 +13,8 @@ from typing import Any
 
 import pycolmap
 
+from fvs_engine.sfm.colmap.database import image_ids, remove_images
+
 Report = Callable[[int], None]
 
 _FEW_IMAGES = 20
@@ -83,11 +85,17 @@ def match(
         pycolmap.match_image_pairs(database, matching, listed, verification)
 
 
-def calibrate(_report: Report, *, database: str, target: str, seed: int) -> bool:
-    """Copy the database to ``target`` and calibrate the view graph there; whether that succeeded."""
+def calibrate(_report: Report, *, database: str, target: str, names: list[str], seed: int) -> bool:
+    """Copy the database to ``target`` and calibrate the view graph of ``names`` there, without other images.
+
+    Returns whether that succeeded.
+    """
     for old in (target, f"{target}-wal", f"{target}-shm"):
         Path(old).unlink(missing_ok=True)
     shutil.copyfile(database, target)
+    others = image_ids(Path(target)).keys() - set(names)
+    if others:
+        remove_images(Path(target), others)
     options = pycolmap.ViewGraphCalibrationOptions()
     options.random_seed = seed
     return bool(pycolmap.calibrate_view_graph(target, options))
@@ -162,11 +170,13 @@ def triangulate(
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
     options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
-    # The database has cameras of its own for these images, often of another model; COLMAP needs equal ones.
-    with tempfile.TemporaryDirectory() as scratch:
-        given = str(Path(scratch) / "given.db")
-        _copy_with_cameras_of(model, database, given)
-        model = pycolmap.triangulate_points(model, given, image_dir, out_dir, True, options, False)
+    if model.num_reg_images() > 1:  # the search for a deadly image tries single ones
+        # The database has cameras of its own for these images, often of another model; COLMAP needs equal
+        # ones.
+        with tempfile.TemporaryDirectory() as scratch:
+            given = str(Path(scratch) / "given.db")
+            _copy_with_cameras_of(model, database, given)
+            model = pycolmap.triangulate_points(model, given, image_dir, out_dir, True, options, False)
     model.extract_colors_for_all_images(image_dir)
     model.write_binary(out_dir)
     return int(model.num_points3D())
@@ -193,11 +203,19 @@ def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: str, target:
                 given.write_two_view_geometry(first, second, geometry)
 
 
-def undistort(_report: Report, *, model_dir: str, image_dir: str, out_dir: str, quality: int) -> None:
-    """A pinhole model in ``out_dir``/sparse and its images in ``out_dir``/images."""
+def undistort(
+    _report: Report, *, model_dir: str, image_dir: str, out_dir: str, names: list[str], quality: int
+) -> None:
+    """A pinhole model in ``out_dir``/sparse, and those of its images in ``names`` in ``out_dir``/images."""
     options = pycolmap.UndistortCameraOptions()
     pycolmap.undistort_images(
-        out_dir, model_dir, image_dir, output_type="COLMAP", undistort_options=options, jpeg_quality=quality
+        out_dir,
+        model_dir,
+        image_dir,
+        names,
+        output_type="COLMAP",
+        undistort_options=options,
+        jpeg_quality=quality,
     )
     # COLMAP prepares for its dense stereo, which is not used here.
     shutil.rmtree(Path(out_dir) / "stereo", ignore_errors=True)

@@ -1,19 +1,23 @@
 """Cameras made elsewhere: kermit's own, written as a transforms.json and as a COLMAP model without points."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from fvs_engine.errors import ProcessDiedError
 from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.cameras import find_cameras
 from fvs_engine.pipeline.manifest import ImageRecord, ImagesRecord, Manifest, ReconstructionSettings
 from fvs_engine.pipeline.views import read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.model import write_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -128,3 +132,30 @@ def test_a_colmap_model_fits_photographs_that_were_resized_and_renamed(
     for index, view in enumerate(views):
         camera = by_name[f"IMG%20{index}.jpg"].camera
         assert camera.fx == pytest.approx(view.camera.fx / 2, rel=1e-3)
+
+
+def test_a_photograph_that_kills_the_undistortion_is_left_out(
+    workspace: Workspace, kermit_sfm: SfmResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    names = sorted(view.name for view in kermit_sfm.reconstruction.views)
+    deadly = names[3]
+    write_colmap(kermit_sfm.reconstruction, tmp_path / "model")
+    photographs = tuple(ImageRecord(name=name, normalised_name=name, sha256="") for name in names)
+    manifest = Manifest(
+        settings=ReconstructionSettings(colmap=str(tmp_path / "model")),
+        images=ImagesRecord(folder="", photographs=photographs, rejected=()),
+    )
+    run_here = undistort.run_native
+
+    def run(job: str, arguments: Mapping[str, Any], *rest: Any, **options: Any) -> Any:
+        if deadly in arguments["names"]:
+            raise ProcessDiedError("It died.", how="signal SIGSEGV", crashed=True)
+        return run_here(job, arguments, *rest, **options)
+
+    monkeypatch.setattr(undistort, "run_native", run)
+    warnings: list[str] = []
+    cameras = find_cameras(workspace, manifest, monitor=Monitor(), warn=warnings.append).cameras
+    assert cameras is not None
+    assert cameras.unregistered == (deadly,)
+    assert warnings == [f"{deadly} is quarantined: It died. It does so whenever it gets this image."]
+    assert {path.name for path in workspace.undistorted_images.iterdir()} == set(names) - {deadly}
