@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, FilePath, PositiveFloat, PositiveInt
+from pydantic import (
+    BeforeValidator,
+    Field,
+    FilePath,
+    PositiveFloat,
+    PositiveInt,
+    ValidationInfo,
+    field_validator,
+)
 from pydantic_settings import (
     BaseSettings,
     EnvSettingsSource,
@@ -152,8 +160,8 @@ class Settings(BaseSettings):
     found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
     ``upload_bytes_per_s`` is refused. When a tenant's places for uploads are all held, an upload that is
     older than ``upload_place_s`` gives way to a new one (see ``images.upload_places``). gRPC is served beside
-    REST, unless ``grpc`` is false, by default on the port after ``port`` (on a free one when that is 0). An
-    upload that breaks off is kept for ``partial_upload_s``.
+    REST (alone when ``rest`` is false), unless ``grpc`` is false, by default on the port after ``port`` (on a
+    free one when that is 0). An upload that breaks off is kept for ``partial_upload_s``.
     """
 
     model_config = SettingsConfigDict(
@@ -167,6 +175,7 @@ class Settings(BaseSettings):
     blobs: BlobSettings = BlobSettings()
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65_535)
+    rest: bool = True
     grpc: bool = True
     grpc_port: int | None = Field(default=None, ge=0, le=65_535)
     require_keys: bool = False
@@ -207,6 +216,13 @@ class Settings(BaseSettings):
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Values from code, from the environment, from files that the environment names."""
         return init_settings, env_settings, _FilesOfEnvironment(settings_cls)
+
+    @field_validator("grpc")
+    @classmethod
+    def _serves_something(cls, grpc: bool, known: ValidationInfo) -> bool:
+        if not grpc and not known.data.get("rest", True):
+            raise ValueError("a gateway without REST needs gRPC")
+        return grpc
 
     @property
     def database(self) -> str:

@@ -2,8 +2,10 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import grpc
 import httpx2
@@ -52,6 +54,21 @@ def test_grpc_has_the_next_port_a_free_one_or_none() -> None:
     assert Settings(port=0).rpc_port == 0
     assert Settings(port=8000, grpc_port=9000).rpc_port == 9000
     assert Settings(port=8000, grpc=False).rpc_port is None
+
+
+def test_grpc_has_a_process_of_its_own_where_rest_is_left_out(open_gateway: Callable[..., Any]) -> None:
+    gateway = open_gateway(rest=False)
+    for path in ("/livez", "/readyz", "/metrics"):
+        assert gateway.client.get(path).status_code == 200
+    for path in ("/v1/capabilities", "/v1/scenes"):
+        assert gateway.client.get(path).status_code == 404
+    assert set(gateway.client.get("/openapi.json").json()["paths"]) == {"/livez", "/readyz", "/metrics"}
+
+
+def test_a_gateway_serves_something(tmp_path: Path) -> None:
+    refused = _fvs("serve", "--root", str(tmp_path / "service"), "--no-rest", "--no-grpc")
+    assert refused.exit_code == 2
+    assert "FVS_GRPC: Value error, a gateway without REST needs gRPC" in refused.stderr
 
 
 def test_answers_are_sent_at_once() -> None:

@@ -48,6 +48,10 @@ def serve(
     port: Annotated[
         int | None, typer.Option(min=0, max=65_535, help="0: a free one.", show_default="8000")
     ] = None,
+    rest: Annotated[
+        bool | None,
+        typer.Option("--rest/--no-rest", help="Serve REST; without, gRPC alone.", show_default="--rest"),
+    ] = None,
     grpc: Annotated[
         bool | None, typer.Option("--grpc/--no-grpc", help="Serve gRPC beside REST.", show_default="--grpc")
     ] = None,
@@ -66,7 +70,7 @@ def serve(
     from fvs_service.serving.stop_signals import StopSignals
 
     with StopSignals(STOP_WITHIN_S, kill_descendants) as signals:  # first: imports take seconds
-        given = {"root": root, "host": host, "port": port, "grpc": grpc, "grpc_port": grpc_port}
+        given = {"root": root, "host": host, "port": port, "rest": rest, "grpc": grpc, "grpc_port": grpc_port}
         _supervise(given, workers, role, signals, log_json=log_json)
         sys.stdout.flush()
         os._exit(0)  # at once: the interpreter's own end takes seconds on a busy machine

@@ -14,6 +14,7 @@ from fvs_service.events.feed import EventFeed
 from fvs_service.fleet_metrics import FleetCollector
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.rest import (
+    capabilities,
     events,
     images,
     jobs,
@@ -38,8 +39,14 @@ _PARSERS = 1
 """Threads that parse bodies: they hold the interpreter, and more would only keep the event loop from it."""
 
 
+_RESOURCES = (scenes, images, jobs, events, rankings, snapshots, capabilities)
+
+
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
-    """The gateway; it opens the services when it starts and closes them when it stops."""
+    """The gateway; it opens the services when it starts and closes them when it stops.
+
+    Without REST it has health and metrics alone.
+    """
     metrics = Metrics()
     loop_lag = LoopLag(metrics.loop_lag)
 
@@ -82,7 +89,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag)
     problems.install(app)
     bodies = []
-    for module in (scenes, images, jobs, events, rankings, snapshots, service):
+    for module in (*_RESOURCES, service) if settings.rest else (service,):
         app.include_router(module.router)
         bodies += [
             route.body for route in module.router.routes if isinstance(route, JsonRoute) and route.body

@@ -42,7 +42,7 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
             return app.openapi_schema
         document = original()
         schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        schemas.update(definitions["$defs"])
+        schemas.update(definitions.get("$defs", {}))
         problem = Problem.model_json_schema(ref_template=_REFERENCE, mode="serialization")
         schemas.update(problem.pop("$defs", {}))
         schemas["Problem"] = problem

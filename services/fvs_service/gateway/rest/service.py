@@ -1,11 +1,10 @@
-"""The service itself over REST: capabilities, health, metrics."""
+"""Health and metrics over HTTP, for those who operate the service."""
 
 from typing import Annotated
 
 from fastapi import Query, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from fvs_service.gateway.capabilities import Capabilities, capabilities_of
 from fvs_service.gateway.readiness import require_ready
 from fvs_service.gateway.rest.dependencies import App, Caller, Counters
 from fvs_service.gateway.rest.routing import json_router
@@ -24,12 +23,6 @@ class Health(Model):
     """The service is healthy."""
 
     status: str = "ok"
-
-
-@router.get("/v1/capabilities")
-def capabilities(app: App, _caller: Caller) -> Capabilities:
-    """Return the features and limits of the service."""
-    return capabilities_of(app)
 
 
 @router.get("/livez")

@@ -1,0 +1,13 @@
+"""The capabilities over REST."""
+
+from fvs_service.gateway.capabilities import Capabilities, capabilities_of
+from fvs_service.gateway.rest.dependencies import App, Caller
+from fvs_service.gateway.rest.routing import json_router
+
+router = json_router("/v1", "service")
+
+
+@router.get("/capabilities")
+def capabilities(app: App, _caller: Caller) -> Capabilities:
+    """Return the features and limits of the service."""
+    return capabilities_of(app)
