@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -25,13 +26,24 @@ def kermit_names(kermit_dir: Path) -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def kermit_sfm(kermit_dir: Path, kermit_names: list[str], made_once: Callable[..., Any]) -> SfmResult:
-    """Read-only: tests that change something copy its folder."""
-    # A second reconstruction in the same folder reads the first one's model.
-    return made_once(
-        "kermit_sfm",
-        lambda folder: reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor()),
-    )
+def kermit_sfm(
+    kermit_dir: Path,
+    kermit_names: list[str],
+    made_once: Callable[..., Any],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> SfmResult:
+    """Read-only: tests that change something copy its folder.
+
+    Every worker has a copy of its own: whoever reads a SQLite database makes files beside it, for a moment.
+    """
+    mine = tmp_path_factory.mktemp("kermit_sfm") / "sfm"
+
+    def make(folder: Path) -> SfmResult:
+        reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+        shutil.copytree(folder, mine)
+        return reconstruct(kermit_dir, kermit_names, mine, SfmSettings(), Monitor())  # reads the model
+
+    return made_once("kermit_sfm", make)
 
 
 def _run_here(

@@ -53,6 +53,8 @@ class ObjectStoreServer:
                         "-s3.port.lance=0",
                         "-s3.iam=false",
                     ),
+                    # Without others to agree with, a master that comes back need not wait for their votes.
+                    *("-master.peers=none", "-master.electionTimeout=1s", "-master.telemetry=false"),
                     *("-master.volumeSizeLimitMB=256", "-volume.max=40", "-volume.preStopSeconds=0", *ports),
                 ],
                 stdout=log,

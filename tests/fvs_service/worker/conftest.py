@@ -26,6 +26,7 @@ SMALL = {
     "FVS_WORKER__LONG_SIDE_PX": "160",
     "FVS_WORKER__THREADS": "1",
     "FVS_LEASE_S": "10",
+    "FVS_SWEEP_S": "1",
 }
 
 
@@ -78,7 +79,7 @@ class Service:
                 return found
             assert found["state"] not in ENDED, found
             assert time.monotonic() < deadline, found
-            time.sleep(0.05)
+            time.sleep(0.1)
 
     def finish(self, job: str) -> dict[str, Any]:
         """The job once it has succeeded."""

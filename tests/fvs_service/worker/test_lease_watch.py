@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
-# The watch of a runner, which reads nothing from standard input at first.
+# The watch of a runner, which reads nothing from standard input at first. Its first byte is the start.
 WATCHED = """
-import threading
-from fvs_service.worker.runner.process import LeaseWatch
+import os, threading
+from fvs_service.worker.runner.lease_watch import LeaseWatch
+os.read(0, 1)
 watch = LeaseWatch(0.1)
 threading.Thread(target=watch.guard, daemon=True).start()
 threading.Event().wait(1.2)
@@ -32,13 +33,15 @@ def test_an_unread_extension_counts(watched: "subprocess.Popen[bytes]") -> None:
     """Imports hold all threads of a runner for longer than a short lease."""
     assert watched.stdin is not None
     assert watched.stdout is not None
-    watched.stdin.write(b".")
+    watched.stdin.write(b"s.")
     assert watched.stdout.readline() == b"lives\n"
     assert watched.wait(20) == _ORPHANED  # once it is read, and no other follows
 
 
 @pytest.mark.parametrize("watched", [""], indirect=True)
 def test_without_an_extension_it_ends(watched: "subprocess.Popen[bytes]") -> None:
+    assert watched.stdin is not None
     assert watched.stdout is not None
+    watched.stdin.write(b"s")
     assert watched.wait(20) == _ORPHANED
     assert watched.stdout.read() == b""

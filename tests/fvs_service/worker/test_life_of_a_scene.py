@@ -6,6 +6,7 @@ import os
 import signal
 import time
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -76,49 +77,99 @@ def test_every_method_ranks(service: Any, modelled: str) -> None:
         assert ranking["request"]["method"] == method
 
 
-def test_a_stopped_job_ends_within_two_seconds_and_goes_on_when_it_is_retried(
-    service: Any, courtyard_photographs: list[Path]
+def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
+    service: Any, courtyard_photographs: list[Path], tmp_path: Path
 ) -> None:
+    """One scene and one runner for all of it: a runner takes seconds to start."""
     scene = service.scene()
-    service.send(scene, courtyard_photographs[4:])
-    job = service.start(scene, iterations=100_000)
     try:
+        _fail(service, scene, tmp_path)
+        service.send(scene, courtyard_photographs[4:])
+        job = service.start(scene, iterations=100_000)
         for stage in ("matching", "train"):
             service.wait(job, lambda found, stage=stage: found["stage"] == stage)
-            asked = time.monotonic()
-            service.client.post(f"/v1/jobs/{job}:cancel")
-            deadline = asked + 30
-            while service.job(job)["state"] != "canceled" and time.monotonic() < deadline:
-                time.sleep(0.02)
-            assert time.monotonic() - asked < 2.0
-            again = service.client.post(f"/v1/jobs/{job}:retry")
-            assert again.json()["state"] == "queued"
+            _stop_and_retry(service, job)
         found = service.wait(job, lambda found: found["stage"] == "train" and found["eta_s"] is not None)
         assert found["attempt"] == 3
-    finally:  # it would keep the worker from the jobs of other tests
-        service.client.post(f"/v1/jobs/{job}:cancel")
-    service.wait(job, lambda found: found["state"] == "canceled")
+        runners = len(service.processes(RUNNER))
+        assert service.client.get(f"/v1/scenes/{scene}/size").json()["images_bytes"] > 0
+    finally:  # its job would keep the worker from those of other tests
+        deleted = service.client.delete(f"/v1/scenes/{scene}")
+    assert deleted.status_code == 204
+    assert service.client.get(f"/v1/jobs/{job}").status_code == 404
+    _until(lambda: len(service.processes(RUNNER)) == runners - 1)
+    _until(lambda: not list(service.root.glob(f"**/{scene}")))
+
+
+def _fail(service: Any, scene: str, folder: Path) -> None:
+    """Let a job fail, on images of noise; it says why."""
+    noise = []
+    for number in range(3):
+        pixels = np.random.default_rng(number).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+        noise.append(folder / f"{number}.png")
+        Image.fromarray(pixels).save(noise[-1])
+    service.send(scene, noise)
+    failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
+    assert failed["error"]["code"] == "reconstruction-failed"
+    assert failed["error"]["hint"]
+    assert "0.png" in failed["error"]["message"]
+    assert failed["error"]["stage"]
+    refused = service.client.post(f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit"}})
+    assert refused.json()["code"] == "no-snapshot"
+
+
+def _stop_and_retry(service: Any, job: str) -> None:
+    """Cancel the job, which ends within two seconds, and start its next attempt."""
+    asked = time.monotonic()
+    service.client.post(f"/v1/jobs/{job}:cancel")
+    deadline = asked + 30
+    while service.job(job)["state"] != "canceled" and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert time.monotonic() - asked < 2.0
+    again = service.client.post(f"/v1/jobs/{job}:retry")
+    assert again.json()["state"] == "queued"
+
+
+def _until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
 
 
 def test_rankings_are_answered_while_the_model_learns(
     service: Any, modelled: str, courtyard_photographs: list[Path]
 ) -> None:
     before, registered = _latest(service, modelled)
-    fine = service.start(modelled, "fine", iterations=3000)
-    service.wait(fine, lambda found: found["stage"] == "train")
-    assert service.rank(modelled)["snapshot_id"] == before
-    (gateway,) = service.processes(GATEWAY)
-    assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
-    # An update does not wait for a fine model, which goes on afterwards.
-    service.send(modelled, courtyard_photographs[5:7])
-    updated = service.finish(service.start(modelled))
-    assert service.job(fine)["state"] == "running"
-    assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
-    assert service.snapshot(before)["metrics"]["new_images_psnr_db"] is None
-    assert 5 < service.snapshot(updated["snapshot_id"])["metrics"]["new_images_psnr_db"] < 40
-    service.client.post(f"/v1/jobs/{fine}:cancel")
+    fine = service.start(modelled, "fine", iterations=100_000)
+    try:
+        service.wait(fine, lambda found: found["stage"] == "train")
+        assert service.rank(modelled)["snapshot_id"] == before
+        (gateway,) = service.processes(GATEWAY)
+        assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
+        # An update does not wait for a fine model, which goes on afterwards.
+        service.send(modelled, courtyard_photographs[5:7])
+        updated = service.finish(service.start(modelled))
+        assert service.job(fine)["state"] == "running"
+        assert _latest(service, modelled) == (updated["snapshot_id"], registered + 2)
+        assert service.snapshot(before)["metrics"]["new_images_psnr_db"] is None
+        assert 5 < service.snapshot(updated["snapshot_id"])["metrics"]["new_images_psnr_db"] < 40
+    finally:  # it would keep the worker from the jobs of other tests
+        service.client.post(f"/v1/jobs/{fine}:cancel")
     service.wait(fine, lambda found: found["state"] == "canceled")
     assert service.rank(modelled)["snapshot_id"] == updated["snapshot_id"]
+
+
+def test_an_update_without_new_images_keeps_the_snapshot(service: Any, modelled: str) -> None:
+    before = service.client.get(f"/v1/scenes/{modelled}").json()["snapshot_id"]
+    made = service.snapshot(before)
+    done = service.finish(service.start(modelled))
+    scene = service.client.get(f"/v1/scenes/{modelled}").json()
+    assert scene["snapshot_id"] == before
+    if made["kind"] == "update":  # else there may be no snapshot of an update with the same model
+        assert done["snapshot_id"] == before
+        assert before in done["warnings"][-1]
+    assert service.client.get(f"/v1/scenes/{modelled}/size").json()["working_bytes"] > 0
 
 
 @pytest.mark.slow  # half a minute; tests/faults kills more
@@ -177,20 +228,3 @@ def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
     assert found["error"]["hint"]
     service.client.post(f"/v1/jobs/{job}:retry")
     assert service.finish(job)["attempt"] == 2
-
-
-def test_a_job_that_cannot_be_done_says_why(service: Any, tmp_path: Path) -> None:
-    scene = service.scene()
-    noise = []
-    for number in range(3):
-        pixels = np.random.default_rng(number).integers(0, 256, (96, 128, 3), dtype=np.uint8)
-        noise.append(tmp_path / f"{number}.png")
-        Image.fromarray(pixels).save(noise[-1])
-    service.send(scene, noise)
-    failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
-    assert failed["error"]["code"] == "reconstruction-failed"
-    assert failed["error"]["hint"]
-    assert "0.png" in failed["error"]["message"]
-    assert failed["error"]["stage"]
-    refused = service.client.post(f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit"}})
-    assert refused.json()["code"] == "no-snapshot"

@@ -8,22 +8,20 @@ import contextlib
 import json
 import os
 import secrets
-import select
 import signal
 import sys
 import threading
-import time
 from typing import TextIO
 
-from fvs_engine.child_process import EXIT_ORPHANED, end_with_parent
+from fvs_engine.child_process import end_with_parent
 from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.worker.protocol.messages import RunnerOrder
+from fvs_service.worker.runner.lease_watch import LeaseWatch
 
 _EXIT_YIELDED = 0
 _EXIT_LOCKED = 4
 _LOCK_PATIENCE_S = 10.0
-_WATCH_S = 0.5
 _NICENESS = 5
 """Training gets less processor time than the gateway and the workers."""
 
@@ -59,37 +57,6 @@ def main() -> None:
         endpoint.flush()
         server.serve()
     os._exit(_EXIT_YIELDED)  # without waiting for threads that still send responses
-
-
-class LeaseWatch:
-    """Ends the process when its worker has not extended the lease for as long as a lease lasts.
-
-    The worker writes a byte to standard input whenever it has extended the lease.
-    """
-
-    def __init__(self, lease_s: float) -> None:
-        self._lease_s = lease_s
-        self._until = time.monotonic() + lease_s
-
-    def listen(self) -> None:
-        """Read the worker's bytes; the end of standard input is the end of the worker."""
-        while os.read(0, 4096):
-            self._until = time.monotonic() + self._lease_s
-        os._exit(EXIT_ORPHANED)
-
-    def guard(self) -> None:
-        """End the process once the lease has run out.
-
-        Unread bytes count: imports block all other threads, on a slow machine for longer than a lease.
-        """
-        while time.monotonic() < self._until or _unread():
-            time.sleep(_WATCH_S)
-        print("The scene's lease was not extended.", file=sys.stderr, flush=True)  # noqa: T201 - the log
-        os._exit(EXIT_ORPHANED)
-
-
-def _unread() -> bool:
-    return bool(select.select([0], [], [], 0)[0])
 
 
 def _own_standard_output() -> TextIO:
