@@ -25,27 +25,6 @@ def kermit_names(kermit_dir: Path) -> list[str]:
     return sorted(path.name for path in kermit_dir.iterdir())
 
 
-@pytest.fixture(scope="session")
-def kermit_sfm(
-    kermit_dir: Path,
-    kermit_names: list[str],
-    made_once: Callable[..., Any],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> SfmResult:
-    """Read-only: tests that change something copy its folder.
-
-    Every worker has a copy of its own: whoever reads a SQLite database makes files beside it, for a moment.
-    """
-    mine = tmp_path_factory.mktemp("kermit_sfm") / "sfm"
-
-    def make(folder: Path) -> SfmResult:
-        reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
-        shutil.copytree(folder, mine)
-        return reconstruct(kermit_dir, kermit_names, mine, SfmSettings(), Monitor())  # reads the model
-
-    return made_once("kermit_sfm", make)
-
-
 def _run_here(
     job: str,
     arguments: Mapping[str, Any],
@@ -75,6 +54,28 @@ def _without_children() -> Iterator[None]:
         patch.setattr(stages, "run_native", _run_here)
         patch.setattr(undistort, "run_native", _run_here)
         yield
+
+
+@pytest.fixture(scope="session")
+def kermit_sfm(
+    kermit_dir: Path,
+    kermit_names: list[str],
+    made_once: Callable[..., Any],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> SfmResult:
+    """Read-only: tests that change something copy its folder.
+
+    Every worker has a copy of its own: whoever reads a SQLite database makes files beside it, for a moment.
+    """
+    mine = tmp_path_factory.mktemp("kermit_sfm") / "sfm"
+
+    def make(folder: Path) -> SfmResult:
+        with _without_children():
+            reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+        shutil.copytree(folder, mine)
+        return reconstruct(kermit_dir, kermit_names, mine, SfmSettings(), Monitor())  # reads the model
+
+    return made_once("kermit_sfm", make)
 
 
 @pytest.fixture(scope="session")

@@ -77,7 +77,7 @@ class Service:
             progress = found["progress"]
             if until(found):
                 return found
-            assert found["state"] not in ENDED, found
+            assert found["state"] not in ENDED, found["error"] or found
             assert time.monotonic() < deadline, found
             time.sleep(0.1)
 

@@ -21,6 +21,7 @@ RUNNER = "fvs_service.worker.runner.process"
 WORKER = "fvs_service.serving.process worker"
 GATEWAY = "fvs_service.serving.process gateway"
 SFM_CHILD = "fvs_engine.sfm.native.child"
+ENDLESS = 100_000
 
 
 def _latest(service: Any, scene: str) -> tuple[str, int]:
@@ -85,7 +86,7 @@ def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
     try:
         _fail(service, scene, tmp_path)
         service.send(scene, courtyard_photographs[4:])
-        job = service.start(scene, iterations=100_000)
+        job = service.start(scene, iterations=ENDLESS)
         for stage in ("matching", "train"):
             service.wait(job, lambda found, stage=stage: found["stage"] == stage)
             _stop_and_retry(service, job)
@@ -109,7 +110,8 @@ def _fail(service: Any, scene: str, folder: Path) -> None:
         noise.append(folder / f"{number}.png")
         Image.fromarray(pixels).save(noise[-1])
     service.send(scene, noise)
-    failed = service.wait(service.start(scene), lambda found: found["state"] == "failed")
+    job = service.start(scene, iterations=ENDLESS)
+    failed = service.wait(job, lambda found: found["state"] == "failed")
     assert failed["error"]["code"] == "reconstruction-failed"
     assert failed["error"]["hint"]
     assert "0.png" in failed["error"]["message"]
@@ -141,7 +143,7 @@ def test_rankings_are_answered_while_the_model_learns(
     service: Any, modelled: str, courtyard_photographs: list[Path]
 ) -> None:
     before, registered = _latest(service, modelled)
-    fine = service.start(modelled, "fine", iterations=100_000)
+    fine = service.start(modelled, "fine", iterations=ENDLESS)
     try:
         service.wait(fine, lambda found: found["stage"] == "train")
         assert service.rank(modelled)["snapshot_id"] == before

@@ -132,6 +132,7 @@ def _ask_for_much(url: httpx2.URL, scene: str) -> None:
         client.post(f"/v1/scenes/{scene}/rankings", json={"generator": generator})
 
 
+@pytest.mark.process
 def test_a_frozen_worker_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:
     """The part of the service on a machine for workers, which starts sooner than the whole."""
     program = "from fvs_engine.cli import main; main()"

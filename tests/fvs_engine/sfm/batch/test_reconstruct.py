@@ -128,6 +128,7 @@ def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
     assert "matching" not in result.report.seconds
 
 
+@pytest.mark.usefixtures("native_here")
 def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names: list[str], tmp_path: Path):
     folder = tmp_path / "sfm"
     cancel_in("matching", six, kermit_names[:4], folder)
@@ -180,21 +181,22 @@ def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
 
 
 @pytest.mark.usefixtures("native_here")
-def test_images_of_another_size_or_orientation_get_their_own_camera(
-    kermit_copy: Path, kermit_names: list[str], tmp_path: Path
-):
-    names = kermit_names[:6]
+def test_images_of_another_size_or_orientation_get_their_own_camera(yard_dir: Path, tmp_path: Path):
+    images = tmp_path / "images"
+    images.mkdir()
+    names = [f"{number:04d}.jpg" for number in range(6)]
     for number, name in enumerate(names):
-        with Image.open(kermit_copy / name) as image:
+        with Image.open(yard_dir / "images" / name) as image:
             pixels = image.convert("RGB")
         if number % 3 == 1:
-            pixels.resize((512, 384)).save(kermit_copy / name)
+            pixels = pixels.resize((288, 216))
         elif number % 3 == 2:
-            pixels.rotate(90, expand=True).save(kermit_copy / name, quality=95)
-    result = reconstruct(kermit_copy, names, tmp_path / "sfm", ONE_MAPPER, Monitor())
+            pixels = pixels.rotate(90, expand=True)
+        pixels.save(images / name, quality=95)
+    result = reconstruct(images, names, tmp_path / "sfm", ONE_MAPPER, Monitor())
     assert result.report.registered == 6
     sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
-    assert sizes == {(640, 480), (512, 384), (480, 640)}
+    assert sizes == {(320, 240), (288, 216), (240, 320)}
     assert len({view.camera for view in result.reconstruction.views}) == 3
 
 
