@@ -4,7 +4,19 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Generic, Self, TypeVar
 
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from fvs_service.field_docstrings import field_docstrings
 
 
 class Model(BaseModel):
@@ -13,7 +25,23 @@ class Model(BaseModel):
     Docstrings of fields become descriptions in the OpenAPI document.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """The JSON schema, with the docstrings of the fields.
+
+        pydantic's ``use_attribute_docstrings`` reads the sources whenever a process starts.
+        """
+        described = handler(schema)
+        properties = handler.resolve_ref_schema(described).get("properties", {})
+        for base in (base for base in cls.__mro__ if issubclass(base, Model)):
+            for name, docstring in field_docstrings(base.__module__).get(base.__name__, {}).items():
+                if name in properties:
+                    properties[name].setdefault("description", docstring)
+        return described
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -57,19 +85,21 @@ def within(limit: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+_AFTER = "The `next` of the previous page."
+"""Parameters of a query have the descriptions of their fields, and not those of the JSON schema."""
+
+
 class Page(Model):
     """A page of a list: ``limit`` items after the one with the cursor ``after``."""
 
-    after: str | None = Field(default=None, max_length=128)
-    """The `next` of the previous page."""
+    after: str | None = Field(default=None, max_length=128, description=_AFTER)
     limit: int = Field(default=100, ge=1, le=1000)
 
 
 class NumberedPage(Page):
     """A page of a list whose items are numbered."""
 
-    after: Annotated[str, Field(pattern=r"^[0-9]{1,9}$")] | None = None
-    """The `next` of the previous page."""
+    after: Annotated[str, Field(pattern=r"^[0-9]{1,9}$")] | None = Field(default=None, description=_AFTER)
 
 
 ItemT = TypeVar("ItemT", bound=Model)
