@@ -13,7 +13,15 @@ import typer
 from fvs_engine.choices import CameraModel, Quality, ViewGroup
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.option_groups import with_option_groups
-from fvs_engine.cli.options import JsonOption, OutOption, RunOptions
+from fvs_engine.cli.options import (
+    MAX_ITERATIONS,
+    MAX_SEED,
+    MAX_SIDE_PX,
+    MAX_VIEWS,
+    JsonOption,
+    OutOption,
+    RunOptions,
+)
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 
@@ -67,12 +75,16 @@ def reconstruct(
         Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
     ] = "coarse",
     iterations: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Training iterations.", show_default="the preset's")
+        int | None,
+        typer.Option(
+            min=1, max=MAX_ITERATIONS, metavar="N", help="Training iterations.", show_default="the preset's"
+        ),
     ] = None,
     long_side: Annotated[
         int | None,
         typer.Option(
             min=64,
+            max=MAX_SIDE_PX,
             metavar="PX",
             help="Train on images reduced to this long side.",
             show_default="coarse 640, fine 1600",
@@ -99,10 +111,14 @@ def reconstruct(
         ),
     ] = None,
     test_every: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
+        int,
+        typer.Option(
+            min=0, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view for testing; 0 holds out none."
+        ),
     ] = 8,
     seed: Annotated[
-        int, typer.Option(min=0, help="The same cameras and seed train the same model on the CPU.")
+        int,
+        typer.Option(min=0, max=MAX_SEED, help="The same cameras and seed train the same model on the CPU."),
     ] = 0,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
@@ -146,7 +162,8 @@ def rank(
     folder: _Folder,
     candidates: _Candidates = None,
     top: Annotated[
-        int | None, typer.Option(min=1, metavar="K", help="Show only the first K.", show_default="all")
+        int | None,
+        typer.Option(min=1, max=MAX_VIEWS, metavar="K", help="Show only the first K.", show_default="all"),
     ] = None,
     out: Annotated[
         Path | None,
@@ -180,7 +197,7 @@ def render(
         ViewGroup, typer.Option(help="Which views; path: a smooth path through the training views.")
     ] = "held-out",
     candidates: _Candidates = None,
-    frames: Annotated[int, typer.Option(min=2, metavar="N", help="Frames of a path.")] = 120,
+    frames: Annotated[int, typer.Option(min=2, max=MAX_VIEWS, metavar="N", help="Frames of a path.")] = 120,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
     ] = None,

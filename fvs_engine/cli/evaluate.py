@@ -6,7 +6,7 @@ import typer
 
 from fvs_engine.choices import Method, ProtocolName
 from fvs_engine.cli.option_groups import with_option_groups
-from fvs_engine.cli.options import DatasetOptions, LoopOptions, OutOption, RunOptions
+from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -14,11 +14,16 @@ if TYPE_CHECKING:
     from fvs_engine.monitor import Monitor
 
 
-def _whole_numbers(text: str) -> tuple[int, ...]:
+def _whole_numbers(text: str, option: str, lowest: int, highest: int) -> tuple[int, ...]:
     try:
-        return tuple(int(part) for part in text.split(","))
+        numbers = tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a list of whole numbers, as in 0,1,2") from None
+        raise typer.BadParameter(
+            f"{text[:100]!r} is not a list of whole numbers, as in 0,1,2", param_hint=option
+        ) from None
+    if not all(lowest <= number <= highest for number in numbers):
+        raise typer.BadParameter(f"The numbers must lie between {lowest} and {highest}.", param_hint=option)
+    return numbers
 
 
 def _methods(text: str) -> tuple[str, ...]:
@@ -56,7 +61,10 @@ def evaluate(
         ),
     ] = None,
     test_every: Annotated[
-        int, typer.Option(min=2, metavar="N", help="Hold out every n-th view and measure on these.")
+        int,
+        typer.Option(
+            min=2, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view and measure on these."
+        ),
     ] = 8,
     calibrate: Annotated[
         bool,
@@ -72,8 +80,9 @@ def evaluate(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    method_names, seed_numbers = _methods(methods), _whole_numbers(seeds)
-    counts = None if views is None else _whole_numbers(views)
+    method_names = _methods(methods)
+    seed_numbers = _whole_numbers(seeds, "--seeds", 0, MAX_SEED)
+    counts = None if views is None else _whole_numbers(views, "--views", 2, MAX_VIEWS)
 
     def job(monitor: "Monitor", warn: "Warn") -> "Summary":
         run.limit_threads()

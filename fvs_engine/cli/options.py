@@ -10,6 +10,11 @@ import typer
 from fvs_engine.choices import Backend, Poses
 
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
+MAX_SEED = 2**31 - 1
+MAX_VIEWS, MAX_ITERATIONS, MAX_GAUSSIANS, MAX_THREADS = 100_000, 10_000_000, 100_000_000, 1_024
+MAX_SIDE_PX = 32_768  # images.limits, which takes too long to import for a command line's help
+YEAR_S = 31_536_000
+
 JsonOption = Annotated[
     bool, typer.Option("--json", help="The result as JSON on stdout, progress as JSON lines on stderr.")
 ]
@@ -23,7 +28,8 @@ class RunOptions:
         "auto"
     )
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads to compute with.", show_default="one per core")
+        int | None,
+        typer.Option(min=1, max=MAX_THREADS, help="Threads to compute with.", show_default="one per core"),
     ] = None
     as_json: JsonOption = False
 
@@ -57,35 +63,66 @@ class LoopOptions:
         Poses | None,
         typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
     ] = None
-    initial: Annotated[int | None, typer.Option(min=2, metavar="M", help="Number of initial views.")] = None
+    initial: Annotated[
+        int | None, typer.Option(min=2, max=MAX_VIEWS, metavar="M", help="Number of initial views.")
+    ] = None
     radius: Annotated[
         float | None,
-        typer.Option(metavar="R", help="How far the camera flies in one step, in the dataset's unit."),
+        typer.Option(
+            min=0, max=1e9, metavar="R", help="How far the camera flies in one step, in the dataset's unit."
+        ),
     ] = None
     nearest: Annotated[
         int | None,
-        typer.Option(min=1, metavar="K", help="Choose among the K nearest views instead of a radius."),
+        typer.Option(
+            min=1, max=MAX_VIEWS, metavar="K", help="Choose among the K nearest views instead of a radius."
+        ),
     ] = None
     initial_iterations: Annotated[
         int | None,
         typer.Option(
-            min=1, metavar="N", help="Training iterations on the initial views.", show_default="1000"
+            min=1,
+            max=MAX_ITERATIONS,
+            metavar="N",
+            help="Training iterations on the initial views.",
+            show_default="1000",
         ),
     ] = None
     iterations_per_view: Annotated[
         int | None,
-        typer.Option(min=0, metavar="N", help="Further iterations for every view added.", show_default="100"),
+        typer.Option(
+            min=0,
+            max=MAX_ITERATIONS,
+            metavar="N",
+            help="Further iterations for every view added.",
+            show_default="100",
+        ),
     ] = None
     long_side_px: Annotated[
         int | None,
-        typer.Option("--long-side", min=64, metavar="PX", help="Train on images reduced to this long side."),
+        typer.Option(
+            "--long-side",
+            min=64,
+            max=MAX_SIDE_PX,
+            metavar="PX",
+            help="Train on images reduced to this long side.",
+        ),
     ] = None
     max_gaussians: Annotated[
-        int | None, typer.Option(min=1_000, metavar="N", help="Upper limit of the number of Gaussians.")
+        int | None,
+        typer.Option(
+            min=1_000, max=MAX_GAUSSIANS, metavar="N", help="Upper limit of the number of Gaussians."
+        ),
     ] = None
     time_limit_s: Annotated[
         float | None,
-        typer.Option("--time-limit", metavar="S", help="Start no step that would end after S seconds."),
+        typer.Option(
+            "--time-limit",
+            min=0,
+            max=YEAR_S,
+            metavar="S",
+            help="Start no step that would end after S seconds.",
+        ),
     ] = None
 
     def given(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import typer
 
 from fvs_engine.choices import InitialChoice, Method, Quality
 from fvs_engine.cli.option_groups import with_option_groups
-from fvs_engine.cli.options import DatasetOptions, LoopOptions, OutOption, RunOptions
+from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -30,7 +30,9 @@ def select(
     ] = "median-frequency",
     budget: Annotated[
         int | None,
-        typer.Option(min=2, metavar="N", help="Views in all.", show_default="100, or all there are"),
+        typer.Option(
+            min=2, max=MAX_VIEWS, metavar="N", help="Views in all.", show_default="100, or all there are"
+        ),
     ] = None,
     initial_choice: Annotated[
         InitialChoice,
@@ -39,13 +41,17 @@ def select(
         ),
     ] = "first",
     test_every: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Hold out every n-th view for testing; 0 holds out none.")
+        int,
+        typer.Option(
+            min=0, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view for testing; 0 holds out none."
+        ),
     ] = 8,
     quality: Annotated[
         Quality, typer.Option(help="Training preset: coarse has SH degree 0, fine 3.")
     ] = "coarse",
     seed: Annotated[
-        int, typer.Option(min=0, help="The same dataset and seed give the same views on the CPU.")
+        int,
+        typer.Option(min=0, max=MAX_SEED, help="The same dataset and seed give the same views on the CPU."),
     ] = 0,
     loop: LoopOptions,
     run: RunOptions,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.cli.options import JsonOption
+from fvs_engine.cli.options import MAX_SEED, JsonOption
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -19,11 +19,13 @@ def simulate(
     size: Annotated[str, typer.Option(metavar="WxH", help="Their size in px.")] = "640x480",
     radius: Annotated[float, typer.Option(min=2.5, max=3.7, metavar="M", help="Of the orbit, in m.")] = 3.0,
     turns: Annotated[float, typer.Option(min=0.01, max=20.0, help="How often it goes around.")] = 1.0,
-    exposure: Annotated[float, typer.Option(metavar="EV", help="Brighter by 2^EV.")] = 0.0,
+    exposure: Annotated[
+        float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Brighter by 2^EV.")
+    ] = 0.0,
     noise: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Sensor noise; 1 is a small drone's.")
     ] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed makes another scene.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Another seed makes another scene.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json."""

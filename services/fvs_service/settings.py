@@ -6,15 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    FilePath,
-    PositiveFloat,
-    PositiveInt,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import BeforeValidator, Field, FilePath, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
     EnvSettingsSource,
@@ -23,10 +15,11 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
-from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
+from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 
 MEGABYTE = 1_000_000
+GIGABYTE = 1_000 * MEGABYTE
 _PREFIX = "FVS_"
 _FILE = "_FILE"
 
@@ -38,31 +31,43 @@ def _names(value: object) -> object:
     )
 
 
+# Numbers beyond these have no sense, and some of them overflow clocks and timers.
+_Bytes = Annotated[int, Field(ge=1, le=1_000_000 * GIGABYTE)]
+_Room = Annotated[int, Field(ge=0, le=1_000_000 * GIGABYTE)]
+_Number = Annotated[int, Field(ge=1, le=1_000_000_000)]
+_Few = Annotated[int, Field(ge=1, le=10_000)]
+_Processes = Annotated[int, Field(ge=1, le=256)]
+_Iterations = Annotated[int, Field(ge=1, le=10_000_000)]
+_Gaussians = Annotated[int, Field(ge=1_000, le=100_000_000)]
+_Seconds = Annotated[float, Field(ge=1e-3, le=31_536_000)]
+_Days = Annotated[float, Field(ge=1e-3, le=36_500)]
+
+
 class Limits(Record):
     """Limits per request, scene and tenant; published by ``GET /v1/capabilities``."""
 
-    image_bytes: PositiveInt = 64 * MEGABYTE
-    image_pixels: PositiveInt = Field(default=128_000_000, le=256_000_000)
-    image_min_side_px: PositiveInt = MIN_SIDE_PX
-    image_max_side_px: PositiveInt = MAX_SIDE_PX
-    image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1)
-    image_decoding_bytes: PositiveInt = 1024 * MEGABYTE
-    multipart_files: PositiveInt = 200
-    multipart_bytes: PositiveInt = 1024 * MEGABYTE
-    json_bytes: PositiveInt = 1_500_000
-    digests_per_check: PositiveInt = 10_000
-    images_per_scene: PositiveInt = 10_000
-    scenes_per_tenant: PositiveInt = 1_000
-    open_jobs_per_tenant: PositiveInt = 32
-    running_jobs_per_tenant: PositiveInt = 8
-    open_uploads_per_tenant: PositiveInt = 32
-    rankings_at_once_per_tenant: PositiveInt = 64
-    rankings_queued_per_scene: PositiveInt = 64
-    rankings_queued_per_key: PositiveInt = 32
-    ranking_timeout_s: PositiveFloat = 180.0
-    event_streams_per_tenant: PositiveInt = 64
-    candidates_per_ranking: PositiveInt = 2_000
-    page_items: PositiveInt = 1_000
+    image_bytes: int = Field(default=64 * MEGABYTE, ge=1, le=100 * GIGABYTE)
+    image_pixels: int = Field(default=128_000_000, ge=1, le=MAX_PIXELS)
+    image_min_side_px: int = Field(default=MIN_SIDE_PX, ge=1, le=MAX_SIDE_PX)
+    image_max_side_px: int = Field(default=MAX_SIDE_PX, ge=1, le=MAX_PIXELS)
+    image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1, le=MAX_PIXELS)
+    image_decoding_bytes: _Bytes = 1024 * MEGABYTE
+    multipart_files: int = Field(default=200, ge=1, le=100_000)
+    multipart_bytes: _Bytes = 1024 * MEGABYTE
+    json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * MEGABYTE)
+    digests_per_check: int = Field(default=10_000, ge=1, le=1_000_000)
+    images_per_scene: int = Field(default=10_000, ge=1, le=1_000_000)
+    scenes_per_tenant: _Number = 1_000
+    open_jobs_per_tenant: _Number = 32
+    running_jobs_per_tenant: _Number = 8
+    open_uploads_per_tenant: _Few = 32
+    rankings_at_once_per_tenant: _Few = 64
+    rankings_queued_per_scene: _Few = 64
+    rankings_queued_per_key: _Few = 32
+    ranking_timeout_s: float = Field(default=180.0, ge=1e-3, le=86_400)
+    event_streams_per_tenant: _Few = 64
+    candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
+    page_items: int = Field(default=1_000, ge=1, le=100_000)
 
     @property
     def of_images(self) -> ImageLimits:
@@ -103,22 +108,22 @@ class WorkerSettings(Record):
     ends. Jobs whose notification was lost are found after ``queue_poll_s``.
     """
 
-    count: PositiveInt = 1
+    count: _Processes = 1
     address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
-    jobs_at_once: PositiveInt = 1
-    turn_s: PositiveFloat = 30.0
-    memory_bytes: PositiveInt | None = None
-    start_bytes: int = Field(default=100 * MEGABYTE, ge=0)
-    idle_s: PositiveFloat = 600.0
-    threads: PositiveInt | None = None
+    jobs_at_once: _Processes = 1
+    turn_s: _Seconds = 30.0
+    memory_bytes: _Bytes | None = None
+    start_bytes: _Room = 100 * MEGABYTE
+    idle_s: _Seconds = 600.0
+    threads: int | None = Field(default=None, ge=1, le=1_024)
     backend: str = "auto"
     long_side_px: int = Field(default=800, ge=64, le=8192)
-    initial_iterations: PositiveInt = 1_000
-    iterations_per_image: PositiveInt = 100
-    fine_iterations: PositiveInt = 30_000
-    max_gaussians: PositiveInt = 100_000
-    fine_max_gaussians: PositiveInt = 1_000_000
-    queue_poll_s: PositiveFloat = 5.0
+    initial_iterations: _Iterations = 1_000
+    iterations_per_image: _Iterations = 100
+    fine_iterations: _Iterations = 30_000
+    max_gaussians: _Gaussians = 100_000
+    fine_max_gaussians: _Gaussians = 1_000_000
+    queue_poll_s: _Seconds = 5.0
 
 
 class Retention(Record):
@@ -129,12 +134,12 @@ class Retention(Record):
     Scenes can have numbers of their own for snapshots and rankings.
     """
 
-    snapshots: PositiveInt | None = None
-    snapshot_days: PositiveFloat | None = None
-    rankings: PositiveInt | None = None
-    ranking_days: PositiveFloat | None = None
-    events: PositiveInt | None = 10_000
-    event_days: PositiveFloat | None = 90.0
+    snapshots: _Number | None = None
+    snapshot_days: _Days | None = None
+    rankings: _Number | None = None
+    ranking_days: _Days | None = None
+    events: _Number | None = 10_000
+    event_days: _Days | None = 90.0
 
 
 class _FilesOfEnvironment(EnvSettingsSource):
@@ -182,27 +187,27 @@ class Settings(BaseSettings):
     tls_certificate: FilePath | None = None
     tls_key: FilePath | None = None
     tls_client_ca: FilePath | None = None
-    reserve_bytes: int = Field(default=500 * MEGABYTE, ge=0)
-    lease_s: PositiveFloat = 20.0
-    event_poll_s: PositiveFloat = 5.0
-    event_heartbeat_s: PositiveFloat = 15.0
-    upload_idle_s: PositiveFloat = 30.0
-    upload_grace_s: PositiveFloat = 30.0
-    upload_bytes_per_s: PositiveFloat = 500.0
-    upload_place_s: PositiveFloat = 300.0
-    partial_upload_s: PositiveFloat = 3600.0
-    read_within_s: PositiveFloat = 120.0
+    reserve_bytes: _Room = 500 * MEGABYTE
+    lease_s: _Seconds = 20.0
+    event_poll_s: _Seconds = 5.0
+    event_heartbeat_s: _Seconds = 15.0
+    upload_idle_s: _Seconds = 30.0
+    upload_grace_s: _Seconds = 30.0
+    upload_bytes_per_s: float = Field(default=500.0, ge=1e-3, le=GIGABYTE)
+    upload_place_s: _Seconds = 300.0
+    partial_upload_s: _Seconds = 3600.0
+    read_within_s: _Seconds = 120.0
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
-    inspectors: PositiveInt = 2
-    inspection_s: PositiveFloat = 60.0
-    inspection_bytes: PositiveInt = 2048 * MEGABYTE
+    inspectors: _Processes = 2
+    inspection_s: _Seconds = 60.0
+    inspection_bytes: int = Field(default=2048 * MEGABYTE, ge=64 * MEGABYTE, le=1_000_000 * GIGABYTE)
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()
-    sweep_s: PositiveFloat = 20.0
+    sweep_s: _Seconds = 20.0
     """Interval of the sweeps, which apply retention and remove deleted blobs."""
-    removal_grace_s: PositiveFloat = 180.0
+    removal_grace_s: _Seconds = 180.0
     """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""
 
     @classmethod

@@ -16,7 +16,10 @@ def doctor(
         bool, typer.Option("--mend", help="Mend what is found, instead of only saying it.")
     ] = False,
     grace: Annotated[
-        float, typer.Option(min=0, metavar="S", help="Leave out files that are younger than S seconds.")
+        float,
+        typer.Option(
+            min=0, max=31_536_000, metavar="S", help="Leave out files that are younger than S seconds."
+        ),
     ] = 900.0,
     root: RootOption = None,
 ) -> None:

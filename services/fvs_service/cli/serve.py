@@ -59,7 +59,9 @@ def serve(
         int | None,
         typer.Option(min=0, max=65_535, help="Of gRPC; 0: a free one.", show_default="the one after --port"),
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Number of workers.", show_default="1")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=256, help="Number of workers.", show_default="1")
+    ] = None,
     role: Annotated[
         str, typer.Option(help="What to run on this machine: all, gateway or worker.", metavar="ROLE")
     ] = "all",
@@ -119,7 +121,7 @@ def create_key(
     ] = None,
     scene: Annotated[str | None, typer.Option(help="Restrict the key to this scene: a device's key.")] = None,
     days: Annotated[
-        int | None, typer.Option(min=1, help="Days until the key expires.", show_default="never")
+        int | None, typer.Option(min=1, max=36_500, help="Days until the key expires.", show_default="never")
     ] = None,
     root: RootOption = None,
 ) -> None:

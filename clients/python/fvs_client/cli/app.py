@@ -51,7 +51,9 @@ app.add_typer(jobs.jobs, name="jobs")
 def events(
     context: typer.Context,
     scene: SceneArgument,
-    after: Annotated[int, typer.Option(min=0, metavar="N", help="Start after event number N.")] = 0,
+    after: Annotated[
+        int, typer.Option(min=0, max=2**53, metavar="N", help="Start after event number N.")
+    ] = 0,
     tail: Annotated[bool, typer.Option("--tail", help="Only new events.")] = False,
     as_json: JsonOption = False,
 ) -> None:

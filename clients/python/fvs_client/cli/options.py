@@ -1,8 +1,11 @@
 """Arguments and options that several commands share."""
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, TypeVar
 
 import typer
+
+NumbersT = TypeVar("NumbersT", bound=tuple[float, ...] | None)
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's id or name.")]
 SnapshotArgument = Annotated[str, typer.Argument(metavar="SNAPSHOT", help="A snapshot's id.")]
@@ -14,23 +17,49 @@ YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without ask
 WaitOption = Annotated[bool, typer.Option("--wait/--no-wait", help="Wait until the job has ended.")]
 TimeoutOption = Annotated[
     float | None,
-    typer.Option("--timeout", min=0, metavar="S", help="Wait at most S seconds.", show_default="no limit"),
+    typer.Option(
+        "--timeout",
+        min=0,
+        max=31_536_000,
+        metavar="S",
+        help="Wait at most S seconds.",
+        show_default="no limit",
+    ),
 ]
 IterationsOption = Annotated[
     int | None,
-    typer.Option("--iterations", min=1, help="Training iterations.", show_default="by number of images"),
+    typer.Option(
+        "--iterations", min=1, max=100_000, help="Training iterations.", show_default="by number of images"
+    ),
 ]
 LongSideOption = Annotated[
     int | None,
-    typer.Option("--long-side", min=64, metavar="PX", help="Reduce training images to this long side."),
+    typer.Option(
+        "--long-side", min=64, max=8192, metavar="PX", help="Reduce training images to this long side."
+    ),
 ]
 TestEveryOption = Annotated[
     int | None,
     typer.Option(
         "--test-every",
         min=2,
+        max=1_000,
         metavar="N",
         help="Hold out every Nth image, and measure the model on it.",
         show_default="none held out",
     ),
 ]
+
+
+def within(*ranges: tuple[float, float]) -> Callable[[NumbersT], NumbersT]:
+    """The callback of an option with several numbers, which have a range each."""
+
+    def checked(numbers: NumbersT) -> NumbersT:
+        given: tuple[float, ...] = () if numbers is None else numbers
+        for number, (lowest, highest) in zip(given, ranges, strict=False):
+            if not lowest <= number <= highest:
+                text = str(number)[:40]
+                raise typer.BadParameter(f"{text} is not between {lowest:g} and {highest:g}.")
+        return numbers
+
+    return checked

@@ -58,7 +58,7 @@ def rank(
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, help="Number of candidates of orbit and around-current.")
+        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and around-current.")
     ] = None,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
@@ -69,7 +69,7 @@ def rank(
     ] = None,
     radius: Annotated[
         float | None,
-        typer.Option(min=0, metavar="M", help="Rank only candidates within M of the current pose."),
+        typer.Option(min=0, max=1e9, metavar="M", help="Rank only candidates within M of the current pose."),
     ] = None,
     frame: Annotated[
         FrameName | None,
@@ -77,12 +77,16 @@ def rank(
             help="Frame of the poses in the result.", show_default="as asked; geodetic if georeferenced"
         ),
     ] = None,
-    top: Annotated[int | None, typer.Option(min=1, metavar="K", help="Only the first K candidates.")] = None,
+    top: Annotated[
+        int | None, typer.Option(min=1, max=100_000, metavar="K", help="Only the first K candidates.")
+    ] = None,
     snapshot: Annotated[
         str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
     ] = None,
-    budget: Annotated[int, typer.Option(min=1, help="Number of photographs still to be taken.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of random methods.")] = 0,
+    budget: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Number of photographs still to be taken.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of random methods.")] = 0,
     renders: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
     ] = None,

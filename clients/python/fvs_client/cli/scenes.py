@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
+from fvs_client.cli.options import JsonOption, SceneArgument, YesOption, within
 from fvs_client.cli.output import describe_metrics, print_json, print_table
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.scenes import (
@@ -19,6 +19,9 @@ from fvs_client.models.scenes import (
     World,
 )
 
+_ORIGIN_RANGES = ((-90, 90), (-180, 180), (-12_000, 100_000))
+_FOCAL_RANGES = ((1e-3, 1e7), (32, 32_768))
+
 scenes = typer.Typer(
     help="Create, list, show, change and delete scenes (one per capture).", no_args_is_help=True
 )
@@ -31,7 +34,9 @@ def create(
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            metavar="LAT LON ALT", help="Origin of the world: degrees, degrees, metres above sea level."
+            metavar="LAT LON ALT",
+            help="Origin of the world: degrees, degrees, metres above sea level.",
+            callback=within(*_ORIGIN_RANGES),
         ),
     ] = None,
     local: Annotated[
@@ -39,16 +44,21 @@ def create(
     ] = False,
     every: Annotated[
         int | None,
-        typer.Option(min=1, metavar="K", help="Update the model automatically after every K images."),
+        typer.Option(
+            min=1, max=10_000, metavar="K", help="Update the model automatically after every K images."
+        ),
     ] = None,
     first: Annotated[
         int,
-        typer.Option(min=2, metavar="N", help="With --every: the first update waits for N images."),
+        typer.Option(
+            min=2, max=10_000, metavar="N", help="With --every: the first update waits for N images."
+        ),
     ] = Policy().first,
     focal_length: Annotated[
         tuple[float, int] | None,
         typer.Option(
             metavar="PX WIDTH",
+            callback=within(*_FOCAL_RANGES),
             help="Focal length in px at an image width in px, for images without one in their EXIF data.",
         ),
     ] = None,
@@ -134,13 +144,16 @@ def change(
     scene: SceneArgument,
     name: Annotated[str | None, typer.Option(help="New name.", show_default="unchanged")] = None,
     every: Annotated[
-        int | None, typer.Option(min=0, metavar="K", help="Update after every K images; 0: on request only.")
+        int | None,
+        typer.Option(min=0, max=10_000, metavar="K", help="Update after every K images; 0: on request only."),
     ] = None,
     snapshots: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Keep the newest N snapshots; 0: as the service.")
+        int | None,
+        typer.Option(min=0, max=100_000, metavar="N", help="Keep the newest N snapshots; 0: as the service."),
     ] = None,
     days: Annotated[
-        float | None, typer.Option(min=0, metavar="D", help="Keep snapshots for D days; 0: as the service.")
+        float | None,
+        typer.Option(min=0, max=36_500, metavar="D", help="Keep snapshots for D days; 0: as the service."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
