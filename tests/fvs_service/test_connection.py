@@ -1,4 +1,5 @@
 import contextlib
+import json
 import socket
 import threading
 import time
@@ -112,6 +113,25 @@ def test_heads_and_lines_of_requests_have_limits(connection: socket.socket, head
     received = _sent(connection, head)
     assert received.count(b"HTTP/1.1 200") <= 16
     assert b"HTTP/1.1 400" in received or not received.endswith(b"ok")
+
+
+@pytest.mark.parametrize(
+    ("sent", "reason"),
+    [
+        (b"GET / HTTP/1.1\r\na: " + b"b" * 40_000 + b"\r\n\r\n", "more than 32768 bytes or 100 headers"),
+        (b"\x16\x03\x01\x02\x00\x01\x00", "no HTTP/1.1 request"),
+        (b"GET / SMTP\r\n\r\n", "no HTTP/1.1 request"),
+    ],
+    ids=["head", "TLS", "another protocol"],
+)
+def test_a_refused_head_gets_a_problem_document(connection: socket.socket, sent: bytes, reason: str) -> None:
+    head, _, body = _sent(connection, sent).partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 400 ")
+    assert b"content-type: application/problem+json" in head
+    problem = json.loads(body)
+    assert (problem["status"], problem["code"], problem["retryable"]) == (400, "malformed-request", False)
+    assert reason in problem["detail"]
+    assert f"x-request-id: {problem['request_id']}".encode() in head
 
 
 def test_bodies_in_chunks_of_a_byte_are_refused(connection: socket.socket) -> None:

@@ -9,6 +9,11 @@ import asyncio
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from fvs_service.errors import MalformedRequestError
+from fvs_service.gateway.request_id import HEADER
+from fvs_service.gateway.rest.problems import MEDIA_TYPE, problem_of
+from fvs_service.ids import new_id
+
 MAX_HEAD_BYTES = 32_768
 """The request line and all headers."""
 _MAX_HEADERS = 100
@@ -18,8 +23,25 @@ _SMALL_PIECE_BYTES, _FREE_PIECES = 64, 256
 _READ_BYTES = 262_144
 
 
+_HEAD = f"The head of the request has more than {MAX_HEAD_BYTES} bytes or {_MAX_HEADERS} headers."
+_PIPELINE = f"More than {_MAX_PIPELINED} requests were sent before the first was answered."
+_CHUNKS = "The body comes in too many small chunks."
+
+
 class _LimitError(Exception):
     """The client has exceeded a limit; the parser turns it into 400, and the connection is closed."""
+
+
+def _refusal(message: str) -> bytes:
+    """The response to what is no request, or has exceeded a limit before there is a request to respond to."""
+    request_id = new_id("req")
+    error = MalformedRequestError(message, hint="Send an HTTP/1.1 request within these limits.")
+    document = problem_of(error, request_id).model_dump_json().encode()
+    head = (
+        f"HTTP/1.1 {error.status} Bad Request\r\ncontent-type: {MEDIA_TYPE}\r\n{HEADER}: {request_id}\r\n"
+        f"content-length: {len(document)}\r\nconnection: close\r\n\r\n"
+    )
+    return head.encode() + document
 
 
 def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToolsProtocol]:
@@ -33,6 +55,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
         _head_deadline: asyncio.TimerHandle | None = None
         _read_deadline: asyncio.TimerHandle | None = None
         _in_head, _head_began = True, False
+        _exceeded = ""
         _unfinished_bytes = _head_bytes = _headers_seen = _pieces = _body_bytes = 0
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -48,7 +71,8 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             counted = self._in_head and not self._head_began
             self._unfinished_bytes = self._unfinished_bytes + len(data) if counted else 0
             if self._unfinished_bytes > MAX_HEAD_BYTES:  # of a header that has not ended
-                self.transport.close()
+                self._exceeded = _HEAD
+                self.send_400_response("")
             self._watch()
 
         def connection_lost(self, exc: Exception | None) -> None:
@@ -58,7 +82,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
 
         def on_message_begin(self) -> None:
             if len(self.pipeline) >= _MAX_PIPELINED:
-                raise _LimitError
+                self._refuse(_PIPELINE)
             super().on_message_begin()
             self._in_head = self._head_began = True
             self._head_bytes = self._headers_seen = self._pieces = self._body_bytes = 0
@@ -81,7 +105,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             self._pieces += 1
             self._body_bytes += len(body)
             if self._pieces > _FREE_PIECES and self._body_bytes < self._pieces * _SMALL_PIECE_BYTES:
-                raise _LimitError
+                self._refuse(_CHUNKS)
             super().on_body(body)
 
         def pause_writing(self) -> None:
@@ -96,7 +120,19 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
         def _count(self, size: int) -> None:
             self._head_bytes += size
             if self._headers_seen > _MAX_HEADERS or self._head_bytes > MAX_HEAD_BYTES:
-                raise _LimitError
+                self._refuse(_HEAD)
+
+        def _refuse(self, exceeded: str) -> None:
+            self._exceeded = exceeded
+            raise _LimitError
+
+        def send_400_response(self, msg: str) -> None:  # noqa: ARG002 - it is always the same
+            if self.transport.is_closing():
+                return
+            answering = self.cycle is not None and self.cycle.response_started
+            if not answering or self.cycle.response_complete:  # else it would go into that response
+                self.transport.write(_refusal(self._exceeded or "The bytes are no HTTP/1.1 request."))
+            self.transport.close()
 
         def _watch(self) -> None:
             if self.cycle is not None and not self.cycle.response_complete:

@@ -69,11 +69,9 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected_error)
 
 
-def problem_response(
-    request: Request, error: ServiceError, headers: Mapping[str, str] | None = None
-) -> JSONResponse:
-    """The response to a request that failed with ``error``."""
-    problem = Problem(
+def problem_of(error: ServiceError, request_id: str) -> Problem:
+    """The document for ``error``."""
+    return Problem(
         type="about:blank",
         title=error.title,
         status=error.status,
@@ -81,9 +79,16 @@ def problem_response(
         detail=error.message,
         hint=error.hint,
         retryable=error.retryable,
-        request_id=getattr(request.state, "request_id", ""),
+        request_id=request_id,
         errors=tuple(ProblemField(field=item.field, message=item.message) for item in error.errors),
     )
+
+
+def problem_response(
+    request: Request, error: ServiceError, headers: Mapping[str, str] | None = None
+) -> JSONResponse:
+    """The response to a request that failed with ``error``."""
+    problem = problem_of(error, getattr(request.state, "request_id", ""))
     more = dict(headers or {})
     if error.retry_after_s is not None:
         more["Retry-After"] = str(error.retry_after_s)
