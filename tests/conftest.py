@@ -40,6 +40,7 @@ _PROCESS_FILES = (
     "docs/test_code_blocks.py",
     "docs/test_site.py",
     "faults/",
+    "fuzz/",
     "fvs_engine/compilation/test_ahead.py",
     "fvs_engine/pipeline/test_workspace.py",
     "fvs_engine/sfm/batch/",

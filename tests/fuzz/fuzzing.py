@@ -18,9 +18,11 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from fvs_engine.errors import EngineError
 
@@ -129,14 +131,19 @@ def _token(content: bytearray, here: int) -> tuple[int, int]:
     return start, stop
 
 
-def fuzz(target: Target, *, cases: int, cpu_s: float = float("inf"), first: int = 0) -> Report:
-    """Run so many cases from the number ``first`` on, or as many as fit into ``cpu_s`` of processor time."""
+def fuzz(
+    target: Target, *, cases: int, cpu_s: float = float("inf"), first: int = 0, start: str = "spawn"
+) -> Report:
+    """Run so many cases from the number ``first`` on, or as many as fit into ``cpu_s`` of processor time.
+
+    ``start`` is how children are made (as in ``multiprocessing``); a process with threads can only spawn them.
+    """
     report, case, stop = Report(target.name), first, first + cases
-    spawn = multiprocessing.get_context("spawn")
+    context: Any = multiprocessing.get_context(start)
     while case < stop and report.cpu_s < cpu_s:
-        ours, its = spawn.Pipe()
+        ours, its = context.Pipe()
         span = (case, stop, cpu_s - report.cpu_s)
-        child = spawn.Process(target=_run, args=(target, its, span), daemon=True)
+        child = context.Process(target=_run, args=(target, its, span), daemon=True)
         child.start()
         its.close()
         try:
@@ -148,6 +155,16 @@ def fuzz(target: Target, *, cases: int, cpu_s: float = float("inf"), first: int 
             child.kill()
         child.join()
     return report
+
+
+def fuzz_all(targets: Sequence[Target], *, cases: int) -> list[Report]:
+    """Fuzz targets in forks of one child: it imports what they need once."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(_fuzz_in_forks, targets, cases).result()
+
+
+def _fuzz_in_forks(targets: Sequence[Target], cases: int) -> list[Report]:
+    return [fuzz(target, cases=cases, start="fork") for target in targets]
 
 
 def _collect(report: Report, messages: Connection, case: int, stop: int) -> int:

@@ -45,6 +45,7 @@ from fvs_service.snapshots.model import (
 )
 from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
 from fvs_service.storage.tables import JobRow
+from lasting_inspectors import share_inspectors
 from PIL import Image
 from postgresql_server import PostgresqlServer, programs
 from sqlalchemy import select
@@ -56,6 +57,8 @@ from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
 from fvs_engine.splat.raster import create_rasterizer
+
+share_inspectors()
 
 Overrides = Mapping[str, Any]
 

@@ -5,6 +5,7 @@ has it, and a test fails until one has.
 """
 
 import copy
+import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -154,6 +155,12 @@ def _means_something(text: str, schema: Mapping[str, Any]) -> bool:
     return schema["type"] == "number" or float(text).is_integer()
 
 
+def _tested_before(path: str, request: Mapping[str, Any]) -> set[str]:
+    """The fields that a request above this one has with the same value."""
+    before = itertools.takewhile(lambda other: other is not request, REQUESTS[path])
+    return {name for other in before for name, value in request.items() if other.get(name) == value}
+
+
 def _check(answer: Any, where: str, *, refused: bool, field: str) -> None:
     assert answer.status_code < 500, (where, answer.text)
 
@@ -245,9 +252,12 @@ def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
     address = path.format(scene_id=scenes[True])
     plain = gateway.client.post(address, json=request_)
     assert plain.status_code < 300, plain.text
-    tried = 0
+    tried, tested_before = 0, _tested_before(path, request_)
     for where, name, schema in _numbers(document, body, request_, (), ""):
         for text in dict.fromkeys(_texts(schema)):
+            # What a field refuses does not depend on the others; what it accepts is used together with them.
+            if not computed and where[0] in tested_before and not _means_something(text, schema):
+                continue
             content = _replaced(request_, where, text)
             answer = gateway.client.post(
                 address, content=content, headers={"Content-Type": "application/json"}
