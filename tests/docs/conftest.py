@@ -2,12 +2,14 @@
 
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest_of import conftest_of
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 from fvs_service.serving.running import running_service
+from warm_programs import warm_programs
 
 ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, rms_m=0.1, inliers=6, positions=6)
 _SMALL_SERVICE = {
@@ -28,6 +30,13 @@ def real_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("service")
     with running_service(folder / "root", folder / "service.log", _SMALL_SERVICE) as running:
         yield running.url
+
+
+@pytest.fixture(scope="session")
+def programs() -> Iterator[Path]:
+    """A folder with the programs that the pages name."""
+    with warm_programs() as folder:
+        yield folder
 
 
 @pytest.fixture

@@ -1,16 +1,15 @@
 """Every code block of the documentation runs as it is written.
 
 A page is one test. Its blocks run in order, in one folder and one shell, against a gateway whose updates
-succeed at once; tutorials that need a worker also run against a real ``fvs serve``. ``_SMALLER`` makes what
-the pages ask for small enough for a test. A block that cannot run says why in a comment above it:
-``<!-- not run: the reason -->``.
+succeed at once; tutorials that need a worker also run against a real ``fvs serve``. The programs that they
+start are forks of one process (``warm_programs``). ``_SMALLER`` makes what the pages ask for small enough for
+a test. A block that cannot run says why in a comment above it: ``<!-- not run: the reason -->``.
 """
 
 import os
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,18 +104,20 @@ def test_what_is_made_smaller_is_there() -> None:
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", [page for page in PAGES if _needs_a_worker(page)], ids=_id)
 def test_the_blocks_of_tutorials_run_against_a_real_service(
-    page: Path, real_service: str, photographs: Path, tmp_path: Path
+    page: Path, real_service: str, programs: Path, photographs: Path, tmp_path: Path
 ) -> None:
-    _run(page, real_service, photographs, tmp_path)
+    _run(page, real_service, programs, photographs, tmp_path)
 
 
-@pytest.mark.timeout(900)  # the programs of a tutorial import torch again and again, on whatever machine
+@pytest.mark.timeout(900)  # a tutorial starts many programs, on whatever machine
 @pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
-def test_the_blocks_run(page: Path, played_service: str, photographs: Path, tmp_path: Path) -> None:
-    _run(page, played_service, photographs, tmp_path)
+def test_the_blocks_run(
+    page: Path, played_service: str, programs: Path, photographs: Path, tmp_path: Path
+) -> None:
+    _run(page, played_service, programs, photographs, tmp_path)
 
 
-def _run(page: Path, url: str, photographs: Path, tmp_path: Path) -> None:
+def _run(page: Path, url: str, programs: Path, photographs: Path, tmp_path: Path) -> None:
     if os.environ.get("CI") != "true" and not (shutil.which("curl") and shutil.which("jq")):
         pytest.skip("the pages use curl and jq: apt-get install curl jq")
     shutil.copytree(photographs, tmp_path / "photographs")
@@ -133,7 +134,7 @@ def _run(page: Path, url: str, photographs: Path, tmp_path: Path) -> None:
         script.append(code)
     environment = {
         **os.environ,
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
         "FVS_URL": url,
         "FVS_ROOT": str(tmp_path / "service"),
     }

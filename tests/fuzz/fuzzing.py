@@ -136,7 +136,7 @@ def fuzz(
 ) -> Report:
     """Run so many cases from the number ``first`` on, or as many as fit into ``cpu_s`` of processor time.
 
-    ``start`` is how children are made (as in ``multiprocessing``); a process with threads can only spawn them.
+    ``start`` is how children are made, as in ``multiprocessing``; a process with threads can only spawn.
     """
     report, case, stop = Report(target.name), first, first + cases
     context: Any = multiprocessing.get_context(start)
