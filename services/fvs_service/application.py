@@ -24,6 +24,7 @@ from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import Removals
+from fvs_service.tracing import Tracing
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Storage:
     queue: JobQueue
     snapshots: Snapshots
     removals: Removals
+    tracing: Tracing
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ MakeRunners = Callable[[Storage], SceneRunners]
 
 
 @contextmanager
-def open_storage(settings: Settings) -> Iterator[Storage]:
+def open_storage(settings: Settings, tracing: Tracing | None = None) -> Iterator[Storage]:
     """Open the database, after migrating its schema, and the blobs; close them at the end."""
     settings.root.mkdir(parents=True, exist_ok=True)
     database = Database(settings.database)
@@ -84,16 +86,19 @@ def open_storage(settings: Settings) -> Iterator[Storage]:
             ),
             snapshots=Snapshots(database, blobs),
             removals=Removals(database, blobs, settings.removal_grace_s),
+            tracing=tracing or Tracing(),
         )
     finally:
         database.close()
 
 
 @contextmanager
-def open_application(settings: Settings, make_runners: MakeRunners) -> Iterator[Application]:
+def open_application(
+    settings: Settings, make_runners: MakeRunners, tracing: Tracing | None = None
+) -> Iterator[Application]:
     """Open the storage and the services on top of it."""
     limits = settings.limits
-    with open_storage(settings) as storage:
+    with open_storage(settings, tracing) as storage:
         inspector = Inspector(
             limits.of_images,
             children=settings.inspectors,

@@ -198,4 +198,4 @@ def _waiting(obstacle: WaitReason | None) -> dict[str, object]:
 
 
 def _ticket(row: JobRow) -> JobTicket:
-    return JobTicket(row.id, row.scene_id, JobKind(row.kind), row.attempt)
+    return JobTicket(row.id, row.scene_id, JobKind(row.kind), row.attempt, row.traceparent)

@@ -13,6 +13,7 @@ from fvs_service.principal import Principal
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
+from fvs_service.tracing import traceparent
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 
@@ -37,6 +38,7 @@ def add_job(
         waiting_since_ms=now_ms(),
         obstacle=None,
         not_before_ms=0,
+        traceparent=traceparent(),
         cancel_requested=False,
         warnings=[],
         error=None,

@@ -19,6 +19,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.database import Database, lock, now_ms
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
+from fvs_service.tracing import traceparent
 
 
 class Jobs:
@@ -105,6 +106,7 @@ class Jobs:
                 waiting_since_ms=now_ms(),
                 obstacle=None,
                 not_before_ms=0,
+                traceparent=traceparent(),
                 progress=0.0,
                 eta_s=None,
                 error=None,

@@ -13,6 +13,8 @@ class JobTicket:
     scene_id: str
     kind: JobKind
     attempt: int
+    traceparent: str | None = None
+    """The span of the request that queued it."""
 
     @property
     def key(self) -> str:

@@ -12,6 +12,7 @@ from fvs_service.application import open_storage
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.logs import configure_logging, log_uncaught
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
+from fvs_service.tracing import Tracing
 from fvs_service.worker.runners import LeasedRunners
 
 
@@ -42,8 +43,10 @@ def _print(addresses: Addresses) -> None:
 def _run_worker(order: ProcessOrder) -> None:
     from fvs_service.worker.process import run_worker
 
-    with open_storage(order.settings) as storage:
+    tracing = Tracing.of_environment("fvs-worker")
+    with open_storage(order.settings, tracing) as storage:
         run_worker(storage, order.name)
+    tracing.close()
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them
 
 

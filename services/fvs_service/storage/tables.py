@@ -154,7 +154,7 @@ class JobRow(Table):
 
     ``taken_at_ms``: when its last turn began; ``waiting_since_ms``: since when it waits, or waited before its
     turn; ``obstacle``: what it lacked then, not to be tried again before ``not_before_ms`` (the database's
-    clock).
+    clock); ``traceparent``: the span of the request that queued it.
     """
 
     __tablename__ = "jobs"
@@ -174,6 +174,7 @@ class JobRow(Table):
     waiting_since_ms: Mapped[int] = mapped_column(BigInteger)
     obstacle: Mapped[str | None] = mapped_column(String(16))
     not_before_ms: Mapped[int] = mapped_column(BigInteger)
+    traceparent: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool]
     warnings: Mapped[list[Any]]
     error: Mapped[dict[str, Any] | None]

@@ -131,7 +131,7 @@ class Attempts:
                 return
             job = self._storage.ledger.start(scene.lease, ticket.job_id, ticket.attempt)
             if job is not None:
-                self._runs.run(scene, job)
+                self._runs.run(scene, job, ticket.traceparent)
 
     def _cancel(self, ticket: JobTicket) -> None:
         """Cancel an attempt between two tries, for which no runner is needed."""

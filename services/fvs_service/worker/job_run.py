@@ -27,6 +27,7 @@ from fvs_service.jobs.timing import TIMING_STAGE, past_timings
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
+from fvs_service.tracing import Span
 from fvs_service.worker.job_size import size_of
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.progress import JobProgress
@@ -40,9 +41,10 @@ from fvs_service.worker.protocol.connection import (
 from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
 from fvs_service.worker.remaining_time import COMMIT, RemainingTime
 from fvs_service.worker.room import Room
+from fvs_service.worker.stage_spans import StageSpans
 from fvs_service.worker.working_copies import WorkingCopies
 
-_SNAPSHOT_STAGE = "snapshot"
+_RESTORE, _SNAPSHOT_STAGE = "restore", "snapshot"
 _POLL_S = 0.2
 _CONNECT_S = 5.0
 _STOP_S = 1.0
@@ -91,19 +93,30 @@ class JobRuns:
         self._room = room
         self._copies = WorkingCopies(storage)
 
-    def run(self, scene: LeasedScene, job: Job) -> None:
-        """Run a started job and record its end.
+    def run(self, scene: LeasedScene, job: Job, traceparent: str | None = None) -> None:
+        """Run a started job and record its end, as a span below the one of the request that queued it.
 
         Raises ``JobPausedError``, ``ChildDiedError``, ``RunnerGoneError`` and ``StaleLeaseError`` when it has
         not ended.
         """
         _log.info("job started", job=job.id, kind=job.kind.value, attempt=job.attempt)
+        with self._storage.tracing.span(
+            f"job: {job.kind.value}",
+            {"fvs.job_id": job.id, "fvs.scene_id": job.scene_id, "fvs.attempt": job.attempt},
+            kind="CONSUMER",
+            parent=traceparent,
+            expected=(JobPausedError,),
+        ) as span:
+            self._run(scene, job, span)
+
+    def _run(self, scene: LeasedScene, job: Job, span: Span) -> None:
         ledger = self._storage.ledger
         try:
             self._compute_and_commit(scene, job)
         except _CanceledError:
             ledger.cancel(scene.lease, job.id)
         except _JobFailedError as failed:
+            span.fail(failed.error.code)
             ledger.fail(scene.lease, job.id, failed.error)
         except StaleLeaseError:
             self._scenes.drop(scene)
@@ -125,6 +138,7 @@ class JobRuns:
                 retryable=not isinstance(error, ServiceError) or error.retryable,
                 stage=_SNAPSHOT_STAGE,
             )
+            span.fail(failure.code)
             ledger.fail(scene.lease, job.id, failure)
         except BaseException:
             self._scenes.drop(scene)  # its runner may still compute for this try
@@ -151,11 +165,14 @@ class JobRuns:
             origin=scene.origin,
             snapshot_id=scene.snapshot_id,
         )
-        self._copies.restore(job.scene_id)
         remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
-        outcome = self._compute(leased, job, request, remaining)
-        self._copies.store(leased.lease)
-        self._commit(leased, job, outcome, {image.digest: image for image in images})
+        with StageSpans(self._storage.tracing, expected=(JobPausedError, _CanceledError)) as spans:
+            spans.came_to(_RESTORE)
+            self._copies.restore(job.scene_id)
+            outcome = self._compute(leased, job, request, remaining, spans)
+            spans.came_to(COMMIT)
+            self._copies.store(leased.lease)
+            self._commit(leased, job, outcome, {image.digest: image for image in images})
         timing = remaining.finished()
         if timing is not None:
             self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, timing.model_dump())
@@ -178,7 +195,14 @@ class JobRuns:
             past = past_timings(session, job.kind, first)
         return RemainingTime(job.kind, size, past, resumed=job.progress > 0)
 
-    def _compute(self, scene: LeasedScene, job: Job, request: RunJob, remaining: RemainingTime) -> JobOutcome:
+    def _compute(
+        self,
+        scene: LeasedScene,
+        job: Job,
+        request: RunJob,
+        remaining: RemainingTime,
+        spans: StageSpans,
+    ) -> JobOutcome:
         """Have the runner run the job; records its progress and warnings, and cancels or pauses it."""
         responses = _Responses(scene.endpoint, request)
         progress = JobProgress(job.kind)
@@ -191,6 +215,7 @@ class JobRuns:
                 case {"progress": dict(stage_progress)}:
                     found = StageProgress.model_validate(stage_progress)
                     progress.add(found)
+                    spans.came_to(found.stage)
                     eta_s, reported = remaining.add(found), time.monotonic()
                     with contextlib.suppress(StorageUnavailableError):  # the next report has it all
                         self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)

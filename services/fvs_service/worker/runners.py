@@ -6,7 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import AsyncGenerator, Callable
-from contextlib import aclosing
+from contextlib import AbstractContextManager, aclosing
 from typing import Any, TypeVar, get_args
 
 from anyio.to_thread import run_sync
@@ -17,6 +17,7 @@ from fvs_engine.choices import Method
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, RenderView
+from fvs_service.tracing import Span
 from fvs_service.worker.protocol.async_connection import AsyncConnections, exchange, result_of
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.worker.protocol.messages import error_of
@@ -43,10 +44,14 @@ class LeasedRunners:
         self._leases = storage.leases
         self._requests = RunnerRequests(storage.database)
         self._connections = AsyncConnections()
+        self._tracing = storage.tracing
 
     async def rank(self, request: RankViews) -> RankedViews:
         """See ``SceneRunners``."""
-        return await self._ask(request, RankedViews.model_validate)
+        with self._span(request, len(request.views)) as span:
+            ranked = await self._ask(request, RankedViews.model_validate)
+            span.add({"fvs.waited_s": ranked.waited_s, "fvs.scoring_s": ranked.seconds})
+            return ranked
 
     async def stream(self, request: RankViews) -> RankingSteps:
         """See ``SceneRunners``."""
@@ -66,12 +71,20 @@ class LeasedRunners:
 
     async def render(self, request: RenderView) -> bytes:
         """See ``SceneRunners``."""
-        return await self._ask(request, base64.b64decode)
+        with self._span(request, 1):
+            return await self._ask(request, base64.b64decode)
 
     async def close(self) -> None:
         """See ``SceneRunners``."""
         self._connections.close()
         await asyncio.sleep(0)  # the event loop closes them in its next round
+
+    def _span(self, request: RankViews | RenderView, views: int) -> AbstractContextManager[Span]:
+        return self._tracing.span(
+            f"runner: {request.kind}",
+            {"fvs.scene_id": request.scene_id, "fvs.snapshot_id": request.snapshot_id, "fvs.views": views},
+            kind="CLIENT",
+        )
 
     async def _ask(self, request: RankViews | RenderView, parse: Callable[[Any], T]) -> T:
         """The scene's runner's answer. Large messages are written and read in a thread, not on the loop."""

@@ -32,6 +32,7 @@ from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.settings import Settings
 from fvs_service.storage.notifications import Topic
 from fvs_service.telemetry import Metrics
+from fvs_service.tracing import Tracing
 
 _THREADS = 160
 """Threads of handlers that may wait at the same time, for the database or for a runner."""
@@ -47,13 +48,13 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
 
     Without REST it has health and metrics alone.
     """
-    metrics = Metrics()
+    metrics, tracing = Metrics(), Tracing.of_environment("fvs-gateway")
     loop_lag = LoopLag(metrics.loop_lag)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
-        with open_application(settings, make_runners) as application:
+        with open_application(settings, make_runners, tracing) as application:
             application.staging.clear()
             feed = EventFeed(
                 application.storage.database,
@@ -75,6 +76,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 watching.cancel()
                 await asyncio.gather(watching, return_exceptions=True)
                 await application.runners.close()
+                await anyio.to_thread.run_sync(tracing.close)
 
     app = FastAPI(
         title="Frequency View Selection",
@@ -86,7 +88,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     )
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(OriginGuard, settings=settings)
-    app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag)
+    app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing)
     problems.install(app)
     bodies = []
     for module in (*_RESOURCES, service) if settings.rest else (service,):

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextlib import AbstractContextManager, nullcontext
 from email.utils import formatdate
 from http import HTTPStatus
 
@@ -14,6 +15,7 @@ from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.request_id import request_id_of
 from fvs_service.gateway.rest.problems import problem_response
 from fvs_service.telemetry import Metrics
+from fvs_service.tracing import Span, Tracing
 
 _QUIET = frozenset({"/livez", "/readyz", "/metrics"})
 
@@ -23,10 +25,11 @@ _log = structlog.get_logger()
 class RequestContext:
     """Gives every request an id (its ``X-Request-Id`` if that is valid), logs it and counts it."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics, loop_lag: LoopLag) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics, loop_lag: LoopLag, tracing: Tracing) -> None:
         self._app = app
         self._metrics = metrics
         self._loop_lag = loop_lag
+        self._tracing = tracing
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -53,7 +56,7 @@ class RequestContext:
             self._loop_lag.handling()
             return message
 
-        with structlog.contextvars.bound_contextvars(request_id=request_id):
+        with structlog.contextvars.bound_contextvars(request_id=request_id), self._span(scope) as span:
             try:
                 await self._app(scope, receive_observed, send_with_id)
             except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
@@ -64,6 +67,12 @@ class RequestContext:
                 route = getattr(scope.get("route"), "path", "unknown")
                 self._metrics.requests.labels(scope["method"], route, status).inc()
                 self._metrics.seconds.labels(scope["method"], route).observe(seconds)
+                span.name(f"{scope['method']} {route}")
+                span.add(
+                    {"http.route": route, "http.response.status_code": status, "fvs.request_id": request_id}
+                )
+                if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+                    span.fail(str(status))
                 if scope["path"] not in _QUIET:
                     _log.info(
                         "request",
@@ -72,6 +81,18 @@ class RequestContext:
                         status=status,
                         ms=round(seconds * 1000, 1),
                     )
+
+    def _span(self, scope: Scope) -> AbstractContextManager[Span]:
+        if scope["path"] in _QUIET:
+            return nullcontext(Span())
+        offered = dict(scope["headers"]).get(b"traceparent")
+        return self._tracing.span(
+            scope["method"],
+            {"http.request.method": scope["method"], "url.path": scope["path"]},
+            kind="SERVER",
+            parent=None if offered is None else offered.decode("latin-1"),
+            expected=(Exception,),
+        )
 
 
 def _headers(request_id: str) -> list[tuple[bytes, bytes]]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from http import HTTPStatus
 from typing import Any, TypeAlias, TypeVar
 
 import anyio
@@ -36,6 +37,7 @@ from fvs_service.gateway.rpc.conversion import parse
 from fvs_service.gateway.rpc.failures import DETAILS, code_of, status_of
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
+from fvs_service.tracing import Span
 
 T = TypeVar("T")
 MessageT = TypeVar("MessageT", bound=Message)
@@ -127,7 +129,17 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
     assert task is not None
     gateway.running.add(task)
     gateway.loop_lag.handling()
-    with structlog.contextvars.bound_contextvars(request_id=request_id), _counted(gateway, name) as outcome:
+    with (
+        structlog.contextvars.bound_contextvars(request_id=request_id),
+        gateway.application.storage.tracing.span(
+            name.removeprefix("/"),
+            {"rpc.system.name": "grpc", "rpc.method": name.removeprefix("/"), "fvs.request_id": request_id},
+            kind="SERVER",
+            parent=metadata.get("traceparent"),
+            expected=(Exception,),
+        ) as span,
+        _counted(gateway, name, span) as outcome,
+    ):
         try:
             if call.left_s is not None and call.left_s <= 0:
                 raise DeadlineError("The deadline had passed before the call arrived.")
@@ -165,7 +177,7 @@ def _cut(gateway: Gateway, call: Call) -> ServiceError:
 
 
 @contextmanager
-def _counted(gateway: Gateway, name: str) -> Iterator[list[ServiceError]]:
+def _counted(gateway: Gateway, name: str, span: Span) -> Iterator[list[ServiceError]]:
     """Log and count a call; its error goes into the list."""
     outcome: list[ServiceError] = []
     started = time.perf_counter()
@@ -174,6 +186,9 @@ def _counted(gateway: Gateway, name: str) -> Iterator[list[ServiceError]]:
     finally:
         seconds = time.perf_counter() - started
         status = code_of(outcome[-1]).name if outcome else "OK"
+        span.add({"rpc.response.status_code": status})
+        if outcome and outcome[-1].status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            span.fail(outcome[-1].code)
         gateway.metrics.requests.labels(_METHOD, name, status).inc()
         gateway.metrics.seconds.labels(_METHOD, name).observe(seconds)
         _log.info("request", method=_METHOD, path=name, status=status, ms=round(seconds * 1000, 1))

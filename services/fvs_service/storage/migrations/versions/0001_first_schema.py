@@ -156,6 +156,7 @@ def _create_tables_of_jobs() -> None:
         sa.Column("waiting_since_ms", sa.BigInteger(), nullable=False),
         sa.Column("obstacle", sa.String(16)),
         sa.Column("not_before_ms", sa.BigInteger(), nullable=False),
+        sa.Column("traceparent", sa.String(64)),
         sa.Column("cancel_requested", sa.Boolean(), nullable=False),
         sa.Column("warnings", sa.JSON(), nullable=False),
         sa.Column("error", sa.JSON()),
