@@ -1,4 +1,4 @@
-"""Pose priors in an image's metadata: EXIF GPS and XMP gimbal angles.
+"""Pose priors in an image's metadata: EXIF GPS with its compass, and XMP gimbal angles.
 
 Nothing here raises: metadata is often damaged, and the photograph is still good. Implausible positions are
 left out and reported as ``doubtful``: fixes at (0, 0), which receivers write before they have one;
@@ -33,9 +33,9 @@ class PhotographPriors:
     """The pose priors of one photograph; every part may be missing.
 
     ``altitude_m`` is above sea level, as EXIF has it. Angles are those of the camera (the gimbal): yaw
-    clockwise from north, pitch up, roll with the right side down. ``captured_at`` always has a time zone;
-    without one in the metadata UTC is assumed. ``doubtful``: the metadata has a position, but an implausible
-    one.
+    clockwise from true north, pitch up, roll with the right side down. ``captured_at`` always has a time
+    zone; without one in the metadata UTC is assumed. ``doubtful``: the metadata has a position, but an
+    implausible one.
     """
 
     latitude_deg: float | None = None
@@ -64,11 +64,12 @@ def read_priors(content: bytes) -> PhotographPriors:
     altitude = _altitude(exif)
     if altitude is None:
         altitude = _bounded(_number(xmp.get("AbsoluteAltitude")), -12_000.0, 100_000.0)
+    yaw = _bounded(_number(xmp.get("GimbalYawDegree")), -360.0, 360.0)
     return PhotographPriors(
         latitude_deg=fix[0] if fix else None,
         longitude_deg=fix[1] if fix else None,
         altitude_m=altitude if fix else None,
-        yaw_deg=_bounded(_number(xmp.get("GimbalYawDegree")), -360.0, 360.0),
+        yaw_deg=_true_direction(exif) if yaw is None else yaw,
         pitch_deg=_bounded(_number(xmp.get("GimbalPitchDegree")), -180.0, 180.0),
         roll_deg=_bounded(_number(xmp.get("GimbalRollDegree")), -180.0, 180.0),
         captured_at=_captured_at(exif),
@@ -143,6 +144,17 @@ def _altitude(exif: Mapping[str, Any]) -> float | None:
     reference = getattr(exif.get("GPS GPSAltitudeRef"), "values", [0])
     below = bool(reference) and str(reference[0]) == "1"
     return _bounded(-altitude if below else altitude, -12_000.0, 100_000.0)
+
+
+def _true_direction(exif: Mapping[str, Any]) -> float | None:
+    """The direction of the photograph, clockwise from true north.
+
+    One from magnetic north is left out: it is off by the declination, which may be twenty degrees.
+    """
+    if str(exif.get("GPS GPSImgDirectionRef", "")).strip().upper()[:1] != "T":
+        return None
+    values = getattr(exif.get("GPS GPSImgDirection"), "values", [])
+    return _bounded(_ratio(values[0]) if values else None, 0.0, 360.0)
 
 
 def _captured_at(exif: Mapping[str, Any]) -> datetime | None:

@@ -92,6 +92,38 @@ def test_gimbal_angles_and_dji_positions_are_read(longitude: str, as_elements: b
     assert (priors.yaw_deg, priors.pitch_deg, priors.roll_deg) == (-127.6, -89.9, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("direction", "reference", "yaw_deg"),
+    [
+        ((23_456, 100), b"T", 234.56),
+        ((0, 1), b"T", 0.0),
+        ((360, 1), b"t", 360.0),
+        ((23_456, 100), b"M", None),  # off by the declination
+        ((23_456, 100), b"", None),
+        ((23_456, 100), None, None),
+        (None, b"T", None),
+        ((361, 1), b"T", None),
+        ((1, 0), b"T", None),
+        ((4_294_967_295, 1), b"T", None),
+    ],
+)
+def test_the_direction_in_exif_is_a_yaw_if_it_is_from_true_north(
+    direction: tuple[int, int] | None, reference: bytes | None, yaw_deg: float | None
+) -> None:
+    priors = read_priors(_jpeg(_gps(GPSImgDirection=direction, GPSImgDirectionRef=reference)))
+    assert priors.yaw_deg == yaw_deg
+    assert priors.latitude_deg is not None
+    assert not priors.doubtful
+
+
+@pytest.mark.parametrize(("gimbal", "yaw_deg"), [("-10.5", -10.5), ("+0.00", 0.0), ("NaN", 200.0)])
+def test_the_gimbal_knows_better_than_the_direction_in_exif(gimbal: str, yaw_deg: float) -> None:
+    exif = _gps(GPSImgDirection=(200, 1), GPSImgDirectionRef=b"T")
+    xmp = _xmp(f'drone-dji:GimbalYawDegree="{gimbal}" drone-dji:GimbalPitchDegree="-30.0"')
+    priors = read_priors(_jpeg(exif, xmp))
+    assert (priors.yaw_deg, priors.pitch_deg) == (yaw_deg, -30.0)
+
+
 def test_exif_wins_over_xmp_and_xmp_helps_out() -> None:
     xmp = _xmp('drone-dji:GpsLatitude="1.5" drone-dji:GpsLongitude="2.5"')
     assert read_priors(_jpeg(_gps(), xmp)).longitude_deg == pytest.approx(7.5)
