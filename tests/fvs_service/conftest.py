@@ -10,6 +10,7 @@ import hashlib
 import io
 import logging
 import os
+import sys
 import tempfile
 import threading
 import time
@@ -22,6 +23,7 @@ import httpx2
 import numpy as np
 import piexif
 import pytest
+import structlog
 import torch
 import uvicorn
 from anyio.to_thread import run_sync
@@ -321,10 +323,20 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         yield gateway
 
 
+def _to_captured_stderr(*_: object) -> structlog.PrintLogger:
+    return structlog.PrintLogger(io.StringIO() if sys.stderr is sys.__stderr__ else sys.stderr)
+
+
 @pytest.fixture(autouse=True)
-def _plain_logs() -> Iterator[None]:
-    """Log as the service does, in the tests of the service alone."""
+def _plain_logs(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Log as the service does, in the tests of the service alone.
+
+    A server in a thread logs the end of a stream when the test that read it has ended: where pytest does not
+    capture just then, that line goes nowhere instead of between the dots.
+    """
     configure_logging(machine=True)
+    if pytestconfig.getoption("capture") != "no":
+        structlog.configure(logger_factory=_to_captured_stderr)
     root = logging.getLogger()
     own = tuple(root.handlers)
     yield

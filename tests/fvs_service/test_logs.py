@@ -1,11 +1,13 @@
 """Every line of a process of the service has one form."""
 
+import io
 import json
 import subprocess
 import sys
 from typing import Any
 
 import pytest
+import structlog
 
 _PROGRAM = """
 import logging, sys, threading, warnings
@@ -30,6 +32,21 @@ thread.start()
 thread.join()
 raise RuntimeError("uncaught")
 """
+
+
+def test_a_line_that_is_written_between_two_tests_is_not_shown(
+    capfd: pytest.CaptureFixture[str], pytestconfig: pytest.Config
+) -> None:
+    if pytestconfig.getoption("capture") == "no":
+        pytest.skip("everything is shown")
+    seen = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:  # as pytest has it where it does not capture
+        patch.setattr(sys, "stderr", seen)
+        patch.setattr(sys, "__stderr__", seen)
+        structlog.get_logger().info("late")
+    structlog.get_logger().info("in time")
+    assert seen.getvalue() == ""
+    assert "in time" in capfd.readouterr().err
 
 
 def _lines(form: str) -> list[str]:
