@@ -1,6 +1,7 @@
 """What differs on PostgreSQL, whose transactions run beside each other, and which can be away."""
 
 import contextlib
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -43,6 +44,24 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Databas
     database.migrate()
     yield database
     database.close()
+
+
+@pytest.fixture(scope="module")
+def fresh_server() -> Iterator[PostgresqlServer]:
+    """A server of one's own that does not run yet.
+
+    It does not lie below pytest's folder: another pytest of this user closes that to the server's user.
+    """
+    with tempfile.TemporaryDirectory(prefix="fvs-postgresql-") as folder:
+        yield PostgresqlServer(Path(folder) / "server")
+
+
+@pytest.fixture
+def own_server(fresh_server: PostgresqlServer) -> Iterator[PostgresqlServer]:
+    """A server that a test may stop and start again."""
+    fresh_server.start()
+    yield fresh_server
+    fresh_server.stop()
 
 
 def at_once(*calls: Callable[[], object]) -> list[Exception]:
@@ -175,45 +194,34 @@ def test_a_frozen_worker_cannot_commit_and_does_not_hold_up_others(postgresql: P
     database.close()
 
 
-def test_a_server_that_restarts_costs_an_error_and_nothing_else(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    server = PostgresqlServer(tmp_path_factory.mktemp("server"))
-    server.start()
-    try:
-        database = Database(server.create_database("fvs"))
-        database.migrate()
-        scene = new_scene(database)
-        with pytest.raises(StorageUnavailableError, match="cannot be reached"):
-            publish_and(server.stop, database, scene)
-        with pytest.raises(StorageUnavailableError):
-            new_scene(database)
-        server.start()
-        with database.reading() as session:
-            assert [event.kind for event in events_after(session, scene, 0)] == [EventKind.SCENE_CREATED]
-        database.close()
-    finally:
-        server.stop()
+def test_a_server_that_restarts_costs_an_error_and_nothing_else(own_server: PostgresqlServer) -> None:
+    database = Database(own_server.create_database(uuid4().hex))
+    database.migrate()
+    scene = new_scene(database)
+    with pytest.raises(StorageUnavailableError, match="cannot be reached"):
+        publish_and(own_server.stop, database, scene)
+    with pytest.raises(StorageUnavailableError):
+        new_scene(database)
+    own_server.start()
+    with database.reading() as session:
+        assert [event.kind for event in events_after(session, scene, 0)] == [EventKind.SCENE_CREATED]
+    database.close()
 
 
-def test_a_commit_wakes_those_who_wait_also_after_a_restart(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    server = PostgresqlServer(tmp_path_factory.mktemp("server"))
-    server.start()
-    database = Database(server.create_database("fvs"))
+def test_a_commit_wakes_those_who_wait_also_after_a_restart(own_server: PostgresqlServer) -> None:
+    database = Database(own_server.create_database(uuid4().hex))
     try:
         database.migrate()
         heard = threading.Event()
         with contextlib.closing(database.subscribe({Topic.EVENTS: heard.set})):
-            for _ in range(2):
+            for again in (False, True):
+                if again:
+                    own_server.stop()
+                    own_server.start()
                 assert heard.wait(60)  # it listens from now on
                 heard.clear()
                 new_scene(database)
                 assert heard.wait(60)
                 heard.clear()
-                server.stop()
-                server.start()
     finally:
         database.close()
-        server.stop()

@@ -108,33 +108,20 @@ def outer() -> Callable[[int], int]:
 
 
 @pytest.mark.usefixtures("package")
-def test_the_first_process_loads_what_its_child_compiled_and_the_second_needs_no_child() -> None:
-    first, second = result(start()), result(start())
-    assert first["found"] == second["found"] == 50
-    assert first["compiled_here"] == second["compiled_here"] == []
-    assert set(first["reports"]) == {STAGE}
-    assert second["reports"] == []
-
-
-@pytest.mark.usefixtures("package")
-def test_two_processes_at_once() -> None:
+def test_two_processes_at_once_load_what_one_child_compiled_and_a_third_needs_no_child() -> None:
     both = [start(), start()]
-    assert [result(process)["compiled_here"] for process in both] == [[], []]
+    for first in map(result, both):
+        assert first["found"] == 50
+        assert first["compiled_here"] == []
+        assert set(first["reports"]) == {STAGE}
+    assert run_here() == {"found": 50, "compiled_here": [], "reports": []}
 
 
-def test_a_change_in_an_inlined_kernel_is_seen(package: Path) -> None:
-    assert run_here()["found"] == 50
-    (package / "inner.py").write_text(INNER.replace("x + 1", "x + 200"))
-    changed = run_here()
-    assert changed["found"] == 2040
-    assert changed["compiled_here"] == []
-
-
-def test_only_what_depends_on_a_change_is_compiled_again(package: Path) -> None:
+def test_what_was_lost_or_depends_on_a_change_is_compiled_again_and_nothing_else(package: Path) -> None:
+    """A change of a constant, and one in an inlined kernel, both in other files than the kernel's."""
     (package / "apart.py").write_text(INNER.replace("def inner", "def apart"))
     (package / "constants.py").write_text("TEN = 10\n")
-    outer_file = package / "outer.py"
-    outer_file.write_text(
+    (package / "outer.py").write_text(
         OUTER.replace("10 *", "TEN *").replace("import inner", "import inner\nfrom tiny.constants import TEN")
     )
     with (package / "warm_up.py").open("a") as warm_up:
@@ -144,16 +131,16 @@ def test_only_what_depends_on_a_change_is_compiled_again(package: Path) -> None:
     before = apart.stat().st_mtime_ns
     (package / "constants.py").write_text("TEN = 1000\n")
     assert run_here()["found"] == 5000
-    assert apart.stat().st_mtime_ns == before
-
-
-def test_lost_files_are_compiled_again(package: Path) -> None:
-    run_here()
+    (package / "inner.py").write_text(INNER.replace("x + 1", "x + 200"))
+    changed = run_here()
+    assert changed["found"] == 204_000
+    assert changed["compiled_here"] == []
     for data in (package / "__pycache__").glob("outer.outer*.nbc"):
         data.unlink()
     again = run_here()
     assert again["reports"]
     assert again["compiled_here"] == []
+    assert apart.stat().st_mtime_ns == before
 
 
 @pytest.mark.usefixtures("package")
