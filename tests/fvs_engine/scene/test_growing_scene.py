@@ -272,7 +272,7 @@ def test_cameras_that_moved_are_followed_and_moved_points_are_not_new(
 def test_views_that_share_no_point_start_from_guesses_in_front_of_them(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    settings = quick_settings(initial_iterations=200)
+    settings = quick_settings(initial_iterations=60)
     scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     update = scene.add(["0.png", "5.png"], Monitor())
     assert "share only" in update.warnings[0]

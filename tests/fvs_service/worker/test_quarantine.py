@@ -1,5 +1,6 @@
-"""An image on which pycolmap crashes, sent to the whole service, and a kill while it is searched for."""
+"""An image on which the SfM child crashes, sent to the whole service, and a kill while it is searched for."""
 
+import hashlib
 import os
 import signal
 import time
@@ -15,12 +16,30 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 WORKER = "fvs_service.serving.process worker"
 SFM_CHILD = "fvs_engine.sfm.native.child"
 DEADLY = "deadly.png"
-WITHOUT_LIMITS = {
-    "FVS_LIMITS__IMAGE_MAX_SIDE_PX": "1000000",
-    "FVS_LIMITS__IMAGE_MAX_ASPECT_RATIO": "100000",
-    "FVS_LEASE_S": "5",
-}
-"""The default limits refuse the image at the upload."""
+CRASH = """
+import os, signal, sys
+
+if "fvs_engine.sfm.native.child" in sys.orig_argv:
+    from fvs_engine.sfm.native import jobs
+
+    find_job = jobs.find_job
+
+    def find_deadly_job(name):
+        job = find_job(name)
+
+        def run(report, **arguments):
+            if name == "extract" and any("{digest}" in image for image in arguments["names"]):
+                os.kill(os.getpid(), signal.SIGSEGV)
+            return job(report, **arguments)
+
+        return run
+
+    jobs.find_job = find_deadly_job
+"""
+"""A ``sitecustomize``, which every Python process runs: no image that passes the checks is known to be one.
+
+The names of a scene's files have the beginning of their digest.
+"""
 
 
 def _image(service: Any, scene: str) -> dict[str, Any]:
@@ -42,8 +61,11 @@ def test_a_deadly_image_is_named_and_the_others_become_a_model(
     serving: Callable[..., Any], tmp_path: Path, courtyard_photographs: list[Path]
 ) -> None:
     deadly = tmp_path / DEADLY
-    Image.new("1", (32, 200_000)).convert("L").save(deadly)
-    with serving(tmp_path / "root", WITHOUT_LIMITS) as service:
+    Image.new("L", (320, 240), 128).save(deadly)
+    digest = hashlib.sha256(deadly.read_bytes()).hexdigest()[:12]
+    (tmp_path / "sitecustomize.py").write_text(CRASH.format(digest=digest))
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with serving(tmp_path / "root", {"FVS_LEASE_S": "5", "PYTHONPATH": path}) as service:
         scene = service.scene()
         service.send(scene, [*courtyard_photographs[:3], deadly, *courtyard_photographs[3:5]])
         assert _image(service, scene)["verdict"] == "accepted"

@@ -99,12 +99,12 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(order, "_SETTLED_MS", 0)
     monkeypatch.setattr(job_run, "_LOOK_EVERY_S", 0.0)
     monkeypatch.setattr(room, "_LOOK_EVERY_S", -1.0)
-    monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 1_500)
+    monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 500)
 
 
 @pytest.fixture
 def gateway(open_gateway: Any) -> Any:
-    worker = WorkerSettings(turn_s=0.3, start_bytes=1_000)
+    worker = WorkerSettings(turn_s=0.1, start_bytes=1_000)
     return open_gateway(require_keys=True, worker=worker, reserve_bytes=1_000_000)
 
 
