@@ -54,6 +54,7 @@ _PROCESS_FILES = (
     "fvs_service/test_serve.py",
     "fvs_service/test_stop_signals.py",
     "fvs_service/test_tracing.py",
+    "fvs_service/worker/test_gpu_slots.py",
     "fvs_service/worker/test_lease_watch.py",
     "fvs_service/worker/test_protocol.py",
     "fvs_service/worker/test_queue.py",

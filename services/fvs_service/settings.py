@@ -105,12 +105,14 @@ class WorkerSettings(Record):
     memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more than the reserve,
     and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting jobs of tenants with
     fewer running ones. ``threads`` is per job, by default all cores. A runner that is idle for ``idle_s``
-    ends. Jobs whose notification was lost are found after ``queue_poll_s``.
+    ends. Of the jobs on one GPU ``trainings_per_gpu`` train at once. Jobs whose notification was lost are
+    found after ``queue_poll_s``.
     """
 
     count: _Processes = 1
     address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
     jobs_at_once: _Processes = 1
+    trainings_per_gpu: _Processes = 1
     turn_s: _Seconds = 30.0
     memory_bytes: _Bytes | None = None
     start_bytes: _Room = 100 * MEGABYTE

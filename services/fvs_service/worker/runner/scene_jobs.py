@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import JobOutcome, RunJob
 from fvs_service.worker.runner.artifacts import write_artifacts
+from fvs_service.worker.runner.gpu_slots import gpu_slot
 from fvs_service.worker.runner.image_files import PreparedImages, discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
@@ -139,7 +141,8 @@ class SceneJobs:
             warn(sentence)
         if update.registered or update.moved:
             scene.save()
-        scene.train(monitor)
+        with self._gpu_slot(monitor):
+            scene.train(monitor)
         scene.save()
         discard_images(self._folder.images, images)
         assert scene.model_dir is not None  # training needs views, whose poses are those of this model
@@ -229,7 +232,10 @@ class SceneJobs:
             lambda: initialise_from_points(cameras.points.xyz, cameras.points.colors, training.sh_degree),
             self._rasterizer,
         )
-        train_saving(trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S)
+        with self._gpu_slot(monitor):
+            train_saving(
+                trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S
+            )
         trainer.save(checkpoint)
         model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
         quality = measure(model.gaussians, model.sh_degree, held_out, self._rasterizer, monitor)
@@ -242,6 +248,9 @@ class SceneJobs:
             if name in posed or image.registration is Registration.UNREGISTERED
         }
         return self._outcome(request, views, images, model, cameras, fine / "sparse", measured, monitor)
+
+    def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
+        return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
 
     def _fine_folder(self, job_id: str) -> Path:
         """The folder of the job; those of earlier jobs are deleted."""
