@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fvs_service.auth import Keys
 from fvs_service.deletion.service import Deletions
 from fvs_service.images.exclusion import Exclusions
+from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.partial_uploads import PartialUploads
 from fvs_service.images.service import Images
@@ -52,6 +53,7 @@ class Application:
     staging: StagingArea
     partial_uploads: PartialUploads
     upload_places: UploadPlaces
+    inspection_turns: FairTurns
     scenes: Scenes
     images: Images
     exclusions: Exclusions
@@ -119,6 +121,8 @@ def open_application(
                     keep_s=settings.partial_upload_s,
                     per_tenant=limits.open_uploads_per_tenant,
                 ),
+                # One more than inspectors: it is ready when the next one is.
+                inspection_turns=FairTurns(settings.inspectors + 1),
                 upload_places=UploadPlaces(
                     limits.open_uploads_per_tenant,
                     grace_s=settings.upload_grace_s,

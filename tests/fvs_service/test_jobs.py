@@ -139,6 +139,17 @@ def test_open_jobs_are_limited(open_gateway: Any) -> None:
     assert "retry-after" in refused.headers
 
 
+def test_a_retried_job_counts_as_an_open_one(open_gateway: Any) -> None:
+    gateway = open_gateway(limits={"open_jobs_per_tenant": 1})
+    canceled = gateway.queue(gateway.scene())
+    gateway.client.post(f"/v1/jobs/{canceled}:cancel")
+    other = gateway.queue(gateway.scene())
+    refused = gateway.client.post(f"/v1/jobs/{canceled}:retry")
+    assert (refused.status_code, refused.json()["code"]) == (429, "limit-exceeded")
+    gateway.client.post(f"/v1/jobs/{other}:cancel")
+    assert gateway.client.post(f"/v1/jobs/{canceled}:retry").status_code == 200
+
+
 @pytest.mark.parametrize(
     ("policy", "queued_after"),
     [

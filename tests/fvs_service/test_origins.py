@@ -8,6 +8,8 @@ _OWN = "http://127.0.0.1:8000"
 _FOREIGN: list[dict[str, str]] = [
     {"Origin": "https://evil.example"},
     {"Origin": "null"},
+    {"Origin": "http://["},
+    {"Origin": "127.0.0.1:8000"},
     {"Origin": "http://127.0.0.1:3000", "Sec-Fetch-Site": "same-site"},
     {"Origin": "http://localhost:8000"},
     {"Sec-Fetch-Site": "cross-site"},

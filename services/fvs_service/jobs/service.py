@@ -84,10 +84,13 @@ class Jobs:
         return stopped
 
     def retry(self, principal: Principal, job_id: str) -> Job:
-        """Queue a failed or canceled job again; its finished stages are not repeated."""
+        """Queue a failed or canceled job again; its finished stages are not repeated.
+
+        Raises ``ConflictError`` in another state, ``LimitExceededError`` as ``create`` does.
+        """
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
-            lock(session, repository.job_of(session, principal, job_id).scene_id)
+            lock(session, principal.tenant_id, repository.job_of(session, principal, job_id).scene_id)
             job = repository.job_of(session, principal, job_id)
             if job.state not in (JobState.FAILED, JobState.CANCELED):
                 raise ConflictError(
@@ -97,6 +100,7 @@ class Jobs:
                 raise ConflictError(
                     f"Another {job.kind.value} job of the scene is queued, and does the same."
                 )
+            self._require_room(session, principal.tenant_id)
             again = repository.change(
                 session,
                 job_id,
@@ -130,6 +134,15 @@ class Jobs:
         if counts.pending >= due and repository.unprocessed_images(session, scene.id) >= due:
             self._add(session, tenant_id, scene, JobRequest(kind=JobKind.UPDATE), limited=False)
 
+    def _require_room(self, session: Session, tenant_id: str) -> None:
+        """Raise ``LimitExceededError`` unless the tenant may have another open job."""
+        if repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
+            raise LimitExceededError(
+                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, the most that are allowed.",
+                hint="Wait for one to end, or cancel one.",
+                retry_after_s=30,
+            )
+
     def _with_waiting(self, session: Session, job: Job) -> Job:
         return with_waiting(session, self._queue, (job,))[0]
 
@@ -145,12 +158,8 @@ class Jobs:
                     hint=f"Cancel it first, or use its settings: {settings}.",
                 )
             return queued
-        if limited and repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
-            raise LimitExceededError(
-                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, the most that are allowed.",
-                hint="Wait for one to end, or cancel one.",
-                retry_after_s=30,
-            )
+        if limited:
+            self._require_room(session, tenant_id)
         job = repository.add_job(session, new_id("job"), scene.id, tenant_id, request, now())
         data = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
         publish(session, scene.id, EventKind.JOB_QUEUED, data)

@@ -125,7 +125,10 @@ async def post_images(
         files = receive_files(request, app.staging, most, parsing)
         while (file := await _next(files, place)) is not None:
             metadata = _named(file.name)
-            image, new = await run_in_threadpool(app.images.store, caller, scene_id, file.staged, metadata)
+            async with app.inspection_turns.turn(caller):
+                image, new = await run_in_threadpool(
+                    app.images.store, caller, scene_id, file.staged, metadata
+                )
             _count(metrics, image, created=new)
             items.append(UploadItem(name=file.name, created=new, image=image))
     if not items:
@@ -221,7 +224,8 @@ async def _receive(
                 await run_in_threadpool(receiver.write, block)
         staged = receiver.finish()
         require_digest(staged.digest, digest)
-        image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
+        async with app.inspection_turns.turn(caller):
+            image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
     _count(metrics, image, created=created)
     return image, created
 

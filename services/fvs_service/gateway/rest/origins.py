@@ -56,7 +56,7 @@ class OriginGuard:
         headers = request.headers
         origin = headers.get("origin")
         if origin is not None:
-            own = urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+            own = origin.partition("://")[2].lower() == headers.get("host", "").lower() != ""
             foreign = not own and origin.lower() not in self._origins
         elif headers.get("sec-fetch-mode") == "navigate" and request.method in ("GET", "HEAD"):
             foreign = False  # a link that the user followed; the page that has it cannot read the response

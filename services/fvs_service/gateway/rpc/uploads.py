@@ -61,7 +61,10 @@ class ImageUpload:
                 raise
             staged = receiver.finish()
             require_digest(staged.digest, upload.digest)
-            image, created = await run_sync(app.images.store, self._caller, upload.scene_id, staged, metadata)
+            async with app.inspection_turns.turn(self._caller):
+                image, created = await run_sync(
+                    app.images.store, self._caller, upload.scene_id, staged, metadata
+                )
         if created:
             self._metrics.images.labels(image.verdict.value).inc()
         return _response(image, created=created)
