@@ -147,7 +147,7 @@ def test_a_retried_job_counts_as_an_open_one(open_gateway: Any) -> None:
     refused = gateway.client.post(f"/v1/jobs/{canceled}:retry")
     assert (refused.status_code, refused.json()["code"]) == (429, "limit-exceeded")
     gateway.client.post(f"/v1/jobs/{other}:cancel")
-    assert gateway.client.post(f"/v1/jobs/{canceled}:retry").status_code == 200
+    assert gateway.client.post(f"/v1/jobs/{canceled}:retry").status_code == 202
 
 
 @pytest.mark.parametrize(
