@@ -34,7 +34,7 @@ def together(calls: list[Callable[[], Any]]) -> list[Any]:
 
 def test_a_scene_is_usable_at_once_after_many_clients_hung_up(scene: Scene) -> None:
     clients, views = 12, 200  # 24 s of scoring
-    together([lambda seed=seed: scene.abandon(views, seed, after_s=2.0) for seed in range(1, clients + 1)])
+    together([lambda seed=seed: scene.abandon(views, seed, after_s=1.0) for seed in range(1, clients + 1)])
     began = time.monotonic()
     answer = scene.ask(5)
     assert answer.status_code == 201, answer.text

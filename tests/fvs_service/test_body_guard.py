@@ -106,13 +106,13 @@ def test_a_fast_start_does_not_pay_for_a_slow_rest(serve: Any) -> None:
 
 
 def test_a_slow_but_steady_body_arrives(serve: Any, photograph: Any) -> None:
-    server = serve(upload_grace_s=2.0, upload_bytes_per_s=100)
+    server = serve(upload_grace_s=0.5, upload_bytes_per_s=100)
     scene, content = server.scene(), photograph(1)
 
     def slowly() -> Iterator[bytes]:
         for start in range(0, len(content), 1 + len(content) // 20):
             yield content[start : start + 1 + len(content) // 20]
-            time.sleep(0.12)
+            time.sleep(0.03)
 
     digest = hashlib.sha256(content).hexdigest()
     answer = server.client.put(f"/v1/scenes/{scene}/images/sha256:{digest}", content=slowly())

@@ -15,6 +15,8 @@ import pytest
 from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES
+from fvs_engine.errors import Cancelled
+from fvs_engine.sfm import stages
 from fvs_engine.splat.ply import read_ply
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
@@ -241,14 +243,18 @@ def test_a_colmap_model_of_other_photographs_is_refused(
     assert "these cameras were computed from" in run.stderr
 
 
-def test_overwrite_starts_again(fvs: Fvs, fvs_until: FvsUntil, kermit_dir: Path, out: Path) -> None:
+def test_overwrite_starts_again(
+    fvs: Fvs, kermit_dir: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Up to the first stage; that it clears the folder is what matters here."""
     (out / "mine.txt").write_text("stays")
-    arguments = ("reconstruct", kermit_dir, "--out", out, "--overwrite")
-    status, _ = fvs_until(
-        *arguments, wanted=lambda report: report.get("stage") == "features", number=signal.SIGTERM
-    )
-    assert status == EXIT_CODES["cancelled"]
+
+    def cancelled(*_: object, **__: object) -> None:
+        raise Cancelled("Stopped on request.")
+
+    monkeypatch.setattr(stages, "run_native", cancelled)
+    run = fvs("reconstruct", kermit_dir, "--out", out, "--overwrite")
+    assert run.status == EXIT_CODES["cancelled"]
     assert (out / "mine.txt").read_text() == "stays"
     assert not (out / "splat").exists()
     assert not (out / "metrics.json").exists()
