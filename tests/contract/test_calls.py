@@ -133,6 +133,19 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
 
 
+@pytest.mark.parametrize("chunk", [b"", b"x"])
+def test_an_upload_in_tiny_chunks_is_refused(tenant: Any, chunk: bytes) -> None:
+    def parts() -> Iterator[Any]:
+        yield next(_parts(scene, b"x" * 100_000))
+        while True:
+            yield images.UploadImageRequest(chunk=chunk)
+
+    scene = tenant.scene()
+    error, outcome = _refused(lambda: _send(tenant, parts()))
+    assert error.code() is grpc.StatusCode.INVALID_ARGUMENT
+    assert "chunks are too small" in outcome.message
+
+
 def test_another_tenant_does_not_see_an_upload(
     tenant: Any, gateway: Any, photograph: Callable[..., bytes]
 ) -> None:

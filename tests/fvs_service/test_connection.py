@@ -1,5 +1,6 @@
 import contextlib
 import json
+import resource
 import socket
 import threading
 import time
@@ -8,6 +9,7 @@ from typing import Any
 
 import pytest
 import uvicorn
+from fvs_service.gateway import server
 from fvs_service.gateway.connection import http_protocol
 
 _PATIENCE_S = 0.5
@@ -182,3 +184,21 @@ def test_who_does_not_read_is_cut_off() -> None:
         while server.server_state.connections:
             assert time.monotonic() < deadline, "the connection is kept"
             time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("limits", "raised"),
+    [
+        ((1_024, 4_096), [(4_096, 4_096)]),
+        ((1_024, resource.RLIM_INFINITY), [(65_536, resource.RLIM_INFINITY)]),
+        ((100_000, 200_000), []),
+    ],
+)
+def test_the_gateway_may_open_as_many_files_as_the_system_allows(
+    monkeypatch: pytest.MonkeyPatch, limits: tuple[int, int], raised: list[tuple[int, int]]
+) -> None:
+    seen: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "getrlimit", lambda _: limits)
+    monkeypatch.setattr(resource, "setrlimit", lambda _, changed: seen.append(changed))
+    server._allow_many_connections()
+    assert seen == raised

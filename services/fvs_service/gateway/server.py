@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import resource
 import socket
 import ssl
 import sys
@@ -32,6 +33,8 @@ _INSPECTORS_S = 1.0
 _SWITCH_S = 0.001
 """How long a thread of a handler may keep the interpreter when the event loop wants it; Python's is 5 ms."""
 
+_OPEN_FILES = 65_536
+
 _log = structlog.get_logger()
 
 
@@ -46,6 +49,7 @@ def run_gateway(
     Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
     """
     require_protection(settings)
+    _allow_many_connections()
     sys.setswitchinterval(_SWITCH_S)
     CONSTS.sleep_unit = _INSPECTORS_S
     app = create_app(settings, make_runners)
@@ -70,6 +74,14 @@ def run_gateway(
     GatewayServer(config, app, settings, lambda rpc: announce(Addresses(url=url, rpc_port=rpc))).run(
         sockets=[listening]
     )
+
+
+def _allow_many_connections() -> None:
+    """Raise the limit of open files: many systems allow a process 1,024, and each connection is one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
+    if 0 <= soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def certificates_of(settings: Settings) -> dict[str, Any]:

@@ -19,6 +19,9 @@ from fvs_service.images.staging import Receiver, require_digest
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
 
+_SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
+"""As in bodies over HTTP: so many chunks may have any size; all must then be larger on average."""
+
 
 class ImageUpload:
     """One upload; ``receive`` returns the bytes of the next message, None after the last."""
@@ -33,6 +36,7 @@ class ImageUpload:
         self._app, self._metrics, self._caller = app, metrics, caller
         self._receive = receive
         self._pace = UploadPace(app.storage.settings)
+        self._messages = self._received_bytes = 0
 
     async def run(self) -> pb.UploadImageResponse:
         """Receive and store the image; what arrived of an upload that breaks off is kept."""
@@ -110,6 +114,11 @@ class ImageUpload:
                 f"The stream has more than the {upload.size_bytes} bytes that it said.",
                 hint="Send the image's size as size_bytes.",
             )
+        self._messages += 1
+        self._received_bytes += len(message.chunk)
+        small = self._received_bytes < self._messages * _SMALL_CHUNK_BYTES
+        if small and self._messages > _FREE_CHUNKS:
+            raise InvalidRequestError("The chunks are too small.", hint="Send chunks of 16 KB to 1 MB.")
         receiver.write(message.chunk)
         self._metrics.received_bytes.inc(len(message.chunk))
 
