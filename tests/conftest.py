@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,13 +59,14 @@ _PROCESS_FILES = (
     "fvs_service/worker/test_protocol.py",
     "fvs_service/worker/test_queue.py",
 )
-# What lies here shares a session's expensive fixtures, and runs in one worker.
-_IN_ONE_WORKER = (
-    "contract/",
-    "docs/test_code_blocks.py",
-    "fvs_service/worker/",
-    "fvs_engine/sfm/growing/test_reconstruction.py",
-)
+# Tests that share a session's expensive fixtures run in one worker: beginning of a file's path → their group.
+_IN_ONE_WORKER = {
+    "contract/": "contract",
+    "docs/test_code_blocks.py": "code blocks",
+    "fvs_service/worker/test_life_of_a_scene.py": "a whole service",
+    "fvs_engine/sfm/": "kermit_sfm",
+    "fvs_engine/pipeline/test_cameras.py": "kermit_sfm",
+}
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -123,7 +124,7 @@ def _kind(item: pytest.Item, fixtures: set[str]) -> str:
 class _Scheduling(LoadScopeScheduling):
     """Gives a worker one test at a time, or all tests that share an expensive fixture.
 
-    These are the tests of a file with fixtures of its module, and those of a folder in ``_IN_ONE_WORKER``.
+    These are the tests of a file with fixtures of its module, and those of a group in ``_IN_ONE_WORKER``.
     (The mark ``xdist_group`` has no effect with pytest 9.2: xdist 3.8 sets an attribute that is gone.)
     """
 
@@ -139,8 +140,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> _Scheduling:
 
 @functools.cache
 def _group(file: str) -> str | None:
-    folder = next((folder for folder in _IN_ONE_WORKER if file.startswith(folder)), None)
-    return folder or (file if 'scope="module"' in (_TESTS / file).read_text(encoding="utf-8") else None)
+    group = next((group for path, group in _IN_ONE_WORKER.items() if file.startswith(path)), None)
+    return group or (file if 'scope="module"' in (_TESTS / file).read_text(encoding="utf-8") else None)
 
 
 class _Watch:
@@ -206,22 +207,6 @@ def _one_worker_at_a_time(path: Path) -> Iterator[None]:
     with path.with_name(f"{path.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
-
-
-@pytest.fixture(scope="session")
-def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
-    """Fill a folder once for all workers: ``made_once(name, make)``; ``make(folder)`` runs in every worker.
-
-    One worker at a time, the first in an empty folder: ``make`` goes on with what it finds.
-    """
-
-    def call(name: str, make: Callable[[Path], Any]) -> Any:
-        folder = _shared(tmp_path_factory) / name
-        with _one_worker_at_a_time(folder):
-            folder.mkdir(exist_ok=True)
-            return make(folder)
-
-    return call
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -58,24 +57,15 @@ def _without_children() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def kermit_sfm(
-    kermit_dir: Path,
-    kermit_names: list[str],
-    made_once: Callable[..., Any],
-    tmp_path_factory: pytest.TempPathFactory,
+    kermit_dir: Path, kermit_names: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> SfmResult:
     """Read-only: tests that change something copy its folder.
 
-    Every worker has a copy of its own: whoever reads a SQLite database makes files beside it, for a moment.
+    All tests that use it run in one worker: who reads a SQLite database makes files beside it for a moment.
     """
-    mine = tmp_path_factory.mktemp("kermit_sfm") / "sfm"
-
-    def make(folder: Path) -> SfmResult:
-        with _without_children():
-            reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
-        shutil.copytree(folder, mine)
-        return reconstruct(kermit_dir, kermit_names, mine, SfmSettings(), Monitor())  # reads the model
-
-    return made_once("kermit_sfm", make)
+    folder = tmp_path_factory.mktemp("kermit") / "sfm"
+    with _without_children():
+        return reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
 
 
 @pytest.fixture(scope="session")

@@ -27,6 +27,7 @@ SMALL = {
     "FVS_WORKER__THREADS": "1",
     "FVS_LEASE_S": "10",
     "FVS_SWEEP_S": "1",
+    "FVS_INSPECTORS": "1",
 }
 
 
