@@ -2,6 +2,7 @@ import base64
 import hashlib
 import io
 import json
+import os
 import shutil
 import socket
 import struct
@@ -399,3 +400,18 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     said = f"{first}, {second}.png and 000009-0123456789ab.jpg show nothing. 000001-4."
     told = "IMG 0.jpg, IMG 1.jpg and 000009-0123456789ab.jpg show nothing. 000001-4."
     assert with_original_names(said, images) == told
+
+
+def test_an_upload_that_nobody_resumes_is_deleted(open_gateway: Any) -> None:
+    gateway = open_gateway(partial_upload_s=1000, sweep_s=0.05)
+    folder = gateway.settings.partial_uploads
+    folder.mkdir(parents=True, exist_ok=True)
+    expired, fresh = folder / "expired.part", folder / "fresh.part"
+    for file in (fresh, expired):
+        file.write_bytes(b"x")
+    os.utime(expired, (time.time() - 2000,) * 2)
+    deadline = time.monotonic() + 20
+    while expired.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert fresh.exists()

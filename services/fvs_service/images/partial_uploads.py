@@ -5,16 +5,22 @@ resume at, and its time of change the beginning of its last hour. Each belongs t
 file away, so that only one upload at a time continues it.
 """
 
+import asyncio
 import hashlib
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+import anyio.to_thread
+import structlog
+
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.model import Count, Digest, Model, Timestamp
 
 _SUFFIX = ".part"
+
+_log = structlog.get_logger()
 
 
 class NewUpload(Model):
@@ -88,6 +94,15 @@ class PartialUploads:
         theirs = self._of(tenant_id, "")
         for path in theirs[self.per_tenant :]:
             path.unlink(missing_ok=True)
+
+    async def prune_regularly(self, every_s: float) -> None:
+        """Delete those that have expired, again and again, until cancelled."""
+        while True:
+            try:
+                await anyio.to_thread.run_sync(self.prune)
+            except OSError as error:
+                _log.warning("partial uploads cannot be deleted", reason=str(error))
+            await asyncio.sleep(every_s)
 
     def prune(self) -> None:
         """Delete those that have expired."""

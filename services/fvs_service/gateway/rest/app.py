@@ -67,7 +67,11 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             fleet = FleetCollector(application.storage.database, settings.root)
             metrics.registry.register(fleet)
             app.state.loop_lag, app.state.parsing = loop_lag, anyio.CapacityLimiter(_PARSERS)
-            watching = asyncio.gather(feed.watch(), loop_lag.watch())
+            watching = asyncio.gather(
+                feed.watch(),
+                loop_lag.watch(),
+                application.partial_uploads.prune_regularly(settings.sweep_s),
+            )
             subscription = application.storage.database.subscribe({Topic.EVENTS: feed.notify})
             try:
                 yield
