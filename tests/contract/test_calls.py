@@ -133,6 +133,39 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
 
 
+@pytest.mark.parametrize(
+    "method",
+    [
+        "fvs.v1.SceneService/ListScenes",
+        "fvs.v1.SceneService/WatchEvents",
+        "grpc.health.v1.Health/Check",
+        "grpc.health.v1.Health/Watch",
+        "grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+    ],
+)
+def test_a_call_whose_request_does_not_come_ends(
+    open_rpc: Callable[..., tuple[Any, int]], method: str
+) -> None:
+    _, port = open_rpc(upload_idle_s=0.2)
+    never = threading.Event()
+
+    def nothing() -> Iterator[bytes]:
+        never.wait(60)
+        yield from ()
+
+    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+        held = channel.stream_stream(f"/{method}")(nothing(), timeout=60)
+        with pytest.raises(grpc.RpcError) as caught:
+            next(held)
+        never.set()
+        assert caught.value.code() is grpc.StatusCode.UNAVAILABLE
+        assert "No request arrived within 0.2 s" in caught.value.details()
+        if "Reflection" not in method:
+            with pytest.raises(grpc.RpcError) as caught:
+                next(channel.stream_stream(f"/{method}")(iter(()), timeout=60))
+            assert caught.value.code() is grpc.StatusCode.INVALID_ARGUMENT
+
+
 @pytest.mark.parametrize("chunk", [b"", b"x"])
 def test_an_upload_in_tiny_chunks_is_refused(tenant: Any, chunk: bytes) -> None:
     def parts() -> Iterator[Any]:

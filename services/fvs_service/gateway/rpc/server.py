@@ -15,6 +15,7 @@ from fvs_service.gateway.rpc.health import Health
 from fvs_service.gateway.rpc.images import ImageServicer
 from fvs_service.gateway.rpc.jobs import JobServicer
 from fvs_service.gateway.rpc.operations import Servicer, handlers_of
+from fvs_service.gateway.rpc.patience import RequestPatience
 from fvs_service.gateway.rpc.scenes import SceneServicer
 from fvs_service.gateway.rpc.snapshots import SnapshotServicer
 from fvs_service.gateway.rpc.views import ViewServicer
@@ -36,7 +37,9 @@ class RpcServer:
     def __init__(self, gateway: Gateway, settings: Settings) -> None:
         self._gateway, self._settings = gateway, settings
         self._server = grpc.aio.server(
-            options=_options(settings.limits.json_bytes), maximum_concurrent_rpcs=_CALLS
+            interceptors=(RequestPatience(settings.upload_idle_s),),
+            options=_options(settings.limits.json_bytes),
+            maximum_concurrent_rpcs=_CALLS,
         )
         servicers: tuple[Servicer, ...] = (
             SceneServicer(gateway.application),
