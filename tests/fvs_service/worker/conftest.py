@@ -80,7 +80,7 @@ class Service:
                 return found
             assert found["state"] not in ENDED, found["error"] or found
             assert time.monotonic() < deadline, found
-            time.sleep(0.1)
+            time.sleep(0.2)
 
     def finish(self, job: str) -> dict[str, Any]:
         """The job once it has succeeded."""
