@@ -16,6 +16,7 @@ from fvs_service.images.upload_places import UploadPlaces
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
+from fvs_service.jobs.work import work_of
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
 from fvs_service.scenes.lease import Leases
@@ -85,6 +86,7 @@ def open_storage(settings: Settings, tracing: Tracing | None = None) -> Iterator
                 database,
                 jobs_per_tenant=settings.limits.running_jobs_per_tenant,
                 turn_s=settings.worker.turn_s,
+                does=work_of(settings.worker.work),
             ),
             snapshots=Snapshots(database, blobs),
             removals=Removals(database, blobs, settings.removal_grace_s),

@@ -33,6 +33,8 @@ class WorkerStatus(Model):
     """How many jobs it runs at once."""
     disk_full: bool
     """It takes no jobs until there is room."""
+    work: str
+    """What it does: `sfm`, `training`, or `all`."""
     runners: Count
     """Scenes whose model is loaded."""
     runner_bytes: Count
@@ -67,6 +69,7 @@ def workers_of(session: Session) -> tuple[WorkerStatus, ...]:
                 backend=row.backend,
                 slots=row.slots,
                 disk_full=row.disk_full,
+                work=row.work,
                 runners=runners,
                 runner_bytes=row.runner_bytes,
             )

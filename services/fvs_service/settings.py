@@ -4,7 +4,7 @@ import ipaddress
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, FilePath, ValidationInfo, field_validator
 from pydantic_settings import (
@@ -101,16 +101,18 @@ class WorkerSettings(Record):
     ``address`` is the name or the address of this machine under
     which gateways and workers on other machines reach its runners, which then listen there.
 
-    ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of the machine's
-    memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more than the reserve,
-    and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting jobs of tenants with
-    fewer running ones. ``threads`` is per job, by default all cores. A runner that is idle for ``idle_s``
-    ends. Of the jobs on one GPU ``trainings_per_gpu`` train at once. Jobs whose notification was lost are
-    found after ``queue_poll_s``.
+    ``work`` is what its workers do: structure from motion, after which a job waits for one that trains, or
+    training. ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of
+    the machine's memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more
+    than the reserve, and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting
+    jobs of tenants with fewer running ones. ``threads`` is per job, by default all cores. A runner that is
+    idle for ``idle_s`` ends. Of the jobs on one GPU ``trainings_per_gpu`` train at once. Jobs whose
+    notification was lost are found after ``queue_poll_s``.
     """
 
     count: _Processes = 1
     address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
+    work: Literal["all", "sfm", "training"] = "all"
     jobs_at_once: _Processes = 1
     trainings_per_gpu: _Processes = 1
     turn_s: _Seconds = 30.0

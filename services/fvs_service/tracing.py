@@ -98,18 +98,23 @@ class Tracing:
         parent: str | None = None,
         expected: tuple[type[Exception], ...] = (),
     ) -> Iterator[Span]:
-        """Record a span around a block, below the one that is open here or below ``parent``, a traceparent.
+        """Record a span around a block, below the one that is open here.
 
-        Exceptions mark it as failed, unless they are ``expected``.
+        That of a server or a consumer is below ``parent``, a traceparent, instead: what is open here may be
+        of an earlier request over the same connection. Exceptions mark a span as failed, unless they are
+        ``expected``.
         """
         if self._tracer is None:
             yield Span()
             return
+        from opentelemetry.context import Context
         from opentelemetry.trace import SpanKind
         from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 
         propagator = TraceContextTextMapPropagator()
-        given = None if parent is None else propagator.extract({"traceparent": parent})
+        given = None
+        if kind in ("SERVER", "CONSUMER"):
+            given = propagator.extract({} if parent is None else {"traceparent": parent}, Context())
         with self._tracer.start_as_current_span(
             name,
             given,

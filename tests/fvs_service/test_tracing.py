@@ -188,11 +188,17 @@ def test_spans_know_what_is_around_them_and_what_failed(collector: Collector) ->
         assert (traceparent() or "").startswith("00-")
         with pytest.raises(KeyError), tracing.span("inner"):
             raise KeyError
+        with tracing.span(
+            "next request", kind="SERVER"
+        ):  # over a connection whose last one is still open here
+            pass
         with pytest.raises(ValueError, match="known"), tracing.span("known", expected=(ValueError,)):
             raise ValueError("known")
     assert traceparent() is None
     tracing.close()
     assert collector.below("inner", "renamed")
+    assert not collector.spans["next request"].parent_span_id
+    assert collector.spans["next request"].trace_id != collector.spans["renamed"].trace_id
     assert collector.attributes("inner")["error.type"] == "KeyError"
     assert not collector.attributes("known")
     assert collector.services == {"test"}

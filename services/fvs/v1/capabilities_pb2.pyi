@@ -11,7 +11,7 @@ class GetCapabilitiesRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class WorkerStatus(_message.Message):
-    __slots__ = ("id", "alive", "heartbeat_age_s", "backend", "slots", "disk_full", "runners", "runner_bytes")
+    __slots__ = ("id", "alive", "heartbeat_age_s", "backend", "slots", "disk_full", "runners", "runner_bytes", "work")
     ID_FIELD_NUMBER: _ClassVar[int]
     ALIVE_FIELD_NUMBER: _ClassVar[int]
     HEARTBEAT_AGE_S_FIELD_NUMBER: _ClassVar[int]
@@ -20,6 +20,7 @@ class WorkerStatus(_message.Message):
     DISK_FULL_FIELD_NUMBER: _ClassVar[int]
     RUNNERS_FIELD_NUMBER: _ClassVar[int]
     RUNNER_BYTES_FIELD_NUMBER: _ClassVar[int]
+    WORK_FIELD_NUMBER: _ClassVar[int]
     id: str
     alive: bool
     heartbeat_age_s: float
@@ -28,7 +29,8 @@ class WorkerStatus(_message.Message):
     disk_full: bool
     runners: int
     runner_bytes: int
-    def __init__(self, id: _Optional[str] = ..., alive: _Optional[bool] = ..., heartbeat_age_s: _Optional[float] = ..., backend: _Optional[str] = ..., slots: _Optional[int] = ..., disk_full: _Optional[bool] = ..., runners: _Optional[int] = ..., runner_bytes: _Optional[int] = ...) -> None: ...
+    work: str
+    def __init__(self, id: _Optional[str] = ..., alive: _Optional[bool] = ..., heartbeat_age_s: _Optional[float] = ..., backend: _Optional[str] = ..., slots: _Optional[int] = ..., disk_full: _Optional[bool] = ..., runners: _Optional[int] = ..., runner_bytes: _Optional[int] = ..., work: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
     __slots__ = ("image_bytes", "image_pixels", "image_min_side_px", "image_max_side_px", "image_max_aspect_ratio", "image_decoding_bytes", "multipart_files", "multipart_bytes", "json_bytes", "digests_per_check", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "page_items")

@@ -13,6 +13,7 @@ from fvs_service.events.model import EventKind
 from fvs_service.events.repository import delete_progress, publish
 from fvs_service.jobs import repository
 from fvs_service.jobs.model import Job, JobError, JobState
+from fvs_service.jobs.work import Work
 from fvs_service.model import now
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.storage.database import Database, now_ms
@@ -98,6 +99,12 @@ class Ledger:
         with self._database.writing() as session:
             require_lease(session, lease)
             record_stage(session, job_id, name, document)
+
+    def needs(self, lease: Lease, job_id: str, work: Work) -> None:
+        """Record what a running job needs next: a worker that does it."""
+        with self._database.writing() as session:
+            require_lease(session, lease)
+            repository.change(session, job_id, in_state=(JobState.RUNNING,), work=work.value)
 
     def succeed(self, lease: Lease, job_id: str) -> None:
         """Record the job as succeeded."""

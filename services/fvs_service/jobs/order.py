@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fvs_service.jobs.model import JobKind, WaitReason
+from fvs_service.jobs.work import ALL_WORK, Work
 
 _PATIENCE = 20
 """A fine model that has waited for this many turns no longer lets updates of its tenant go first."""
@@ -30,7 +31,7 @@ class OpenJob:
 
     ``worker_id`` is the worker whose turn it is in, None while it waits. ``obstacle`` is what the last worker
     lacked, which is tried again from ``not_before_ms`` on. ``served_ms``: when its scene's last turn began;
-    ``begun``: it had a turn.
+    ``begun``: it had a turn. ``work`` is what it needs next, ``worker_does`` what its worker does.
     """
 
     id: str
@@ -45,6 +46,8 @@ class OpenJob:
     cancel_requested: bool = False
     obstacle: WaitReason | None = None
     not_before_ms: int = 0
+    work: Work = Work.SFM
+    worker_does: frozenset[Work] = ALL_WORK
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ class Order:
         other = place.job
         if self.now_ms - other.waiting_since_ms < _SETTLED_MS:
             return False
-        over = [one for one in self.running if self._turn_is_over(one)]
+        over = [one for one in self.running if self._turn_is_over(one) and other.work in one.worker_does]
         if other.tenant_id != job.tenant_id:
             useful = place.obstacle in (None, WaitReason.MEMORY)
             turns = self._turns[other.tenant_id]

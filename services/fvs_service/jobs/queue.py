@@ -13,9 +13,10 @@ from sqlalchemy.orm import Session
 from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.work import ALL_WORK, Work, work_of
 from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.notifications import Topic, announce
-from fvs_service.storage.tables import JobRow, TenantRow
+from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
 
 _OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 _TRY_AGAIN_MS = 5_000
@@ -24,10 +25,18 @@ _LOOKS = 8
 
 
 class JobQueue:
-    """The queue as a worker sees it; safe to use from any thread."""
+    """The queue as a worker that ``does`` these kinds of work sees it; safe to use from any thread."""
 
-    def __init__(self, database: Database, *, jobs_per_tenant: int, turn_s: float) -> None:
+    def __init__(
+        self,
+        database: Database,
+        *,
+        jobs_per_tenant: int,
+        turn_s: float,
+        does: frozenset[Work] = ALL_WORK,
+    ) -> None:
         self._database = database
+        self._does = does
         self._jobs_per_tenant = jobs_per_tenant
         self._turn_s = turn_s
 
@@ -35,11 +44,11 @@ class JobQueue:
         """Take the job that is next; None when none can have a turn."""
         for _ in range(_LOOKS):
             with self._database.reading() as session:
-                if not _anything_waits(session):
+                if not _anything_waits(session, self._does):
                     return None
             try:
                 with self._database.writing("queue") as session:
-                    chosen = self.order(session).next
+                    chosen = self._order(session, waiting_for=self._does).next
                     if chosen is None:
                         return None
                     taken = take_job(session, chosen.id, worker_id) if _serve(session, chosen) else None
@@ -96,7 +105,7 @@ class JobQueue:
     def must_pause(self, job_id: str, *, turn_may_end: bool) -> bool:
         """Whether a job in a turn is to make room for another one, at once or because its turn is over."""
         with self._database.reading() as session:
-            if not _anything_waits(session):
+            if not _anything_waits(session, ALL_WORK):
                 return False
             order = self.order(session)
         return any(
@@ -107,6 +116,10 @@ class JobQueue:
 
     def order(self, session: Session) -> Order:
         """The order of all open jobs."""
+        return self._order(session, waiting_for=ALL_WORK)
+
+    def _order(self, session: Session, waiting_for: frozenset[Work]) -> Order:
+        """The order of the jobs in a turn, and of those that wait for these kinds of work."""
         served = (
             select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
             .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(_OPEN))))
@@ -127,8 +140,11 @@ class JobQueue:
                 JobRow.cancel_requested,
                 JobRow.obstacle,
                 JobRow.not_before_ms,
+                JobRow.work,
+                func.coalesce(WorkerRow.work, "all").label("worker_does"),
             )
             .join(served, served.c.scene_id == JobRow.scene_id)
+            .outerjoin(WorkerRow, WorkerRow.id == JobRow.worker_id)
             .where(JobRow.state.in_(_OPEN))
         )
         jobs = tuple(
@@ -137,9 +153,12 @@ class JobQueue:
                     **row._asdict(),
                     "kind": JobKind(row.kind),
                     "obstacle": None if row.obstacle is None else WaitReason(row.obstacle),
+                    "work": Work(row.work),
+                    "worker_does": work_of(row.worker_does),
                 }
             )
             for row in rows
+            if row.worker_id is not None or row.work in waiting_for
         )
         tenants = _served(session, {job.tenant_id for job in jobs})
         return Order(
@@ -162,9 +181,11 @@ def take_job(session: Session, job_id: str, worker_id: str) -> JobTicket | None:
     return None if row is None else _ticket(row)
 
 
-def _anything_waits(session: Session) -> bool:
-    query = select(JobRow.id).where(JobRow.state.in_(_OPEN), JobRow.worker_id.is_(None)).limit(1)
-    return session.scalar(query) is not None
+def _anything_waits(session: Session, does: frozenset[Work]) -> bool:
+    query = select(JobRow.id).where(
+        JobRow.state.in_(_OPEN), JobRow.worker_id.is_(None), JobRow.work.in_([work.value for work in does])
+    )
+    return session.scalar(query.limit(1)) is not None
 
 
 def _serve(session: Session, job: OpenJob) -> bool:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
+from fvs_service.jobs.work import first_work
 from fvs_service.model import now
 from fvs_service.principal import Principal
 from fvs_service.storage.database import now_ms
@@ -38,6 +39,7 @@ def add_job(
         waiting_since_ms=now_ms(),
         obstacle=None,
         not_before_ms=0,
+        work=first_work(request.kind).value,
         traceparent=traceparent(),
         cancel_requested=False,
         warnings=[],

@@ -11,6 +11,7 @@ from fvs_service.jobs.ledger import log_end
 from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.waiting import with_waiting
+from fvs_service.jobs.work import first_work
 from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
@@ -110,6 +111,7 @@ class Jobs:
                 waiting_since_ms=now_ms(),
                 obstacle=None,
                 not_before_ms=0,
+                work=first_work(job.kind).value,
                 traceparent=traceparent(),
                 progress=0.0,
                 eta_s=None,

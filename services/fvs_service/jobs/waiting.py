@@ -11,6 +11,7 @@ from fvs_service.fleet import is_alive
 from fvs_service.jobs.model import Job, JobKind, JobState, Waiting, WaitReason
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue
+from fvs_service.jobs.work import Work, work_of
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 _RECENT = 20
@@ -25,15 +26,23 @@ _MESSAGES = {
 }
 
 
+_NO_WORKER_OF = {
+    Work.SFM: "No worker is alive that does structure from motion (FVS_WORKER__WORK).",
+    Work.TRAINING: "No worker is alive that trains (FVS_WORKER__WORK).",
+}
 _BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
 
 
 @dataclass(frozen=True)
 class Workers:
-    """The workers that live: how many jobs they run at once, all of them and those with room for any."""
+    """The workers that live and do what a job needs next: how many jobs they run at once.
+
+    All of them, and those with room for any; ``others``: whether there are workers that do something else.
+    """
 
     slots: int
     slots_with_room: int
+    others: bool = False
 
 
 def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tuple[Job, ...]:
@@ -42,12 +51,12 @@ def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tupl
         return tuple(jobs)
     order = queue.order(session)
     places = {place.job.id: place for place in order.line}
-    workers = _workers(session)
+    workers = {work: _workers(session, work) for work in Work}
     usual_s = {kind: _usual_s(session, kind) for kind in JobKind}
     return tuple(
-        job.model_copy(update={"waiting": why_it_waits(places[job.id], order, workers, usual_s)})
-        if job.id in places
-        else job
+        job
+        if (place := places.get(job.id)) is None
+        else job.model_copy(update={"waiting": why_it_waits(place, order, workers[place.job.work], usual_s)})
         for job in jobs
     )
 
@@ -57,7 +66,8 @@ def why_it_waits(
 ) -> Waiting:
     """The reason for a place in the line; ``usual_s`` is how long jobs take."""
     if workers.slots == 0:
-        reason, message = WaitReason.NO_WORKER, _MESSAGES[WaitReason.NO_WORKER]
+        reason = WaitReason.NO_WORKER
+        message = _NO_WORKER_OF[place.job.work] if workers.others else _MESSAGES[reason]
     elif place.obstacle is not None:
         reason, message = place.obstacle, _MESSAGES[place.obstacle]
     elif workers.slots_with_room == 0:
@@ -94,9 +104,11 @@ def _is_fine_before_update(job: OpenJob, other: OpenJob) -> bool:
     return job.kind is JobKind.FINE and other.kind is JobKind.UPDATE
 
 
-def _workers(session: Session) -> Workers:
-    alive = session.scalars(select(WorkerRow).where(is_alive())).all()
+def _workers(session: Session, work: Work) -> Workers:
+    every = session.scalars(select(WorkerRow).where(is_alive())).all()
+    alive = [worker for worker in every if work in work_of(worker.work)]
     return Workers(
+        others=len(every) > len(alive),
         slots=sum(worker.slots for worker in alive),
         slots_with_room=sum(worker.slots for worker in alive if not worker.disk_full),
     )

@@ -96,7 +96,7 @@ class WorkerRow(Table):
     """A worker's last heartbeat; the worker is dead after ``expires_at_ms``. Times are the database's.
 
     ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
-    ``runner_bytes``: the resident memory of its runners.
+    ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.
     """
 
     __tablename__ = "workers"
@@ -107,6 +107,7 @@ class WorkerRow(Table):
     slots: Mapped[int]
     disk_full: Mapped[bool]
     backend: Mapped[str] = mapped_column(String(16))
+    work: Mapped[str] = mapped_column(String(16))
     runner_bytes: Mapped[int] = mapped_column(BigInteger)
 
 
@@ -154,7 +155,7 @@ class JobRow(Table):
 
     ``taken_at_ms``: when its last turn began; ``waiting_since_ms``: since when it waits, or waited before its
     turn; ``obstacle``: what it lacked then, not to be tried again before ``not_before_ms`` (the database's
-    clock); ``traceparent``: the span of the request that queued it.
+    clock); ``work``: what it needs next; ``traceparent``: the span of the request that queued it.
     """
 
     __tablename__ = "jobs"
@@ -174,6 +175,7 @@ class JobRow(Table):
     waiting_since_ms: Mapped[int] = mapped_column(BigInteger)
     obstacle: Mapped[str | None] = mapped_column(String(16))
     not_before_ms: Mapped[int] = mapped_column(BigInteger)
+    work: Mapped[str] = mapped_column(String(16))
     traceparent: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool]
     warnings: Mapped[list[Any]]

@@ -24,14 +24,21 @@ class Heartbeats:
         slots: int = 1,
         disk_full: bool = False,
         backend: str = "auto",
+        work: str = "all",
         runner_bytes: int = 0,
     ) -> bool:
         """Record that this worker lives; False when it was unknown, or was declared dead.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
-        ``runner_bytes``: the resident memory of its runners.
+        ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.
         """
-        state = {"slots": slots, "disk_full": disk_full, "backend": backend, "runner_bytes": runner_bytes}
+        state = {
+            "slots": slots,
+            "disk_full": disk_full,
+            "backend": backend,
+            "work": work,
+            "runner_bytes": runner_bytes,
+        }
         until = now_ms() + self._duration_ms
         with self._database.writing() as session:
             known = session.scalar(

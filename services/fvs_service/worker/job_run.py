@@ -24,6 +24,7 @@ from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
 from fvs_service.jobs.timing import TIMING_STAGE, past_timings
+from fvs_service.jobs.work import Work, work_of
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
@@ -61,11 +62,14 @@ _log = structlog.get_logger()
 
 
 class JobPausedError(Exception):
-    """The job's turn has ended and it continues later; ``obstacle`` is what it lacks, if anything."""
+    """The job's turn has ended and it continues later; ``obstacle`` is what it lacks, if anything.
 
-    def __init__(self, obstacle: WaitReason | None = None) -> None:
+    ``needs`` is the work that another worker does next.
+    """
+
+    def __init__(self, obstacle: WaitReason | None = None, needs: Work | None = None) -> None:
         super().__init__()
-        self.obstacle = obstacle
+        self.obstacle, self.needs = obstacle, needs
 
 
 class ChildDiedError(Exception):
@@ -126,6 +130,8 @@ class JobRuns:
         except JobPausedError as paused:
             if paused.obstacle is None:
                 self._copies.store(scene.lease)  # another machine may go on
+            if paused.needs is not None:
+                ledger.needs(scene.lease, job.id, paused.needs)
             raise
         except (OutOfSpaceError, StorageUnavailableError):
             self._scenes.drop(scene)
@@ -164,6 +170,7 @@ class JobRuns:
             camera=scene.camera,
             origin=scene.origin,
             snapshot_id=scene.snapshot_id,
+            trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
         )
         remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
         with StageSpans(self._storage.tracing, expected=(JobPausedError, _CanceledError)) as spans:
@@ -229,6 +236,8 @@ class JobRuns:
                 case {"result": dict(outcome)}:
                     remaining.add(StageProgress(stage=COMMIT, share=None))
                     return JobOutcome.model_validate(outcome)
+                case {"result": None}:
+                    raise JobPausedError(needs=Work.TRAINING)
                 case Failure():
                     raise self._end_of(document, stop, stage, request)
                 case None:

@@ -37,7 +37,12 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     room = Room(settings)
     # First of all: else others might put back the jobs that this worker is about to resume.
     heartbeats = Heartbeats(storage.database, settings.lease_s)
-    heartbeats.beat(worker_id, slots=settings.worker.jobs_at_once, backend=settings.worker.backend)
+    heartbeats.beat(
+        worker_id,
+        slots=settings.worker.jobs_at_once,
+        backend=settings.worker.backend,
+        work=settings.worker.work,
+    )
     scenes = LeasedScenes(storage, worker_id)
     attempts = Attempts(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -81,6 +86,7 @@ def _maintain(
             slots=storage.settings.worker.jobs_at_once,
             disk_full=room.short,
             backend=scenes.backend,
+            work=storage.settings.worker.work,
             runner_bytes=scenes.resident_bytes,
         )
         if not known:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from fvs_service.jobs.model import JobKind, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
+from fvs_service.jobs.work import Work
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -184,3 +185,14 @@ def test_a_small_job_waits_for_one_turn_however_many_others_there_are() -> None:
     jobs["b"] = _job("b", "b")
     ended = _simulate(jobs, {name: 5_000 if name == "b" else 600_000 for name in jobs}, 1, 8, until="b")
     assert ended["b"] <= 1_000_000 + TURN_MS + 3 * 5_000
+
+
+def test_only_a_job_whose_worker_can_do_the_work_makes_room_for_it() -> None:
+    sfm, training = frozenset({Work.SFM}), frozenset({Work.TRAINING})
+    registers = _job("1", "a", worker_id="cpu", worker_does=sfm)
+    trains = _job("2", "a", worker_id="gpu", worker_does=training, work=Work.TRAINING, taken_at_ms=1)
+    waits = _job("3", "b", work=Work.TRAINING)
+    order = _order([registers, trains, waits])
+    assert [order.turn_ends(job) for job in (registers, trains)] == [False, True]
+    order = _order([registers, trains, replace(waits, work=Work.SFM)])
+    assert [order.turn_ends(job) for job in (registers, trains)] == [True, False]

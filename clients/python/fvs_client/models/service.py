@@ -29,6 +29,8 @@ class WorkerStatus(Answer):
     runners: int
     """Scenes whose model is loaded."""
     runner_bytes: int
+    work: str = "all"
+    """What it does: `sfm`, `training`, or `all`."""
 
 
 class Capabilities(Answer):

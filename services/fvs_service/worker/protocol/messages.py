@@ -45,6 +45,8 @@ class RunnerOrder(Record):
 class RunJob(Record):
     """Run a job until its files are written; the result is a ``JobOutcome``.
 
+    A worker that does not train has an update's images registered alone: the result is None.
+
     ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
     of the world frame of their position priors, ``snapshot_id`` the scene's latest snapshot, None before the
     first.
@@ -57,6 +59,7 @@ class RunJob(Record):
     camera: CameraPrior | None
     origin: Origin | None
     snapshot_id: str | None
+    trains: bool = True
 
 
 class CancelJob(Record):

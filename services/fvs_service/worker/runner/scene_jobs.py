@@ -83,8 +83,11 @@ class SceneJobs:
 
     def run(
         self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine = lambda _reasons: None
-    ) -> JobOutcome:
-        """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``."""
+    ) -> JobOutcome | None:
+        """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
+
+        None when the request leaves the training to another worker, which goes on from the checkpoint.
+        """
         try:
             if request.request.kind is JobKind.UPDATE:
                 return self._update(request, monitor, warn, quarantine)
@@ -113,7 +116,9 @@ class SceneJobs:
         ):
             self._states.publish(request.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
-    def _update(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
+    def _update(
+        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine
+    ) -> JobOutcome | None:
         prepared = self._images(request, monitor)
         if prepared.rejected:
             quarantine(prepared.rejected)
@@ -141,6 +146,9 @@ class SceneJobs:
             warn(sentence)
         if update.registered or update.moved:
             scene.save()
+        if not request.trains and scene.iteration < scene.target_iteration:
+            scene.save()
+            return None
         with self._gpu_slot(monitor):
             scene.train(monitor)
         scene.save()

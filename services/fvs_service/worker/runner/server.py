@@ -197,7 +197,7 @@ class RunnerServer:
                 lambda sentence: connection.send({"warning": sentence}),
                 lambda reasons: connection.send({"quarantined": dict(reasons)}),
             )
-            return outcome.model_dump(mode="json")
+            return None if outcome is None else outcome.model_dump(mode="json")
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()

@@ -38,6 +38,7 @@ def _create_tables_of_the_service() -> None:
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("disk_full", sa.Boolean(), nullable=False),
         sa.Column("backend", sa.String(16), nullable=False),
+        sa.Column("work", sa.String(16), nullable=False),
         sa.Column("runner_bytes", sa.BigInteger(), nullable=False),
     )
     op.create_table(
@@ -156,6 +157,7 @@ def _create_tables_of_jobs() -> None:
         sa.Column("waiting_since_ms", sa.BigInteger(), nullable=False),
         sa.Column("obstacle", sa.String(16)),
         sa.Column("not_before_ms", sa.BigInteger(), nullable=False),
+        sa.Column("work", sa.String(16), nullable=False),
         sa.Column("traceparent", sa.String(64)),
         sa.Column("cancel_requested", sa.Boolean(), nullable=False),
         sa.Column("warnings", sa.JSON(), nullable=False),

@@ -1,0 +1,146 @@
+"""Workers that do one kind of work: an update goes from one that registers images to one that trains."""
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.jobs.work import Work, first_work, work_of
+from fvs_service.settings import WorkerSettings
+from fvs_service.storage.tables import JobRow
+from fvs_service.worker.attempts import Attempts
+from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
+from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
+from fvs_service.worker.protocol.messages import RunJob
+from fvs_service.worker.room import Room
+from fvs_service.worker.runner import scene_jobs
+from fvs_service.worker.runner.image_files import PreparedImages
+from fvs_service.worker.runner.scene_jobs import SceneJobs
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+
+
+def test_every_job_begins_with_work_that_some_worker_does() -> None:
+    assert {first_work(kind) for kind in JobKind} == set(Work)
+    assert work_of("all") == frozenset(Work)
+    for work in Work:
+        assert work_of(work.value) == {work}
+
+
+class Runner:
+    """Registers, and says that the training is next; keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        host, port = self._socket.getsockname()
+        self.endpoint = f"{host}:{port}/secret"
+        self.asked: dict[str, Any] = {}
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _serve(self) -> None:
+        with suppress(OSError, RunnerGoneError), closing(Connection(self._socket.accept()[0])) as connection:
+            connection.receive()
+            self.asked = connection.receive()
+            connection.send({"progress": {"stage": "registration", "share": 1.0}})
+            connection.send({"result": None})
+
+
+class FakeScenes:
+    """Leases any scene, with the given runner."""
+
+    stopping = False
+
+    def __init__(self, gateway: Any, runner: Runner) -> None:
+        self._gateway, self._runner = gateway, runner
+
+    @contextmanager
+    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
+        yield LeasedScene(
+            self._gateway.lease(scene_id), cast(Any, SimpleNamespace(endpoint=self._runner.endpoint))
+        )
+
+
+def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_gateway: Any) -> None:
+    gateway = open_gateway(worker=WorkerSettings(work="sfm"))
+    storage, runner = gateway.application.storage, Runner()
+    job = gateway.queue(gateway.scene())
+    attempts = Attempts(
+        storage, cast(LeasedScenes, FakeScenes(gateway, runner)), "tester", Room(storage.settings)
+    )
+    ticket = gateway.take(job)
+    assert attempts.run(ticket) is None  # it lacks nothing
+    storage.queue.put_back(ticket, "tester")
+    runner.close()
+    assert runner.asked["trains"] is False
+    with storage.database.reading() as session:
+        assert session.get(JobRow, job).work == "training"
+    assert storage.queue.take("tester") is None
+    waits = gateway.client.get(f"/v1/jobs/{job}").json()
+    assert (waits["state"], waits["attempt"], waits["stage"]) == ("running", 1, "registration")
+    assert waits["waiting"]["reason"] == "no-worker"
+
+
+class Scene:
+    """A scene whose model needs another 10 iterations."""
+
+    visited: tuple[str, ...] = ()
+    quarantined: dict[str, str] = {}  # noqa: RUF012
+    views: tuple[Any, ...] = ()
+    iteration, target_iteration = 10, 20
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def add(self, *_: Any, **__: Any) -> Any:
+        self.calls.append("add")
+        return SimpleNamespace(registered=(), moved=0, warnings=())
+
+    def save(self) -> None:
+        self.calls.append("save")
+
+    def train(self, _monitor: Monitor) -> None:
+        self.calls.append("train")
+        raise Cancelled("It was asked to train.")
+
+
+def test_a_runner_registers_alone_what_its_worker_does_not_train(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene()
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    prepared = PreparedImages(images, {})
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: prepared)
+    monkeypatch.setattr(scene_jobs, "position_priors", lambda *_: {})
+    monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
+    jobs = SceneJobs(
+        tmp_path,
+        cast(Any, None),
+        WorkerSettings(),
+        cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
+        cast(Any, SimpleNamespace(forget_live=lambda: None)),
+    )
+
+    def run(*, trains: bool) -> Any:
+        request = RunJob(
+            job_id="job",
+            request=JobRequest(kind=JobKind.UPDATE),
+            images=(),
+            camera=None,
+            origin=None,
+            snapshot_id=None,
+            trains=trains,
+        )
+        return jobs.run(request, cast(Any, Monitor()), lambda _sentence: None)
+
+    assert run(trains=False) is None
+    assert scene.calls == ["add", "save"]
+    with pytest.raises(Cancelled, match="asked to train"):
+        run(trains=True)
