@@ -23,7 +23,7 @@ from fvs_service.scenes.lease import Leases
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Settings
 from fvs_service.snapshots.service import Snapshots
-from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.blobs import Blobs, require_room
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import Removals
 from fvs_service.tracing import Tracing
@@ -96,6 +96,15 @@ def open_storage(settings: Settings, tracing: Tracing | None = None) -> Iterator
         database.close()
 
 
+def _require_room_for_rankings(settings: Settings) -> None:
+    """Raise ``OutOfSpaceError`` when the disk has come to half of its reserve.
+
+    A mission goes on with rankings when uploads are refused; the other half is for what ends and is deleted.
+    """
+    if settings.on_one_machine:
+        require_room(settings.root, 0, settings.reserve_bytes // 2)
+
+
 @contextmanager
 def open_application(
     settings: Settings, make_runners: MakeRunners, tracing: Tracing | None = None
@@ -134,7 +143,14 @@ def open_application(
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 exclusions=Exclusions(storage.database, jobs),
                 jobs=jobs,
-                rankings=Rankings(storage.database, storage.blobs, storage.snapshots, runners, limits),
+                rankings=Rankings(
+                    storage.database,
+                    storage.blobs,
+                    storage.snapshots,
+                    runners,
+                    limits,
+                    lambda: _require_room_for_rankings(settings),
+                ),
                 deletions=Deletions(storage.database, settings.removal_grace_s),
             )
         finally:

@@ -1,5 +1,6 @@
 import io
 import math
+import shutil
 from typing import Any
 
 import numpy as np
@@ -336,3 +337,21 @@ def test_without_candidates_an_orbit_is_ranked(gateway: Any, scene: str) -> None
     assert len(ranking["candidates"]) == 3
     assert ranking["total"] == 24
     assert ranking["request"]["generator"]["kind"] == "orbit"
+
+
+def test_rankings_leave_half_of_the_reserve(open_gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    gateway = open_gateway(reserve_bytes=1_000)
+    if not gateway.settings.on_one_machine:
+        pytest.skip("the database has another disk")
+    scene = gateway.scene()
+    gateway.model(scene)
+    ranking = _rank(gateway, scene).json()
+    candidate = f"/v1/rankings/{ranking['id']}/candidates/{ranking['candidates'][0]['id']}"
+    usage = shutil.disk_usage(gateway.settings.root)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=499))
+    # A candidate that is out of range costs no computation, but its ranking a row.
+    far = _rank(gateway, scene, generator={"kind": "grid"}, current_pose=LOOK, radius_m=1e-6)
+    for refused in (_rank(gateway, scene), far, gateway.client.get(f"{candidate}/render.png")):
+        assert (refused.status_code, refused.json()["code"]) == (507, "out-of-space")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=501))
+    assert _rank(gateway, scene).status_code == 201

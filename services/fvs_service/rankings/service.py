@@ -1,6 +1,6 @@
 """Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from functools import lru_cache
@@ -57,11 +57,21 @@ class _Prepared:
 
 
 class Rankings:
-    """Ranks candidates and renders them."""
+    """Ranks candidates and renders them.
+
+    Results are kept: ``require_room`` raises ``OutOfSpaceError`` when there is no room for another one.
+    """
 
     def __init__(
-        self, database: Database, blobs: Blobs, snapshots: Snapshots, runners: SceneRunners, limits: Limits
+        self,
+        database: Database,
+        blobs: Blobs,
+        snapshots: Snapshots,
+        runners: SceneRunners,
+        limits: Limits,
+        require_room: Callable[[], object] = lambda: None,
     ) -> None:
+        self._require_room = require_room
         self._database = database
         self._blobs = blobs
         self._runners = runners
@@ -95,6 +105,7 @@ class Rankings:
             prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
+            await run_sync(self._require_room)
             question = prepared.question
             result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
             return await run_sync(self._finish, principal, prepared, result)
@@ -113,6 +124,7 @@ class Rankings:
             if isinstance(prepared, Ranking):
                 yield RankingPart(ranking=prepared)
                 return
+            await run_sync(self._require_room)
             result = _unscored(prepared.snapshot)
             if prepared.question.views:
                 async with aclosing(self._runners.stream(prepared.question)) as parts:
@@ -139,6 +151,7 @@ class Rankings:
             )
             if isinstance(prepared, bytes):
                 return prepared
+            await run_sync(self._require_room)
             png = await self._runners.render(prepared)
             await run_sync(self._keep_render, png, _render_key(ranking_id, candidate_id, prepared))
             return png
