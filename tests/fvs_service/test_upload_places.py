@@ -4,11 +4,14 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
+from fvs.v1.images_pb2 import UploadImageRequest
 from fvs_service.errors import LimitExceededError, SlowRequestError
+from fvs_service.gateway.rpc.uploads import ImageUpload
 from fvs_service.images.upload_places import UploadPlace, UploadPlaces
-from fvs_service.principal import ALL_SCOPES, Principal
+from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
 
 _LONG_S = 1000.0
 
@@ -124,3 +127,33 @@ def test_a_stored_upload_and_those_of_other_tenants_keep_their_places() -> None:
             assert not foreign.done()
 
     asyncio.run(run())
+
+
+def test_what_arrived_over_grpc_of_an_upload_that_gives_way_is_kept(open_gateway: Any) -> None:
+    gateway = open_gateway(upload_place_s=0.001, limits={"open_uploads_per_tenant": 1})
+    app, scene, digest = gateway.application, gateway.scene(), f"sha256:{'1' * 64}"
+    sent = iter(
+        (
+            UploadImageRequest(upload={"scene_id": scene, "digest": digest, "size_bytes": 900}),
+            UploadImageRequest(chunk=b"x" * 500),
+        )
+    )
+
+    async def run() -> None:
+        all_sent = asyncio.Event()
+
+        async def receive() -> bytes:
+            for message in sent:
+                return message.SerializeToString()
+            all_sent.set()
+            await asyncio.Event().wait()
+            raise AssertionError
+
+        upload = asyncio.create_task(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+        await all_sent.wait()
+        await asyncio.sleep(0.01)
+        with app.upload_places.place(LOCAL_USER, _Arrival(), None), pytest.raises(SlowRequestError):
+            await upload
+
+    asyncio.run(run())
+    assert app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500
