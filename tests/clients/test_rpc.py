@@ -1,9 +1,12 @@
 """gRPC as the client's transport, where it differs from HTTP; all else is in ``test_congruence.py``."""
 
+import contextlib
+import socket
 import ssl
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,7 +14,16 @@ from typing import Any
 
 import grpc
 import pytest
-from fvs_client import Client, ConnectionFailedError, Job, NotFoundError, Outcome, Retries, UploadProgress
+from fvs_client import (
+    NO_RETRIES,
+    Client,
+    ConnectionFailedError,
+    Job,
+    NotFoundError,
+    Outcome,
+    Retries,
+    UploadProgress,
+)
 from fvs_client._sync import rpc as transport
 from fvs_client.cli.app import app
 from fvs_client.connection import Connection
@@ -114,6 +126,41 @@ def test_waiting_and_events_outlive_silence(
     assert event.kind == "scene.deleted"
     with pytest.raises(NotFoundError):
         scene.refresh()
+
+
+@pytest.fixture
+def slow_link(rpc_url: str) -> Iterator[str]:
+    """The address of a relay that needs a second for the first bytes of a connection."""
+    host, port = rpc_url.removeprefix("grpc://").split(":")
+    listening = socket.create_server(("127.0.0.1", 0))
+
+    def pump(source: socket.socket, target: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while content := source.recv(65_536):
+                target.sendall(content)
+            target.shutdown(socket.SHUT_WR)
+
+    def relay(near: socket.socket) -> None:
+        time.sleep(1.0)
+        with near, socket.create_connection((host, int(port))) as far:
+            there = threading.Thread(target=pump, args=(near, far), daemon=True)
+            there.start()
+            pump(far, near)
+            there.join()
+
+    def accept() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=relay, args=(listening.accept()[0],), daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    yield f"grpc://127.0.0.1:{listening.getsockname()[1]}"
+    listening.close()
+
+
+def test_a_slow_link_is_no_missing_service(slow_link: str) -> None:
+    with Client(slow_link, retries=NO_RETRIES) as client:
+        assert client.capabilities().methods
 
 
 class BreakingService:

@@ -13,6 +13,8 @@ _MOST_BYTES = 1 << 28
 """Of an answer: thousands of candidates."""
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _FIRST_RECONNECT_MS, _LONGEST_RECONNECT_MS = 200, 5_000
+_CONNECT_MS = 10_000
+"""gRPC takes the shortest pause between two attempts as the time that an attempt may take, too."""
 
 
 def target_of(connection: Connection) -> str:
@@ -38,7 +40,7 @@ def options_of(connection: Connection) -> tuple[tuple[str, Any], ...]:
         ("grpc.enable_retries", 0),  # the session retries
         ("grpc.enable_http_proxy", 0 if connection.loopback else 1),
         ("grpc.initial_reconnect_backoff_ms", _FIRST_RECONNECT_MS),
-        ("grpc.min_reconnect_backoff_ms", _FIRST_RECONNECT_MS),
+        ("grpc.min_reconnect_backoff_ms", _CONNECT_MS),
         ("grpc.max_reconnect_backoff_ms", _LONGEST_RECONNECT_MS),
         # A service that has vanished is noticed.
         ("grpc.keepalive_time_ms", _PING_MS),
