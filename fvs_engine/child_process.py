@@ -1,6 +1,6 @@
 """Child processes that end with their parent.
 
-A child is spawned, never forked: a fork of a process with threads inherits their locks. It gets a session of
+A child is spawned, not forked: a fork of a process with threads inherits their locks. It gets a session of
 its own, because Ctrl-C in a terminal goes to the whole process group, and only the parent may end its
 children. The first line on its standard input is its order, a JSON document; the pipe stays open.
 """
@@ -108,11 +108,21 @@ def end_with_parent(parent: int, *, kernel: bool = True) -> None:
     a second, is left.
     """
     if kernel:
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before prctl took effect
-        os._exit(EXIT_ORPHANED)
+        kill_with_parent(parent)
+    _require_parent(parent)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def kill_with_parent(parent: int) -> None:
+    """In a child: have the kernel kill it when the thread of ``parent`` that made it ends (Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    _require_parent(parent)  # which may have ended before prctl took effect
+
+
+def _require_parent(parent: int) -> None:
+    if os.getppid() != parent:
+        os._exit(EXIT_ORPHANED)
 
 
 def _watch(parent: int) -> None:

@@ -2,24 +2,33 @@
 
 pycolmap blocks in C++ for tens of seconds, and not all of it takes a cancellation token (global mapping and
 view graph calibration do not); a process can always be stopped. What the C++ prints goes to a log file.
+
+The jobs of one thread run one after another in forks of one child (``native.child``), which ends with the
+thread.
 """
 
 import json
 import os
+import queue
 import signal
 import subprocess
 import threading
 import time
+import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from fvs_engine.child_process import close_pipes, spawn, stop
+from fvs_engine.child_process import close_pipes, spawn, stop, write
 from fvs_engine.errors import NativeJobError, ProcessDiedError
 from fvs_engine.monitor import Monitor
 
 _CHILD = "fvs_engine.sfm.native.child"
-_LOGGING = {"GLOG_minloglevel": "0", "GLOG_logtostderr": "1"}
+_ENVIRONMENT = {
+    "GLOG_minloglevel": "0",
+    "GLOG_logtostderr": "1",
+    "OPENBLAS_NUM_THREADS": "1",  # a process with threads must not be forked
+}
 _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
 """How a process ends that somebody else ends: a user, the system when memory runs out."""
 _POLL_S = 0.1
@@ -45,23 +54,24 @@ def run_native(
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
-    order = json.dumps({"job": job, "arguments": dict(arguments), "parent": os.getpid()})
+    order = {
+        "job": job,
+        "arguments": dict(arguments),
+        "log": str(log_file.absolute()),
+        "folder": str(Path.cwd()),
+    }
+    child = _this_threads_child()
     with log_file.open("a", encoding="utf-8") as log:
         log.write(f"== {job} {json.dumps(dict(arguments))}\n")
         log.flush()
-        child = spawn(_CHILD, order, stderr=log, environment=_LOGGING)
-        messages: list[dict[str, Any]] = []
-        reader = threading.Thread(target=_read, args=(child, messages), daemon=True)
-        reader.start()
-        try:
-            _wait(child, messages, monitor, on_tick, on_event)
-        finally:
-            stop(child)
-            reader.join()
-            close_pipes(child)
-    outcome = next((message for message in messages if "event" not in message), None)
+        child.begin(json.dumps(order), log)
+    try:
+        outcome, status = _wait(child, monitor, on_tick, on_event)
+    except BaseException:
+        child.end()
+        raise
     if outcome is None:
-        raise _death(job, child.returncode, log_file)
+        raise _death(job, status, log_file)
     if "error" in outcome:
         raise NativeJobError(f"Stage {job!r} failed: {outcome['error']}", hint=f"Details are in {log_file}.")
     return outcome["result"]
@@ -78,33 +88,85 @@ def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
     return ProcessDiedError(message, how=how, crashed=status not in _KILLED, hint=hint)
 
 
-def _read(child: "subprocess.Popen[str]", messages: list[dict[str, Any]]) -> None:
-    assert child.stdout is not None
-    for line in child.stdout:
+class _Child:
+    """The process in whose forks jobs run, one after another; it is made when the first one begins."""
+
+    def __init__(self) -> None:
+        self._answers: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._process: subprocess.Popen[str] | None = None
+        self._end: Callable[[], object] = lambda: None
+
+    def begin(self, order: str, log: IO[str]) -> None:
+        """Begin a job; what a new process prints before its first job goes to ``log``."""
+        if self._process is not None and self._process.poll() is None:
+            write(self._process, order + "\n")
+            return
+        self.end()
+        self._answers = queue.SimpleQueue()
+        process = spawn(_CHILD, order, arguments=[str(os.getpid())], stderr=log, environment=_ENVIRONMENT)
+        reader = threading.Thread(target=_read, args=(process, self._answers), daemon=True)
+        reader.start()
+        self._process, self._end = process, weakref.finalize(self, _end, process, reader)
+
+    def answer(self, timeout_s: float) -> dict[str, Any] | None:
+        """The next answer; empty when there is none in time, None when the process has died."""
+        try:
+            line = self._answers.get(timeout=timeout_s)
+            return None if line is None else json.loads(line)
+        except (queue.Empty, ValueError):  # a job that died may have left a part of a line
+            return {}
+
+    def end(self) -> int:
+        """End the process and its job; returns the exit status, or minus the signal that ended it."""
+        self._end()
+        return 0 if self._process is None else self._process.returncode
+
+
+_children = threading.local()
+
+
+def _this_threads_child() -> _Child:
+    """The child of this thread, which ends with it: the kernel kills it when the thread has ended."""
+    if not hasattr(_children, "child"):
+        _children.child = _Child()
+    child: _Child = _children.child
+    return child
+
+
+def _read(process: "subprocess.Popen[str]", answers: "queue.SimpleQueue[str | None]") -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
         if line.startswith("{"):
-            messages.append(json.loads(line))  # noqa: PERF401 - another thread reads them meanwhile
+            answers.put(line)
+    answers.put(None)
+
+
+def _end(process: "subprocess.Popen[str]", reader: threading.Thread) -> None:
+    stop(process)
+    reader.join()  # the job has ended, too: it holds the other end of the pipe
+    close_pipes(process)
 
 
 def _wait(
-    child: "subprocess.Popen[str]",
-    messages: list[dict[str, Any]],
+    child: _Child,
     monitor: Monitor,
     on_tick: Progress | None,
     on_event: Callable[[int], None] | None,
-) -> None:
-    seen = 0
-    last_tick = 0.0
+) -> tuple[dict[str, Any] | None, int]:
+    """The job's result or error, None when it has died, and its exit status."""
+    outcome, last_tick = None, 0.0
     while True:
-        try:
-            child.wait(timeout=_POLL_S)
-            return
-        except subprocess.TimeoutExpired:
-            monitor.check()
-        if on_event is not None:
-            for message in messages[seen:]:
-                if "event" in message:
-                    on_event(int(message["event"]))
-        seen = len(messages)
+        answer = child.answer(_POLL_S)
+        if answer is None:
+            return outcome, child.end()
+        if "ended" in answer:
+            return outcome, answer["ended"]
+        if "event" in answer:
+            if on_event is not None:
+                on_event(int(answer["event"]))
+        elif answer:
+            outcome = answer
+        monitor.check()
         if on_tick is not None and time.monotonic() - last_tick >= _TICK_S:
             on_tick()
             last_tick = time.monotonic()

@@ -1,42 +1,63 @@
-"""The SfM child process: takes one job from standard input, answers on standard output.
+"""The SfM child process: runs jobs one after another, each in a fork of itself.
 
-The order is a line of JSON: ``job`` and ``arguments`` (see ``jobs``), and ``parent``, the id of the process
-that the child ends with. Answers are lines of JSON: any number of ``event``, then a ``result`` or ``error``.
+A fork needs none of the half second in which pycolmap is imported, and leaves nothing behind: no memory, no
+state of a library. Orders are lines of JSON on standard input: ``job`` and ``arguments`` (see ``jobs``),
+``folder``, the current one, and ``log``, a file for what libraries print. Answers are lines of JSON on
+standard output: any number of ``event``, a ``result`` or ``error``, and ``ended``, the fork's exit status,
+or minus the signal that killed it. The argument is the id of the process that this one ends with.
 """
 
 import json
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from typing import Any
 
-from fvs_engine.child_process import EXIT_ORPHANED, end_with_parent
-
-
-def _answer(message: dict[str, Any]) -> None:
-    sys.__stdout__.write(json.dumps(message) + "\n")  # type: ignore[union-attr]
-    sys.__stdout__.flush()  # type: ignore[union-attr]
+from fvs_engine.child_process import kill_with_parent
 
 
 def main() -> None:
-    """Run the job that the first line of standard input names."""
-    line = sys.stdin.buffer.readline()
-    if not line:
-        sys.exit(EXIT_ORPHANED)
-    order = json.loads(line)
-    end_with_parent(order["parent"])
-    sys.stdout = sys.stderr  # output of libraries goes to the log
-    try:
-        from fvs_engine.sfm.native.jobs import find_job
+    """Run jobs until standard input ends."""
+    kill_with_parent(int(sys.argv[1]))
+    answers = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries goes to the log
+    for line in sys.stdin.buffer:
+        from fvs_engine.sfm.native.jobs import find_job  # pycolmap: before the fork, and once
 
-        result = find_job(order["job"])(lambda event: _answer({"event": event}), **order["arguments"])
+        order, server = json.loads(line), os.getpid()
+        job = find_job(order["job"])
+        pid = os.fork()
+        if pid == 0:
+            kill_with_parent(server)
+            _run(job, order, answers)
+        _, status = os.waitpid(pid, 0)
+        # The fork may have died in the middle of a line.
+        _answer(answers, {"ended": os.waitstatus_to_exitcode(status)}, start="\n")
+
+
+def _run(job: Callable[..., Any], order: dict[str, Any], answers: int) -> None:
+    """Run one job in the fork, and end it."""
+    log = os.open(order["log"], os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    for stream in (1, 2):
+        os.dup2(log, stream)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    try:
+        os.chdir(order["folder"])
+        result = job(lambda event: _answer(answers, {"event": event}), **order["arguments"])
     except Exception as error:
         traceback.print_exc()
-        _answer({"error": str(error) or type(error).__name__})
+        _answer(answers, {"error": str(error) or type(error).__name__})
     else:
-        _answer({"result": result})
+        _answer(answers, {"result": result})
     sys.stderr.flush()
     os._exit(0)  # skips destructors of C++ libraries, which may hang or crash
+
+
+def _answer(answers: int, message: dict[str, Any], start: str = "") -> None:
+    line = f"{start}{json.dumps(message)}\n".encode()
+    while line:
+        line = line[os.write(answers, line) :]
 
 
 if __name__ == "__main__":

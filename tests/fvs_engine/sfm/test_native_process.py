@@ -19,8 +19,8 @@ from fvs_engine.sfm.native_process import run_native
 CHILD = [sys.executable, "-m", "fvs_engine.sfm.native.child"]
 
 
-def run_child(order: bytes) -> tuple[int, bytes]:
-    child = subprocess.Popen(CHILD, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+def run_child(parent: int, order: bytes) -> tuple[int, bytes]:
+    child = subprocess.Popen([*CHILD, str(parent)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     answer, _ = child.communicate(order, timeout=30)
     return child.returncode, answer
 
@@ -36,12 +36,43 @@ def use_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
         )
 
     monkeypatch.setattr(native_process, "spawn", spawn)
+    monkeypatch.setattr(native_process, "_children", threading.local())
+
+
+def failed_job(tmp_path: Path) -> "subprocess.Popen[str]":
+    """Run a job that fails; returns this thread's child."""
+    arguments = {
+        "model_dir": str(tmp_path / "none"),
+        "image_dir": "",
+        "out_dir": str(tmp_path),
+        "quality": 99,
+    }
+    with pytest.raises(ReconstructionError, match="'undistort' failed"):
+        run_native("undistort", arguments, tmp_path / "native.log", Monitor())
+    return native_process._children.child._process
 
 
 def test_the_child_does_nothing_when_its_parent_is_gone():
-    order = {"job": "match", "arguments": {}, "parent": os.getppid()}  # not the process that starts it
-    assert run_child(json.dumps(order).encode() + b"\n") == (EXIT_ORPHANED, b"")
-    assert run_child(b"") == (EXIT_ORPHANED, b"")
+    order = {"job": "match", "arguments": {}, "log": os.devnull, "folder": "."}
+    not_its_parent = os.getppid()
+    assert run_child(not_its_parent, json.dumps(order).encode() + b"\n") == (EXIT_ORPHANED, b"")
+    assert run_child(os.getpid(), b"") == (0, b"")
+
+
+def test_the_jobs_of_a_thread_run_in_forks_of_one_child_that_ends_with_it(tmp_path: Path):
+    children = []
+    thread = threading.Thread(target=lambda: children.extend(failed_job(tmp_path) for _ in range(2)))
+    thread.start()
+    thread.join()
+    assert children[0] is children[1]
+    assert children[0].returncode is not None
+
+
+def test_a_child_that_was_killed_between_two_jobs_is_replaced(tmp_path: Path):
+    child = failed_job(tmp_path)
+    child.kill()
+    child.wait()
+    assert failed_job(tmp_path).pid != child.pid
 
 
 def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
