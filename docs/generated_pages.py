@@ -5,6 +5,7 @@ A hook of MkDocs (``hooks:`` in ``mkdocs.yml``).
 
 import ast
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,15 @@ function of `fvs_engine.pipeline` or `fvs_engine.simulate`. Frames are those of 
 shapes, units and errors are in the docstrings. This page has the top-level modules; every package has a page.
 """
 
+_SETTINGS = """# Settings
+
+The service reads its settings from environment variables when it starts. When a value is not valid,
+`fvs serve` names the variable and does not start. A variable with the suffix `_FILE` names a file that has
+the value, which suits secrets: `FVS_DATABASE_URL_FILE=/run/secrets/database-url`. Units are in the names:
+`_S` is seconds, `_BYTES` bytes, `_PX` pixels. [Run the service](../operate/running.md#settings) has the
+settings that most installations need.
+"""
+
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put every decision into the navigation."""
@@ -54,12 +64,52 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/rest.md": rest(_openapi()),
         "reference/fvs.md": commands("fvs", fvs),
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
+        "reference/settings.md": settings(),
         "adr/index.md": decisions(Path(config.docs_dir) / "adr"),
         **engine(Path(config.config_file_path).parent / "fvs_engine"),
     }
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files
+
+
+def settings() -> str:
+    """All settings of the service, with their defaults and ranges, from their docstrings."""
+    from fvs_service.field_docstrings import field_docstrings
+    from fvs_service.settings import Settings
+
+    docstrings, schema = field_docstrings(Settings.__module__), Settings.model_json_schema()
+    groups: dict[str, tuple[str, Json]] = {"FVS_": (Settings.__name__, {})}
+    for name, field in schema["properties"].items():
+        if "$ref" in field:
+            kind = field["$ref"].rsplit("/", 1)[-1]
+            groups[f"FVS_{name.upper()}__"] = (kind, schema["$defs"][kind]["properties"])
+        else:
+            groups["FVS_"][1][name] = field
+    variables = {name: prefix + name.upper() for prefix, (_, fields) in groups.items() for name in fields}
+    lines = _SETTINGS.splitlines()
+    for prefix, (kind, fields) in groups.items():
+        lines += ["", f"## {prefix}…", "", "| variable | default | values | meaning |", "|---|---|---|---|"]
+        for name, field in fields.items():
+            default = field.get("default")
+            shown = "" if default in (None, []) else f"`{json.dumps(default).strip(chr(34))}`"
+            meaning = re.sub(
+                r"``(.+?)``", lambda name: f"`{variables.get(name[1], name[1])}`", docstrings[kind][name]
+            )
+            lines.append(
+                f"| `{prefix}{name.upper()}` | {shown} | {_cell(_values(field))} | {_cell(meaning)} |"
+            )
+    return "\n".join(lines)
+
+
+def _values(field: Json) -> str:
+    """The values that a setting may have."""
+    kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
+    if "enum" in kinds[0]:
+        return ", ".join(f"`{value}`" for value in kinds[0]["enum"])
+    if "minimum" in kinds[0]:
+        return f"{kinds[0]['minimum']:,} to {kinds[0]['maximum']:,}"
+    return {"boolean": "`true`, `false`", "array": "a list with commas"}.get(kinds[0]["type"], "text")
 
 
 def decisions(folder: Path) -> str:

@@ -47,27 +47,49 @@ class Limits(Record):
     """Limits per request, scene and tenant; published by ``GET /v1/capabilities``."""
 
     image_bytes: int = Field(default=64 * MEGABYTE, ge=1, le=100 * GIGABYTE)
+    """Largest image file."""
     image_pixels: int = Field(default=128_000_000, ge=1, le=MAX_PIXELS)
+    """Most pixels of an image."""
     image_min_side_px: int = Field(default=MIN_SIDE_PX, ge=1, le=MAX_SIDE_PX)
+    """Shortest side that an image may have."""
     image_max_side_px: int = Field(default=MAX_SIDE_PX, ge=1, le=MAX_PIXELS)
+    """Longest side that an image may have; pycolmap crashes on extreme ones."""
     image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1, le=MAX_PIXELS)
+    """Largest ratio of the long side of an image to its short side."""
     image_decoding_bytes: _Bytes = 1024 * MEGABYTE
+    """Most memory that decoding an image may take, estimated from its header."""
     multipart_files: int = Field(default=200, ge=1, le=100_000)
+    """Most files in a form."""
     multipart_bytes: _Bytes = 1024 * MEGABYTE
+    """Largest form."""
     json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * MEGABYTE)
+    """Largest JSON body or gRPC message with a list. Those without a list may have 64 KiB."""
     digests_per_check: int = Field(default=10_000, ge=1, le=1_000_000)
+    """Most digests in an ``images:check`` request."""
     images_per_scene: int = Field(default=10_000, ge=1, le=1_000_000)
+    """Most images of a scene."""
     scenes_per_tenant: _Number = 1_000
+    """Most scenes of a tenant."""
     open_jobs_per_tenant: _Number = 32
+    """Most jobs of a tenant that are queued or running."""
     running_jobs_per_tenant: _Number = 8
+    """Most jobs of a tenant that run at once, on all workers together. The others wait."""
     open_uploads_per_tenant: _Few = 32
+    """Most uploads of a tenant at once, per gateway (see ``upload_place_s``)."""
     rankings_at_once_per_tenant: _Few = 64
+    """Most ranking requests of a tenant at once, per gateway."""
     rankings_queued_per_scene: _Few = 64
+    """Most different rankings and renders that wait for one scene."""
     rankings_queued_per_key: _Few = 32
+    """Most different rankings and renders of one API key that wait for one scene."""
     ranking_timeout_s: float = Field(default=180.0, ge=1e-3, le=86_400)
+    """Longest time that a client can wait for a ranking, and the default (``X-Timeout-S``)."""
     event_streams_per_tenant: _Few = 64
+    """Most event streams of a tenant at once, per gateway."""
     candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
+    """Most candidates in a ranking."""
     page_items: int = Field(default=1_000, ge=1, le=100_000)
+    """Most items on a page of a list."""
 
     @property
     def of_images(self) -> ImageLimits:
@@ -82,68 +104,81 @@ class Limits(Record):
 
 
 class BlobSettings(Record):
-    """Where the blobs are, by default in a folder of the root.
-
-    ``url`` is that of an object store (``s3://bucket/prefix``), ``endpoint`` the address of one that is not
-    Amazon's. What is not given here comes from the variables ``AWS_…``.
-    """
+    """The store of images and models."""
 
     url: str | None = Field(default=None, pattern=r"^s3://[a-z0-9]")
+    """Bucket of an S3-compatible object store: ``s3://bucket/prefix``. By default blobs are in the root."""
     endpoint: str | None = Field(default=None, pattern=r"^https?://")
+    """URL of the object store, if it is not Amazon S3."""
     region: str | None = None
+    """Region of the bucket."""
     access_key_id: str | None = None
+    """Access key; by default that of the ``AWS_…`` variables or of the machine's role."""
     secret_access_key: str | None = Field(default=None, repr=False)
+    """Secret of the access key."""
 
 
 class WorkerSettings(Record):
-    """How workers share the machine, and the defaults of jobs.
-
-    ``address`` is the name or the address of this machine under
-    which gateways and workers on other machines reach its runners, which then listen there.
-
-    ``work`` is what its workers do: structure from motion, after which a job waits for one that trains, or
-    training. ``memory_bytes`` is for all scenes of one worker, by default its share of three quarters of
-    the machine's memory; jobs that do not fit wait. A job starts when the disk has ``start_bytes`` more
-    than the reserve, and stops when it comes to the reserve. After ``turn_s`` it makes room for waiting
-    jobs of tenants with fewer running ones. ``threads`` is per job, by default all cores. A runner that is
-    idle for ``idle_s`` ends. Of the jobs on one GPU ``trainings_per_gpu`` train at once. Jobs whose
-    notification was lost are found after ``queue_poll_s``.
-    """
+    """The share of the machine that workers use, and the defaults of jobs."""
 
     count: _Processes = 1
+    """Workers on this machine (``--workers``): one per GPU, or one on a CPU."""
     address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
+    """Name or address at which gateways and other workers reach this machine. Its runners listen there."""
     work: Literal["all", "sfm", "training"] = "all"
+    """Kind of work that the workers do: structure from motion (``sfm``), ``training``, or ``all``."""
     jobs_at_once: _Processes = 1
+    """Most jobs that one worker runs at once."""
     trainings_per_gpu: _Processes = 1
+    """Most jobs that train on one GPU at once, of all workers that share it. Others register images
+    meanwhile, or wait."""
     turn_s: _Seconds = 30.0
+    """After this time a job makes room for a waiting job that is preferred."""
     memory_bytes: _Bytes | None = None
+    """Memory for all scenes of one worker, by default ¾ of the machine's divided by ``count``. A job
+    that does not fit waits."""
     start_bytes: _Room = 100 * MEGABYTE
+    """Free disk space, beyond the reserve, that a job needs to start."""
     idle_s: _Seconds = 600.0
+    """A runner that has no requests for this time ends."""
     threads: int | None = Field(default=None, ge=1, le=1_024)
+    """Threads of one runner, by default all cores. With 1, results repeat bit by bit."""
     backend: str = "auto"
+    """Rasteriser: ``cpu``, ``cuda``, or ``auto``, which is ``cuda`` where a device is found."""
     long_side_px: int = Field(default=800, ge=64, le=8192)
+    """Long side to which updates reduce training images."""
     initial_iterations: _Iterations = 1_000
+    """Training iterations of a scene's first update."""
     iterations_per_image: _Iterations = 100
+    """Training iterations of later updates, per new image."""
     fine_iterations: _Iterations = 30_000
+    """Training iterations of fine models."""
     max_gaussians: _Gaussians = 100_000
+    """Most Gaussians of a model that an update trains."""
     fine_max_gaussians: _Gaussians = 1_000_000
+    """Most Gaussians of a fine model."""
     queue_poll_s: _Seconds = 5.0
+    """Interval at which workers look for jobs whose notification was lost."""
 
 
 class Retention(Record):
-    """How long snapshots and rankings, by default for ever, and events are kept.
+    """How many snapshots, rankings and events each scene keeps, and for how long.
 
-    Of each scene's the newest ``snapshots``, ``rankings`` and ``events`` stay, and those younger than
-    ``snapshot_days``, ``ranking_days`` and ``event_days``; with both limits, what exceeds either is deleted.
-    Scenes can have numbers of their own for snapshots and rankings.
+    What exceeds either limit is deleted. Scenes can have their own numbers for snapshots and rankings.
     """
 
     snapshots: _Number | None = None
+    """Number of snapshots that a scene keeps; by default all."""
     snapshot_days: _Days | None = None
+    """Age up to which snapshots are kept; by default without limit."""
     rankings: _Number | None = None
+    """Number of rankings that a scene keeps; by default all."""
     ranking_days: _Days | None = None
+    """Age up to which rankings are kept; by default without limit."""
     events: _Number | None = 10_000
+    """Number of events that a scene keeps."""
     event_days: _Days | None = 90.0
+    """Age up to which events are kept."""
 
 
 class _FilesOfEnvironment(EnvSettingsSource):
@@ -161,16 +196,8 @@ class _FilesOfEnvironment(EnvSettingsSource):
 class Settings(BaseSettings):
     """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
-    ``root`` is the folder of everything that the service keeps on one machine. ``database_url`` is another
-    place for the database, which is SQLite in ``root`` by default. With the suffix ``_FILE`` a variable names
-    the file that has its value: ``FVS_DATABASE_URL_FILE=/run/secrets/database-url``.
-    ``allowed_hosts`` and ``allowed_origins`` are names besides loopback's under which browsers may reach the
-    service, and origins besides its own whose pages may use it. Events whose notification was lost are
-    found after ``event_poll_s``. A body that for ``upload_grace_s`` in all has arrived more slowly than
-    ``upload_bytes_per_s`` is refused. When a tenant's places for uploads are all held, an upload that is
-    older than ``upload_place_s`` gives way to a new one (see ``images.upload_places``). gRPC is served beside
-    REST (alone when ``rest`` is false), unless ``grpc`` is false, by default on the port after ``port`` (on a
-    free one when that is 0). An upload that breaks off is kept for ``partial_upload_s``.
+    A variable with the suffix ``_FILE`` names a file that has the value:
+    ``FVS_DATABASE_URL_FILE=/run/secrets/database-url``.
     """
 
     model_config = SettingsConfigDict(
@@ -178,41 +205,68 @@ class Settings(BaseSettings):
     )
 
     root: Path = Path("fvs-service")
+    """Folder of all data that the service keeps on this machine (``--root``)."""
     database_url: str | None = Field(
         default=None, repr=False, pattern=r"^(postgres|postgresql|sqlite)(\+[a-z0-9]+)?://"
     )
+    """URL of a PostgreSQL database; without it, SQLite in the root."""
     blobs: BlobSettings = BlobSettings()
     host: str = "127.0.0.1"
+    """Address to listen on (``--host``). Addresses other than loopback need API keys."""
     port: int = Field(default=8000, ge=0, le=65_535)
+    """Port of HTTP (``--port``); 0 is a free one."""
     rest: bool = True
+    """Serve REST (``--no-rest``). Without it, HTTP has only ``/livez``, ``/readyz`` and ``/metrics``."""
     grpc: bool = True
+    """Serve gRPC (``--no-grpc``)."""
     grpc_port: int | None = Field(default=None, ge=0, le=65_535)
+    """Port of gRPC (``--grpc-port``), by default the one after ``port``; 0 is a free one."""
     require_keys: bool = False
+    """Require API keys also on loopback."""
     tls_certificate: FilePath | None = None
+    """PEM file with the certificate chain for TLS."""
     tls_key: FilePath | None = None
+    """PEM file with the certificate's private key."""
     tls_client_ca: FilePath | None = None
+    """PEM file with the authority that must have signed the certificates of clients (mTLS)."""
     reserve_bytes: _Room = 500 * MEGABYTE
+    """Disk space that uploads and jobs leave free. Rankings are refused at half of it."""
     lease_s: _Seconds = 20.0
+    """Time after which a worker's lease of a scene expires if the worker does not extend it."""
     event_poll_s: _Seconds = 5.0
+    """Interval at which gateways look for events whose notification was lost."""
     event_heartbeat_s: _Seconds = 15.0
+    """Interval at which an event stream without events sends a comment, so that proxies do not close it."""
     upload_idle_s: _Seconds = 30.0
+    """Longest wait for the headers of a request, or for the next bytes of its body."""
     upload_grace_s: _Seconds = 30.0
+    """Time for which the body of a request may be slower than ``upload_bytes_per_s``, in all."""
     upload_bytes_per_s: float = Field(default=500.0, ge=1e-3, le=GIGABYTE)
+    """Slowest speed at which the body of a request may arrive after the grace period."""
     upload_place_s: _Seconds = 300.0
+    """When all upload places of a tenant are taken, a new upload ends the slowest one that is older than
+    this, or than ``upload_grace_s`` if its key has more uploads than the new one's."""
     partial_upload_s: _Seconds = 3600.0
+    """Time for which an interrupted gRPC upload can be resumed."""
     read_within_s: _Seconds = 120.0
+    """Time after which the connection of a client that does not read its response is closed."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
+    """Host names, besides those of loopback, under which browsers may reach the service."""
     allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
+    """Web origins, besides the service's own, whose pages may use the service."""
     inspectors: _Processes = 2
+    """Processes that decode uploaded images."""
     inspection_s: _Seconds = 60.0
+    """Most processor time that inspecting an image may take."""
     inspection_bytes: int = Field(default=2048 * MEGABYTE, ge=64 * MEGABYTE, le=1_000_000 * GIGABYTE)
+    """Most memory of an inspector; at least twice ``image_decoding_bytes``."""
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()
     sweep_s: _Seconds = 20.0
-    """Interval of the sweeps, which apply retention and remove deleted blobs."""
+    """Interval of the sweeps, which apply the retention and remove deleted blobs."""
     removal_grace_s: _Seconds = 180.0
-    """How long the blobs of a deleted snapshot stay for rankings in computation, which end sooner."""
+    """Time for which the blobs of a deleted snapshot stay for rankings that are being computed."""
 
     @classmethod
     def settings_customise_sources(

@@ -9,7 +9,8 @@ import pytest
 import typer
 from fvs_client.cli import exit_codes
 from fvs_client.cli.app import app as fvs_client
-from fvs_service.settings import Settings
+from fvs_service.field_docstrings import field_docstrings
+from fvs_service.settings import BlobSettings, Limits, Retention, Settings, WorkerSettings
 
 from fvs_engine.cli.app import app as fvs
 
@@ -88,6 +89,17 @@ def test_variables_are_settings(page: Path) -> None:
         for part in name.removeprefix("FVS_").lower().split("__"):
             assert part in fields, name
             fields = getattr(fields[part].annotation, "model_fields", {})
+
+
+def test_settings_have_docstrings() -> None:
+    documented = field_docstrings(Settings.__module__)
+    missing = [
+        f"{kind.__name__}.{name}"
+        for kind in (Settings, Limits, BlobSettings, WorkerSettings, Retention)
+        for name, field in kind.model_fields.items()
+        if not hasattr(field.annotation, "model_fields") and name not in documented[kind.__name__]
+    ]
+    assert missing == []
 
 
 def test_exit_statuses_of_the_client_are_those_of_the_program() -> None:
