@@ -82,3 +82,26 @@ def test_a_request_that_is_cut_gives_its_turn_back(when: str) -> None:
             pass
 
     asyncio.run(run())
+
+
+def test_a_turn_can_end_in_the_moment_in_which_the_next_request_is_cut() -> None:
+    async def run() -> list[BaseException | None]:
+        turns, done = FairTurns(1), asyncio.Event()
+
+        async def hold() -> None:
+            async with turns.turn(_principal("a")):
+                await done.wait()
+
+        first, second = asyncio.create_task(hold()), asyncio.create_task(hold())
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # the first holds the turn, the second waits for it
+        done.set()
+        second.cancel()  # takes effect only after the first has ended
+        ended = await asyncio.gather(first, second, return_exceptions=True)
+        async with asyncio.timeout(5), turns.turn(_principal("b")):
+            pass
+        return ended
+
+    first, second = asyncio.run(run())
+    assert first is None
+    assert isinstance(second, asyncio.CancelledError)

@@ -62,7 +62,8 @@ class FairTurns:
             for name in _names(chosen):
                 self._running[name] += 1
                 self._served[name] = self._number
-            chosen.turn.set_result(None)
+            if not chosen.turn.done():  # else it is cancelled, does not know yet, and gives the turn back
+                chosen.turn.set_result(None)
 
     def _end(self, who: _Waiting) -> None:
         self._free += 1
