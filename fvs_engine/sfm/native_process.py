@@ -61,11 +61,11 @@ def run_native(
         "folder": str(Path.cwd()),
     }
     child = _this_threads_child()
-    with log_file.open("a", encoding="utf-8") as log:
-        log.write(f"== {job} {json.dumps(dict(arguments))}\n")
-        log.flush()
-        child.begin(json.dumps(order), log)
     try:
+        with log_file.open("a", encoding="utf-8") as log:
+            log.write(f"== {job} {json.dumps(dict(arguments))}\n")
+            log.flush()
+            child.begin(json.dumps(order), log)
         outcome, status = _wait(child, monitor, on_tick, on_event)
     except BaseException:
         child.end()

@@ -9,6 +9,7 @@ or minus the signal that killed it. The argument is the id of the process that t
 
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -27,6 +28,7 @@ def main() -> None:
 
         order, server = json.loads(line), os.getpid()
         job = find_job(order["job"])
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pycolmap's handler writes a stack trace to the log
         pid = os.fork()
         if pid == 0:
             kill_with_parent(server)

@@ -1,22 +1,29 @@
+import contextlib
 import functools
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
+import pycolmap
 import pytest
 
 from fvs_engine import child_process
 from fvs_engine.child_process import EXIT_ORPHANED
-from fvs_engine.errors import Cancelled, ReconstructionError
+from fvs_engine.errors import Cancelled, ProcessDiedError, ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import native_process
 from fvs_engine.sfm.native_process import run_native
 
 CHILD = [sys.executable, "-m", "fvs_engine.sfm.native.child"]
+SOON_S = 60.0
 
 
 def run_child(parent: int, order: bytes) -> tuple[int, bytes]:
@@ -52,6 +59,50 @@ def failed_job(tmp_path: Path) -> "subprocess.Popen[str]":
     return native_process._children.child._process
 
 
+@dataclass
+class WaitingJob:
+    """A job in a fork of ``child``, the second one there; it waits until its end for input from ``pipe``."""
+
+    child: "subprocess.Popen[str]"
+    outcome: "Future[None]"
+    pipe: int
+
+    def require_end(self) -> None:
+        """Fail unless its process ends: nobody else reads from the pipe."""
+        until = time.monotonic() + SOON_S
+        with contextlib.suppress(BrokenPipeError):
+            while time.monotonic() < until:
+                os.write(self.pipe, b"\n")
+                time.sleep(0.01)
+            raise AssertionError
+
+    def kill(self) -> None:
+        """Kill its process alone."""
+        (pid,) = Path(f"/proc/{self.child.pid}/task/{self.child.pid}/children").read_text().split()
+        os.kill(int(pid), signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def waiting_job(folder: Path, monitor: Monitor) -> Iterator[WaitingJob]:
+    pairs, until = folder / "pairs", time.monotonic() + SOON_S
+    os.mkfifo(pairs)
+    pycolmap.Database.open(folder / "db").close()
+    arguments = {"database": str(folder / "db"), "pair_list": str(pairs), "block": 1, "seed": 0, "threads": 1}
+    with ThreadPoolExecutor(1) as thread:
+        child = thread.submit(failed_job, folder).result()
+        outcome = thread.submit(run_native, "match", arguments, folder / "native.log", monitor)
+        while True:
+            assert time.monotonic() < until
+            with contextlib.suppress(OSError):  # nobody reads yet
+                pipe = os.open(pairs, os.O_WRONLY | os.O_NONBLOCK)
+                break
+            time.sleep(0.01)
+        try:
+            yield WaitingJob(child, outcome, pipe)
+        finally:
+            os.close(pipe)
+
+
 def test_the_child_does_nothing_when_its_parent_is_gone():
     order = {"job": "match", "arguments": {}, "log": os.devnull, "folder": "."}
     not_its_parent = os.getppid()
@@ -73,6 +124,53 @@ def test_a_child_that_was_killed_between_two_jobs_is_replaced(tmp_path: Path):
     child.kill()
     child.wait()
     assert failed_job(tmp_path).pid != child.pid
+
+
+def test_a_child_that_is_not_needed_any_longer_leaves_nothing_in_the_log(tmp_path: Path):
+    thread = threading.Thread(target=failed_job, args=(tmp_path,))
+    thread.start()
+    thread.join()
+    assert "SIGTERM" not in (tmp_path / "native.log").read_text()
+
+
+def test_a_child_has_one_thread_so_that_it_can_be_forked(tmp_path: Path):
+    with pytest.raises(ReconstructionError, match="missing"):
+        run_native("register", {}, tmp_path / "native.log", Monitor())  # has all imports
+    pid = native_process._children.child._process.pid
+    assert len(list(Path(f"/proc/{pid}/task").iterdir())) == 1
+
+
+def test_a_job_that_is_cancelled_has_ended(tmp_path: Path):
+    monitor = Monitor()
+    with waiting_job(tmp_path, monitor) as job:
+        monitor.cancel()
+        assert isinstance(job.outcome.exception(SOON_S), Cancelled)
+        job.require_end()
+
+
+def test_a_job_ends_with_its_child(tmp_path: Path):
+    with waiting_job(tmp_path, Monitor()) as job:
+        job.child.kill()
+        with pytest.raises(ProcessDiedError, match="SIGKILL") as caught:
+            job.outcome.result(SOON_S)
+        assert not caught.value.crashed
+        job.require_end()
+
+
+def test_a_job_that_is_killed_leaves_its_child_to_the_next_one(tmp_path: Path):
+    with waiting_job(tmp_path, Monitor()) as job:
+        job.kill()
+        with pytest.raises(ProcessDiedError, match="SIGKILL") as caught:
+            job.outcome.result(SOON_S)
+        assert not caught.value.crashed
+        assert job.child.poll() is None
+
+
+def test_a_part_of_a_line_is_no_answer():
+    child = native_process._Child()
+    for line in ('{"event": 1}\n', '{"resu\n', '{"ended": -9}\n'):
+        child._answers.put(line)
+    assert [child.answer(0.0) for _ in range(4)] == [{"event": 1}, {}, {"ended": -9}, {}]
 
 
 def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
