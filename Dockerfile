@@ -14,7 +14,7 @@ RUN /opt/fvs/bin/pip install --no-cache-dir $PIP_OPTIONS --constraint constraint
 COPY pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt .
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[otel]"
 
 FROM nvidia/cuda:12.8.1-devel-ubuntu24.04 AS build-cuda
 # hadolint ignore=DL3008
@@ -26,7 +26,7 @@ COPY constraints.txt pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
 # gsplat compiles its kernels at their first use, so the compiler stays in the image.
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[cuda]"
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[cuda,otel]"
 
 FROM build-cuda AS cuda
 # hadolint ignore=DL3008
