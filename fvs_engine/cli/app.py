@@ -34,7 +34,7 @@ COMMANDS = "fvs.commands"
 """Entry point group: functions that are called with ``app`` and add commands to it."""
 
 app = typer.Typer(
-    help="Photographs in; 3D Gaussian splats and a ranking of where to photograph next out.",
+    help="Reconstruct photographs as 3D Gaussian splats, and rank the views to photograph next.",
     epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the others: docs/reference/exit-statuses.md.",
     no_args_is_help=True,
     add_completion=False,

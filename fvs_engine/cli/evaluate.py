@@ -50,7 +50,8 @@ def evaluate(
     ] = "fisherrf",
     methods: Annotated[str, typer.Option(metavar="A,B,…", help="The selectors to compare, or all.")] = "all",
     seeds: Annotated[
-        str, typer.Option(metavar="N,…", help="One run each: initial views and training differ.")
+        str,
+        typer.Option(metavar="N,…", help="Seeds of the runs, one each: initial views and training differ."),
     ] = "0,1,2",
     views: Annotated[
         str | None,

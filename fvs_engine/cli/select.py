@@ -31,7 +31,11 @@ def select(
     budget: Annotated[
         int | None,
         typer.Option(
-            min=2, max=MAX_VIEWS, metavar="N", help="Views in all.", show_default="100, or all there are"
+            min=2,
+            max=MAX_VIEWS,
+            metavar="N",
+            help="Total number of views.",
+            show_default="100, or all there are",
         ),
     ] = None,
     initial_choice: Annotated[

@@ -15,17 +15,19 @@ if TYPE_CHECKING:
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="DIR", help="Where the photographs go.")],
-    images: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="How many.")] = 24,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Their size in px.")] = "640x480",
-    radius: Annotated[float, typer.Option(min=2.5, max=3.7, metavar="M", help="Of the orbit, in m.")] = 3.0,
-    turns: Annotated[float, typer.Option(min=0.01, max=20.0, help="How often it goes around.")] = 1.0,
+    images: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="Number of photographs.")] = 24,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the photographs in px.")] = "640x480",
+    radius: Annotated[
+        float, typer.Option(min=2.5, max=3.7, metavar="M", help="Radius of the orbit in m.")
+    ] = 3.0,
+    turns: Annotated[float, typer.Option(min=0.01, max=20.0, help="Turns of the orbit.")] = 1.0,
     exposure: Annotated[
-        float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Brighter by 2^EV.")
+        float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Exposure: brighter by 2^EV.")
     ] = 0.0,
     noise: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Sensor noise; 1 is a small drone's.")
     ] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Another seed makes another scene.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the scene.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json."""

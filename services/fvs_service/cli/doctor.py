@@ -13,20 +13,20 @@ _EXIT_FOUND = 13
 
 def doctor(
     mend: Annotated[
-        bool, typer.Option("--mend", help="Mend what is found, instead of only saying it.")
+        bool, typer.Option("--mend", help="Repair what is found instead of only reporting it.")
     ] = False,
     grace: Annotated[
         float,
         typer.Option(
-            min=0, max=31_536_000, metavar="S", help="Leave out files that are younger than S seconds."
+            min=0, max=31_536_000, metavar="S", help="Ignore files that are younger than S seconds."
         ),
     ] = 900.0,
     root: RootOption = None,
 ) -> None:
-    """Check the database, the object store, clocks, workers and disks, and find what does not fit together.
+    """Check the database, the object store, clocks, workers and disks, and whether rows and blobs match.
 
-    That is blobs without rows, rows without blobs, folders of no scene, half deletions and lost jobs. It may
-    run beside the service. The exit status is 0 when nothing is found, 13 otherwise.
+    It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
+    of lost workers. It may run beside the service. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_service.application import open_storage
     from fvs_service.doctor.deployment import troubles

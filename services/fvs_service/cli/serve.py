@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from fvs_service.settings import Settings
 
 STOP_WITHIN_S = 6.0
-"""From SIGTERM to the end of the last process, whatever runs. Containers are killed after 10 s."""
+"""Longest time from SIGTERM to the end of the last process. Containers are killed after 10 s."""
 
-keys = typer.Typer(help="API keys of the service.", no_args_is_help=True)
+keys = typer.Typer(help="Create, list and revoke API keys.", no_args_is_help=True)
 
 RootOption = Annotated[
     Path | None,
@@ -46,28 +46,36 @@ def serve(
         ),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65_535, help="0: a free one.", show_default="8000")
+        int | None,
+        typer.Option(min=0, max=65_535, help="Port of HTTP; 0 takes a free one.", show_default="8000"),
     ] = None,
     rest: Annotated[
         bool | None,
-        typer.Option("--rest/--no-rest", help="Serve REST; without, gRPC alone.", show_default="--rest"),
+        typer.Option(
+            "--rest/--no-rest", help="Serve REST; --no-rest serves gRPC alone.", show_default="--rest"
+        ),
     ] = None,
     grpc: Annotated[
-        bool | None, typer.Option("--grpc/--no-grpc", help="Serve gRPC beside REST.", show_default="--grpc")
+        bool | None, typer.Option("--grpc/--no-grpc", help="Serve gRPC.", show_default="--grpc")
     ] = None,
     grpc_port: Annotated[
         int | None,
-        typer.Option(min=0, max=65_535, help="Of gRPC; 0: a free one.", show_default="the one after --port"),
+        typer.Option(
+            min=0, max=65_535, help="Port of gRPC; 0 takes a free one.", show_default="the one after --port"
+        ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Number of workers.", show_default="1")
+        int | None, typer.Option(min=1, max=256, help="Number of workers on this machine.", show_default="1")
     ] = None,
     role: Annotated[
         str, typer.Option(help="What to run on this machine: all, gateway or worker.", metavar="ROLE")
     ] = "all",
-    log_json: Annotated[bool, typer.Option("--log-json", help="Log JSON lines.")] = False,
+    log_json: Annotated[bool, typer.Option("--log-json", help="Write logs as JSON lines.")] = False,
 ) -> None:
-    """Start the service: REST under /v1 and gRPC, on loopback. Settings also come from FVS_… variables."""
+    """Start the service, with REST and gRPC, by default on loopback.
+
+    Other settings are FVS_… variables; docs/operate/running.md lists them.
+    """
     from fvs_service.serving.process_tree import kill_descendants
     from fvs_service.serving.stop_signals import StopSignals
 
@@ -119,7 +127,9 @@ def create_key(
     scope: Annotated[
         list[Scope] | None, typer.Option(help="Permissions of the key.", show_default="all")
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="Restrict the key to this scene: a device's key.")] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="Restrict the key to this scene, as for a vehicle.")
+    ] = None,
     days: Annotated[
         int | None, typer.Option(min=1, max=36_500, help="Days until the key expires.", show_default="never")
     ] = None,
@@ -181,7 +191,7 @@ def settings_of(**given: object) -> "Settings":
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
     except OSError as error:
-        typer.echo(f"Error: a file that a variable FVS_…_FILE names: {error}.", err=True)
+        typer.echo(f"Error: the file that an FVS_…_FILE variable names cannot be read: {error}.", err=True)
         raise typer.Exit(USAGE) from error
     except ValidationError as error:
         for wrong in error.errors():

@@ -20,11 +20,18 @@ app = typer.Typer(
 def options(
     context: typer.Context,
     url: Annotated[
-        str | None, typer.Option(envvar="FVS_URL", help="URL of the service.", show_default=DEFAULT_URL)
+        str | None,
+        typer.Option(
+            envvar="FVS_URL", help="URL of the service: http(s):// or grpc(s)://.", show_default=DEFAULT_URL
+        ),
     ] = None,
     api_key: Annotated[
         str | None,
-        typer.Option(envvar="FVS_API_KEY", show_default=False, help="Your API key; safer in the variable."),
+        typer.Option(
+            envvar="FVS_API_KEY",
+            show_default=False,
+            help="API key. Prefer the variable: arguments are visible to other users.",
+        ),
     ] = None,
 ) -> None:
     """Connect to a service."""
@@ -54,7 +61,7 @@ def events(
     after: Annotated[
         int, typer.Option(min=0, max=2**53, metavar="N", help="Start after event number N.")
     ] = 0,
-    tail: Annotated[bool, typer.Option("--tail", help="Only new events.")] = False,
+    tail: Annotated[bool, typer.Option("--tail", help="Print only new events.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Print the events of a scene as they happen, until Ctrl-C; with --json one JSON object per line."""

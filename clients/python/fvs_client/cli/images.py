@@ -27,7 +27,7 @@ def images(
     context: typer.Context,
     scene: SceneArgument,
     problems: Annotated[
-        bool, typer.Option("--problems", help="Only images that are not registered or have warnings.")
+        bool, typer.Option("--problems", help="List only images that are not registered or have warnings.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -61,7 +61,9 @@ def images(
 def upload(
     context: typer.Context,
     scene: SceneArgument,
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", exists=True, help="Folders and files.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", exists=True, help="Image files, and folders of them.")
+    ],
     parallel: Annotated[int, typer.Option(min=1, max=64, help="Number of files sent at a time.")] = 8,
     as_json: JsonOption = False,
 ) -> None:

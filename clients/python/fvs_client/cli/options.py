@@ -29,13 +29,22 @@ TimeoutOption = Annotated[
 IterationsOption = Annotated[
     int | None,
     typer.Option(
-        "--iterations", min=1, max=100_000, help="Training iterations.", show_default="by number of images"
+        "--iterations",
+        min=1,
+        max=100_000,
+        help="Training iterations; of updates, only a scene's first one can set this.",
+        show_default="the service's",
     ),
 ]
 LongSideOption = Annotated[
     int | None,
     typer.Option(
-        "--long-side", min=64, max=8192, metavar="PX", help="Reduce training images to this long side."
+        "--long-side",
+        min=64,
+        max=8192,
+        metavar="PX",
+        help="Reduce training images to this long side; of updates, only a scene's first one can set this.",
+        show_default="the service's",
     ),
 ]
 TestEveryOption = Annotated[

@@ -9,7 +9,7 @@ import pydantic
 import typer
 
 from fvs_client import FramePose, Ranking, VehiclePose
-from fvs_client.cli.options import JsonOption, SceneArgument, TimeoutOption, YesOption
+from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.rankings import (
@@ -78,7 +78,7 @@ def rank(
         ),
     ] = None,
     top: Annotated[
-        int | None, typer.Option(min=1, max=100_000, metavar="K", help="Only the first K candidates.")
+        int | None, typer.Option(min=1, max=100_000, metavar="K", help="Show only the first K candidates.")
     ] = None,
     snapshot: Annotated[
         str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
@@ -90,7 +90,10 @@ def rank(
     renders: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
     ] = None,
-    timeout: TimeoutOption = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(min=0, max=31_536_000, metavar="S", help="Wait at most S seconds.", show_default="180"),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Rank candidates for the next view, best first."""

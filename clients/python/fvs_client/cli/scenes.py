@@ -145,15 +145,27 @@ def change(
     name: Annotated[str | None, typer.Option(help="New name.", show_default="unchanged")] = None,
     every: Annotated[
         int | None,
-        typer.Option(min=0, max=10_000, metavar="K", help="Update after every K images; 0: on request only."),
+        typer.Option(
+            min=0, max=10_000, metavar="K", help="Update after every K images; 0 updates on request only."
+        ),
     ] = None,
     snapshots: Annotated[
         int | None,
-        typer.Option(min=0, max=100_000, metavar="N", help="Keep the newest N snapshots; 0: as the service."),
+        typer.Option(
+            min=0,
+            max=100_000,
+            metavar="N",
+            help="Keep the newest N snapshots; 0 keeps as many as the service.",
+        ),
     ] = None,
     days: Annotated[
         float | None,
-        typer.Option(min=0, max=36_500, metavar="D", help="Keep snapshots for D days; 0: as the service."),
+        typer.Option(
+            min=0,
+            max=36_500,
+            metavar="D",
+            help="Keep snapshots for D days; 0 keeps them as long as the service.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
