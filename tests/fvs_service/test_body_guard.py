@@ -105,20 +105,6 @@ def test_a_fast_start_does_not_pay_for_a_slow_rest(serve: Any) -> None:
             dripping.join()
 
 
-def test_a_slow_but_steady_body_arrives(serve: Any, photograph: Any) -> None:
-    server = serve(upload_grace_s=0.5, upload_bytes_per_s=100)
-    scene, content = server.scene(), photograph(1)
-
-    def slowly() -> Iterator[bytes]:
-        for start in range(0, len(content), 1 + len(content) // 20):
-            yield content[start : start + 1 + len(content) // 20]
-            time.sleep(0.03)
-
-    digest = hashlib.sha256(content).hexdigest()
-    answer = server.client.put(f"/v1/scenes/{scene}/images/sha256:{digest}", content=slowly())
-    assert answer.status_code == 201, answer.text
-
-
 def test_encoded_bodies_are_refused(gateway: Any) -> None:
     sent = {"Content-Type": "application/json", "Content-Encoding": "gzip"}
     answer = gateway.client.post("/v1/scenes", content=b"\x1f\x8b", headers=sent)

@@ -52,6 +52,7 @@ def failed_job(tmp_path: Path) -> "subprocess.Popen[str]":
         "model_dir": str(tmp_path / "none"),
         "image_dir": "",
         "out_dir": str(tmp_path),
+        "names": [],
         "quality": 99,
     }
     with pytest.raises(ReconstructionError, match="'undistort' failed"):
@@ -174,14 +175,10 @@ def test_a_part_of_a_line_is_no_answer():
 
 
 def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
-    log = tmp_path / "native.log"
-    with pytest.raises(ReconstructionError, match=r"'undistort' failed") as caught:
-        run_native(
-            "undistort",
-            {"model_dir": str(tmp_path / "none"), "image_dir": "", "out_dir": str(tmp_path), "quality": 99},
-            log,
-            Monitor(),
-        )
+    log, missing = tmp_path / "native.log", str(tmp_path / "none")
+    arguments = {"database": missing, "target": str(tmp_path / "target"), "names": [], "seed": 0}
+    with pytest.raises(ReconstructionError, match=f"'calibrate' failed: .*{missing}") as caught:
+        run_native("calibrate", arguments, log, Monitor())
     assert str(log) in caught.value.hint
     assert "Traceback" in log.read_text()
 
