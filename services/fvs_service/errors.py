@@ -114,7 +114,7 @@ class ForeignOriginError(
 class UnknownHostError(
     ServiceError,
     code="unknown-host",
-    title="The service does not have this name",
+    title="The host name is not known",
     status=421,
     rpc_status="PERMISSION_DENIED",
     retryable=False,
@@ -125,7 +125,7 @@ class UnknownHostError(
 class NotFoundError(
     ServiceError, code="not-found", title="Not found", status=404, rpc_status="NOT_FOUND", retryable=False
 ):
-    """It does not exist, or belongs to another tenant: the responses are the same."""
+    """The resource does not exist or belongs to another tenant: the responses are the same."""
 
 
 class MethodNotAllowedError(
@@ -152,7 +152,7 @@ class SlowRequestError(
 class ConflictError(
     ServiceError,
     code="conflict",
-    title="The request does not fit the current state",
+    title="The request conflicts with the current state",
     status=409,
     rpc_status="FAILED_PRECONDITION",
     retryable=False,
@@ -173,7 +173,7 @@ class StaleLeaseError(
 class GoneError(
     ServiceError,
     code="gone",
-    title="It has been deleted",
+    title="The resource has been deleted",
     status=410,
     rpc_status="NOT_FOUND",
     retryable=False,
@@ -226,13 +226,13 @@ class InvalidRequestError(
     rpc_status="INVALID_ARGUMENT",
     retryable=False,
 ):
-    """The request can be parsed but not be fulfilled."""
+    """The request can be parsed but is not valid."""
 
 
 class DigestMismatchError(
     InvalidRequestError,
     code="digest-mismatch",
-    title="The bytes do not have the digest they should",
+    title="The bytes do not have the declared digest",
     retryable=True,
 ):
     """The bytes do not have the declared digest: damaged in transit, or the wrong file."""
@@ -280,7 +280,7 @@ class StorageRefusedError(StorageUnavailableError):
 class IncompatibleDatabaseError(
     ServiceError,
     code="incompatible-database",
-    title="The database is of a newer version",
+    title="The database has a newer version",
     status=500,
     retryable=False,
 ):
@@ -290,7 +290,7 @@ class IncompatibleDatabaseError(
 class DeadlineError(
     ServiceError,
     code="deadline-exceeded",
-    title="The answer took longer than the client waits",
+    title="The answer takes longer than the client waits",
     status=504,
     rpc_status="DEADLINE_EXCEEDED",
     retryable=False,
@@ -305,13 +305,13 @@ class ClientGoneError(
     status=499,
     rpc_status="CANCELLED",
 ):
-    """The client hung up before its answer; nobody receives this one."""
+    """The client closed the connection before the answer; the error is only logged and counted."""
 
 
 class OutOfSpaceError(
     ServiceError,
     code="out-of-space",
-    title="There is no room left",
+    title="The disk is full",
     status=507,
     rpc_status="RESOURCE_EXHAUSTED",
 ):
@@ -322,12 +322,12 @@ def deadline_passed(timeout_s: float) -> DeadlineError:
     """The error for a request that could not be answered within ``timeout_s``."""
     return DeadlineError(
         f"There was no answer within {timeout_s:g} s.",
-        hint="Ask for fewer candidates or wait longer (X-Timeout-S; over gRPC the deadline).",
+        hint="Rank fewer candidates, or wait longer: raise X-Timeout-S, or over gRPC the deadline.",
     )
 
 
 def stopping() -> UnavailableError:
-    """The error for a request that the service's stop cuts."""
+    """The error for a request that ends because the service stops."""
     return UnavailableError("The service is stopping.", hint="Send the request again.", retry_after_s=5)
 
 

@@ -43,7 +43,7 @@ class Principal:
             raise NotFoundError("There is no such scene.")
         if scope not in self.scopes or (self.scene_id is not None and scene_id is None):
             raise ForbiddenError(
-                f"A key is needed with the scope {scope.value!r}"
+                f"This needs a key with the scope {scope.value!r}"
                 + (" that is not bound to one scene." if self.scene_id is not None else "."),
                 hint="Create another key: fvs keys create --scope …",
             )

@@ -24,7 +24,7 @@ def parse(kind: type[M], content: bytes, session: object = None) -> M:
     except pydantic.ValidationError as error:
         raise UnexpectedAnswerError(
             f"The answer is not what this client expects of {kind.__name__}: {error.errors()[0]['msg']}",
-            hint="Is the URL that of an fvs service, of a version that this client knows?",
+            hint="Check the URL, and that the service and this client have versions that fit.",
         ) from error
 
 
@@ -37,7 +37,7 @@ def refusal(response: httpx2.Response, request_id: str) -> ApiError:
             status=response.status_code,
             code="",
             detail=f"The answer is {response.status_code}, and not from an fvs service.",
-            hint="Is the URL right? Is there a proxy in between?",
+            hint="Check the URL, and whether a proxy answers in place of the service.",
             retryable=response.status_code in (408, 429, 502, 503, 504),
             request_id=response.headers.get("x-request-id", ""),
         )

@@ -121,7 +121,7 @@ class Connection:
         if isinstance(error, httpx2.ConnectError) and "[SSL" in str(error):
             return ConnectionFailedError(
                 f"There is no secure connection to {self.url}: {error}.",
-                hint="SSL_CERT_FILE names a certificate to trust; a service without TLS is at http://.",
+                hint="Set SSL_CERT_FILE to a certificate to trust, or use http:// if the service has no TLS.",
                 request_id=request_id,
             )
         if isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout):

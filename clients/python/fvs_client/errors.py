@@ -210,7 +210,7 @@ class WaitTimeoutError(JobError):
             f"The {job.kind.value} job {job.id} has not ended within {timeout_s:g} s; "
             f"it is {job.state.value}, at {job.progress:.0%}.",
             job,
-            hint="It continues; wait again, or cancel it.",
+            hint="The job continues: wait again, or cancel it.",
             retryable=True,
         )
 

@@ -124,7 +124,8 @@ def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> p
     if points == 0:
         raise ReconstructionError(
             "No point is seen from two of the given cameras.",
-            hint="Do the poses belong to these images? A transforms.json has OpenGL axes, camera to world.",
+            hint="Check that the poses belong to these images, and that a transforms.json has OpenGL axes, "
+            "camera to world.",
         )
     return open_colmap(target)
 

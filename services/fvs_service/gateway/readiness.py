@@ -29,7 +29,8 @@ def _require_workers(known: Sequence[WorkerStatus], least: int) -> None:
         f"{worker.id} for {worker.heartbeat_age_s:.0f} s" for worker in known if not worker.alive
     )
     raise UnavailableError(
-        f"{alive} workers are alive, not {least}." + (f" Silent are {silent}." if silent else ""),
-        hint="fvs serve starts workers, and its log says why they end.",
+        f"{alive} of {least} required workers are alive."
+        + (f" No heartbeat from {silent}." if silent else ""),
+        hint="The log of fvs serve says why workers end.",
         retry_after_s=5,
     )

@@ -43,8 +43,10 @@ class UploadPace:
 
     def _error(self) -> SlowRequestError:
         if self._left_s > self._idle_s:
-            return SlowRequestError(f"No byte of the body arrived for {self._idle_s:g} s.")
+            return SlowRequestError(
+                f"No byte of the body arrived for {self._idle_s:g} s.", hint="Send the request again."
+            )
         return SlowRequestError(
             f"The body arrived at less than {self._bytes_per_s:g} bytes per second for {self._grace_s:g} s.",
-            hint="Send it over a better connection, or raise FVS_UPLOAD_GRACE_S.",
+            hint="Send it again over a better connection. The operator can raise FVS_UPLOAD_GRACE_S.",
         )

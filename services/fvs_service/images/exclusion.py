@@ -98,7 +98,7 @@ def _accepted_image(session: Session, principal: Principal, scene_id: str, diges
     if image is None:
         raise NotFoundError("The scene has no such image.")
     if image.verdict is not Verdict.ACCEPTED:
-        raise ConflictError(f"The image is not used anyway: it is {image.verdict.value}.", hint=image.hint)
+        raise ConflictError(f"The image is not used in models: it is {image.verdict.value}.", hint=image.hint)
     return image
 
 

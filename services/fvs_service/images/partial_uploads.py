@@ -64,7 +64,7 @@ class PartialUploads:
                     offset_bytes=changed.st_size,
                     expires_at=datetime.fromtimestamp(changed.st_mtime + self.keep_s, UTC),
                 )
-        raise NotFoundError("No upload of this image broke off.", hint="Send it from its first byte.")
+        raise NotFoundError("There is no partial upload of this image.", hint="Send it from its first byte.")
 
     def take(self, tenant_id: str, new: NewUpload, to: Path) -> None:
         """Move the bytes before ``new.offset_bytes`` to ``to``.

@@ -48,9 +48,9 @@ class UploadPlace:
             if not self.taken:
                 raise
             raise SlowRequestError(
-                f"Another upload needs the place of this one, which arrives at {self.bytes_per_s:.0f} bytes "
-                "per second.",
-                hint="Send it again over a better connection; over gRPC it goes on where it was.",
+                "All upload places are taken, and a new upload has replaced this one, which arrived at "
+                f"{self.bytes_per_s:.0f} bytes per second.",
+                hint="Send it again over a better connection. Over gRPC it resumes where it stopped.",
             ) from None
         finally:
             self._timer = None

@@ -177,6 +177,6 @@ def _require_settings_of(first: Job | None, request: JobRequest) -> None:
         kept = getattr(first.request, name)
         raise ConflictError(
             f"The scene's first update set {name} to {'the default' if kept is None else kept}, "
-            "and the model goes on with that.",
-            hint=f"Leave {name} out. A fine job has its own; a new scene can have another.",
+            "and the model keeps it.",
+            hint=f"Omit {name}. Fine jobs and new scenes can have other values.",
         )

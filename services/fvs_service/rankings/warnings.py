@@ -23,8 +23,8 @@ class RankingWarning(Model):
 
 _ILL_CONDITIONED = RankingWarning(
     code=RankingWarningCode.ILL_CONDITIONED,
-    message="The photographs lie on a line, so the world frame may be turned about it by tens of degrees: "
-    "poses in it, geodetic ones too, are not where they were meant.",
+    message="The photographs lie on a line, which leaves the rotation of the world frame about it open: "
+    "poses in the world frame, and geodetic ones, may be off by tens of degrees.",
     hint="Fly a second line beside the first, or send yaw, pitch and roll of the camera with every image; or "
     "give poses in the model frame.",
 )

@@ -258,7 +258,7 @@ def _reachable() -> Iterator[None]:
             ) from error
         raise StorageUnavailableError(
             "The object store cannot be reached.",
-            hint="Try again soon. If it stays so, fvs doctor says why.",
+            hint="Try again soon. If the error persists, run fvs doctor, which says why.",
             retry_after_s=5,
         ) from error
 
@@ -273,7 +273,7 @@ def require_room(folder: Path, size_bytes: int, reserve_bytes: int) -> None:
     free = free_bytes(folder)
     if free < size_bytes + reserve_bytes:
         raise OutOfSpaceError(
-            f"The disk has {free // 1_000_000} MB left, and {reserve_bytes // 1_000_000} MB are kept free.",
+            f"The disk has {free // 1_000_000} MB free, and {reserve_bytes // 1_000_000} MB must stay free.",
             hint="Free some space on the service's disk, then send it again.",
             retry_after_s=60,
         )

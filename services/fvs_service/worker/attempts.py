@@ -156,7 +156,7 @@ class Attempts:
                 message=f"The job stopped {MAX_TRIES} times without progress: {tries.reason}",
                 hint="Free some space on the service's disk, then retry the job."
                 if full
-                else "Often memory ran out: use fewer or smaller images, or a machine with more memory.",
+                else "Most often memory ran out: use fewer or smaller images, or a machine with more memory.",
                 retryable=True,
                 stage=job.stage,
             )

@@ -110,10 +110,10 @@ def _refusal(error: grpc.RpcError, status: Status) -> httpx2.Response:
 
 def _deadline_passed(within: str) -> httpx2.Response:
     problem = {
-        "title": "The answer took longer than the client waits",
+        "title": "The answer takes longer than the client waits",
         "code": "deadline-exceeded",
         "detail": f"There was no answer within {within} s.",
-        "hint": "Ask for fewer candidates or wait longer (timeout_s).",
+        "hint": "Rank fewer candidates, or wait longer: raise timeout_s.",
         "retryable": False,
     }
     return _problem(504, problem)

@@ -48,7 +48,7 @@ class OriginGuard:
             if host not in self._hosts and not _is_loopback(host):
                 return UnknownHostError(
                     f"{name[:100]} is not a name of this service.",
-                    hint="If it is, the operator adds it to FVS_ALLOWED_HOSTS.",
+                    hint="The operator can add it to FVS_ALLOWED_HOSTS.",
                 )
         return None
 
@@ -66,7 +66,7 @@ class OriginGuard:
             return None
         return ForeignOriginError(
             f"Pages of {(origin or 'another origin')[:100]} may not use this service.",
-            hint="If they may, the operator adds their origin to FVS_ALLOWED_ORIGINS.",
+            hint="The operator can add their origin to FVS_ALLOWED_ORIGINS.",
         )
 
 

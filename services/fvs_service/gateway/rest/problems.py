@@ -127,7 +127,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
         problem = kind(f"There is nothing at {path}.", hint="GET /openapi.json lists the paths.")
     elif kind is errors.MethodNotAllowedError:
         allowed = ", ".join(_allowed_methods(request))
-        problem = kind(f"{request.method} is not allowed at {path}.", hint=f"Allowed are {allowed}.")
+        problem = kind(f"{request.method} is not allowed at {path}.", hint=f"Allowed methods: {allowed}.")
         headers = {"Allow": allowed}
     elif kind is errors.MalformedRequestError:
         problem = kind("The body cannot be read.", hint="Send JSON in UTF-8 that is not nested too deeply.")

@@ -79,7 +79,7 @@ class ImageUpload:
         if message.WhichOneof("part") != "upload":
             raise InvalidRequestError(
                 "The first message of an upload has no `upload`.",
-                hint="Send what the image is, then its bytes.",
+                hint="Send `upload` first, then the bytes as `chunk`.",
             )
         self._app.scenes.require(self._caller, Scope.UPLOAD, message.upload.scene_id)
         upload = pick(NewUpload, message.upload)
@@ -111,7 +111,7 @@ class ImageUpload:
             raise InvalidRequestError("A message after the first has no `chunk`.")
         if receiver.size_bytes + len(message.chunk) > upload.size_bytes:
             raise InvalidRequestError(
-                f"The stream has more than the {upload.size_bytes} bytes that it said.",
+                f"The stream has more than the {upload.size_bytes} bytes that size_bytes declares.",
                 hint="Send the image's size as size_bytes.",
             )
         self._messages += 1

@@ -164,7 +164,7 @@ class RequestQueue:
         late_s = waits_s + self._pace.expected_s(question.kind, question.views) - asker.timeout_s
         if self._queue and late_s > 0:
             raise LimitExceededError(
-                f"The rankings before this one take {waits_s:.0f} s, too long for an answer within "
+                f"The rankings before this one take {waits_s:.0f} s, so it cannot be answered within "
                 f"{asker.timeout_s:.0f} s.",
                 hint="Ask again later, or for fewer candidates.",
                 retry_after_s=max(1, math.ceil(min(late_s, waits_s))),

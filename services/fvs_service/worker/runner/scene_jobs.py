@@ -213,8 +213,8 @@ class SceneJobs:
         ):
             if wanted is not None and wanted != used:
                 raise InvalidInputError(
-                    f"The scene's first update set {name} to {used}, and the model goes on with that.",
-                    hint=f"Leave {name} out. A fine job has its own; a new scene can have another.",
+                    f"The scene's first update set {name} to {used}, and the model keeps it.",
+                    hint=f"Omit {name}. Fine jobs and new scenes can have other values.",
                 )
         return kept
 
