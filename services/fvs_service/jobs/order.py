@@ -5,14 +5,15 @@ the one whose last turn began the longest ago. Within the tenant it goes to an u
 a job that has begun before one that has not, then to the scene whose last turn began the longest ago. A job
 whose turn has lasted ``turn_ms`` makes room for a job that the order prefers, and waits for its next turn.
 So nobody starves: a waiting tenant gets a turn after at most one turn of each other tenant, and a fine model
-that has waited for ``_PATIENCE`` turns counts as an update.
+that has waited for ``_PATIENCE`` turns counts as an update. Where workers do one kind of work, each kind has
+a line of its own; a fine model lets an update of its scene go first whichever line that is in.
 
 Everything here is a function of the open jobs; the database is in ``jobs.queue``.
 """
 
 import heapq
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,6 +65,7 @@ class Order:
     """The order of all open ``jobs`` at ``now_ms``.
 
     ``tenants_served_ms``: when each tenant's last turn began. ``limit``: the most jobs of a tenant in a turn.
+    ``does``: the work whose line this is; ``workers_do``: what the workers that live do, all together.
     """
 
     jobs: Sequence[OpenJob]
@@ -71,6 +73,8 @@ class Order:
     limit: int
     turn_ms: int
     now_ms: int
+    does: frozenset[Work] = ALL_WORK
+    workers_do: frozenset[Work] = ALL_WORK
 
     @cached_property
     def running(self) -> tuple[OpenJob, ...]:
@@ -79,10 +83,10 @@ class Order:
 
     @cached_property
     def line(self) -> tuple[Place, ...]:
-        """The waiting jobs, those that are next first."""
+        """The jobs that wait for this work, those that are next first."""
         by_tenant: defaultdict[str, list[OpenJob]] = defaultdict(list)
         for job in self.jobs:
-            if job.worker_id is None:
+            if job.worker_id is None and job.work in self.does:
                 by_tenant[job.tenant_id].append(job)
         for jobs in by_tenant.values():
             jobs.sort(key=self._within_tenant, reverse=True)
@@ -109,13 +113,10 @@ class Order:
         return next((place.job for place in self.line if place.obstacle is None), None)
 
     def update_of_scene_waits(self, job: OpenJob) -> bool:
-        """Whether an update of its scene waits for ``job``, a fine model in a turn."""
+        """Whether an update of its scene, which some worker can run, waits for ``job``, a fine model."""
         if job.kind is JobKind.UPDATE or self._in_protected_turn(job):
             return False
-        return any(
-            other.scene_id == job.scene_id and other.worker_id is None and other.kind is JobKind.UPDATE
-            for other in self.jobs
-        )
+        return any(update.scene_id == job.scene_id for update in self._updates_for(self.workers_do))
 
     def turn_ends(self, job: OpenJob) -> bool:
         """Whether the turn of ``job`` is over, and it is the one to make room for a job that waits."""
@@ -142,6 +143,17 @@ class Order:
     def _expendable(self, job: OpenJob) -> tuple[int, bool, int, str]:
         """Of several jobs that could make room the greatest does."""
         return self._turns[job.tenant_id], job.kind is JobKind.FINE, -job.taken_at_ms, job.id
+
+    def _updates_for(self, work: frozenset[Work]) -> Iterator[OpenJob]:
+        """The updates that wait for one of these kinds of work."""
+        for job in self.jobs:
+            if job.kind is JobKind.UPDATE and job.worker_id is None and job.work in work:
+                yield job
+
+    @cached_property
+    def _scenes_of_other_lines(self) -> frozenset[str]:
+        """The scenes with an update that waits for other workers than those of this line."""
+        return frozenset(update.scene_id for update in self._updates_for(self.workers_do - self.does))
 
     @cached_property
     def _turns(self) -> Counter[str]:
@@ -171,7 +183,7 @@ class Order:
         return not self._turn_is_over(job) and self._waited_long(job, job.taken_at_ms)
 
     def _obstacle(self, job: OpenJob, scenes: set[str], turns: int) -> WaitReason | None:
-        if job.scene_id in scenes:
+        if job.scene_id in scenes or (self._rank(job) and job.scene_id in self._scenes_of_other_lines):
             return WaitReason.SCENE
         if job.cancel_requested:
             return None

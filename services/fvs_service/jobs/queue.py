@@ -10,6 +10,7 @@ from sqlalchemy import func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from fvs_service.fleet import is_alive
 from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.ticket import JobTicket
@@ -48,7 +49,7 @@ class JobQueue:
                     return None
             try:
                 with self._database.writing("queue") as session:
-                    chosen = self._order(session, waiting_for=self._does).next
+                    chosen = self._order(session, self._does).next
                     if chosen is None:
                         return None
                     taken = take_job(session, chosen.id, worker_id) if _serve(session, chosen) else None
@@ -116,10 +117,10 @@ class JobQueue:
 
     def order(self, session: Session) -> Order:
         """The order of all open jobs."""
-        return self._order(session, waiting_for=ALL_WORK)
+        return self._order(session, ALL_WORK)
 
-    def _order(self, session: Session, waiting_for: frozenset[Work]) -> Order:
-        """The order of the jobs in a turn, and of those that wait for these kinds of work."""
+    def _order(self, session: Session, does: frozenset[Work]) -> Order:
+        """The order of all open jobs, with the line of those that wait for these kinds of work."""
         served = (
             select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
             .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(_OPEN))))
@@ -158,8 +159,8 @@ class JobQueue:
                 }
             )
             for row in rows
-            if row.worker_id is not None or row.work in waiting_for
         )
+        alive = map(work_of, session.scalars(select(WorkerRow.work).where(is_alive()).distinct()))
         tenants = _served(session, {job.tenant_id for job in jobs})
         return Order(
             jobs=jobs,
@@ -167,6 +168,8 @@ class JobQueue:
             limit=self._jobs_per_tenant,
             turn_ms=round(1000 * self._turn_s),
             now_ms=session.scalar(select(now_ms())) or 0,
+            does=does,
+            workers_do=self._does.union(*alive),
         )
 
 

@@ -127,6 +127,29 @@ def test_a_fine_model_makes_room_for_an_update_of_its_scene_at_once_unless_it_wa
     assert _order([starved, update], now_ms=931_000).update_of_scene_waits(starved)
 
 
+def test_a_fine_model_lets_an_update_of_its_scene_go_first_that_waits_for_other_workers() -> None:
+    sfm, training = frozenset({Work.SFM}), frozenset({Work.TRAINING})
+    update = _job("update", "a", scene="s", waiting_since_ms=59_999)
+    fine = _job("fine", "a", FINE, scene="s", waiting_since_ms=50_000, work=Work.TRAINING)
+    other = _job("other", "a", FINE, waiting_since_ms=50_000, work=Work.TRAINING)
+    order = replace(_order([fine, update, other]), does=training)
+    assert {place.job.id: place.obstacle for place in order.line} == {"fine": WaitReason.SCENE, "other": None}
+    assert replace(order, does=sfm).next == update
+    starved = replace(fine, waiting_since_ms=0)
+    assert replace(_order([starved, update], now_ms=901_000), does=training).next == starved
+
+
+def test_a_fine_model_does_not_wait_for_an_update_that_no_worker_can_run() -> None:
+    training = frozenset({Work.TRAINING})
+    update = _job("update", "a", scene="s", waiting_since_ms=59_999)
+    fine = _job("fine", "a", FINE, scene="s", waiting_since_ms=50_000, work=Work.TRAINING)
+    order = replace(_order([fine, update]), does=training, workers_do=training)
+    assert order.next == fine
+    taken = replace(fine, worker_id="w", taken_at_ms=59_000)
+    assert not replace(order, jobs=[taken, update]).update_of_scene_waits(taken)
+    assert _order([taken, update]).update_of_scene_waits(taken)
+
+
 def _simulate(
     jobs: dict[str, OpenJob], work_ms: dict[str, int], slots: int, limit: int, until: str | None = None
 ) -> dict[str, int]:

@@ -224,5 +224,21 @@ def test_each_kind_of_work_has_a_queue_of_its_own(gateway: Any) -> None:
     }
 
 
+def test_a_fine_model_pauses_for_an_update_only_while_a_worker_lives_that_runs_it(gateway: Any) -> None:
+    headers, database = gateway.key("a"), gateway.application.storage.database
+    scene = gateway.scene(headers)
+    gateway.model(scene, headers)
+    fine = gateway.queue(scene, kind="fine", headers=headers)
+    gpu = JobQueue(database, jobs_per_tenant=2, turn_s=30, does=frozenset({Work.TRAINING}))
+    ticket = gpu.take("gpu")
+    assert ticket is not None
+    gateway.queue(scene, headers=headers)
+    assert not gpu.must_pause(fine, turn_may_end=True)
+    Heartbeats(database, 20).beat("cpu", work="sfm")
+    assert gpu.must_pause(fine, turn_may_end=True)
+    gpu.put_back(ticket, "gpu")
+    assert gpu.take("gpu") is None  # it would pause again at once
+
+
 def _workers(gateway: Any, headers: Any) -> Any:
     return gateway.client.get("/v1/capabilities", headers=headers).json()["workers"]
