@@ -189,7 +189,7 @@ def _from_transforms(
         reason = "have other positions in it" if misfit else "lie on a line, which leaves a rotation open"
         raise InvalidInputError(
             f"{path} cannot be aligned with the model: the {len(shared)} views that both have {reason}.",
-            hint="Was it made from these photographs? Candidates can also be poses in the model frame.",
+            hint="Give a file that was made from these photographs, or poses in the model frame.",
         )
     moved = {name: alignment.transform.move_camera(camera) for name, camera in frames.items()}
     turns = angle_between(

@@ -57,7 +57,9 @@ def reconstruct_folder(
     """
     monitor = monitor or Monitor()
     if settings.colmap and settings.transforms:
-        raise InvalidInputError("Cameras have one source.", hint="Give either --colmap or --transforms.")
+        raise InvalidInputError(
+            "Cameras can come from one source only.", hint="Give either --colmap or --transforms."
+        )
     if settings.intrinsics and settings.camera_model:
         raise InvalidInputError(
             f"The intrinsics are those of a {settings.intrinsics.model} camera already.",
@@ -70,7 +72,7 @@ def reconstruct_folder(
         )
     if settings.test_every == 1:
         raise InvalidInputError(
-            "Every view would be held out (--test-every 1), and none be left to train on.",
+            "Every view would be held out (--test-every 1), so none is left to train on.",
             hint="Hold out every 8th, or none with 0.",
         )
     for what, given in (

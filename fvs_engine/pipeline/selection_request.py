@@ -65,7 +65,7 @@ class SelectionRequest(Record):
         """
         if self.test_every == 1:
             raise InvalidInputError(
-                "Every view would be held out (--test-every 1), and none be left to visit.",
+                "Every view would be held out (--test-every 1), so none is left to visit.",
                 hint="Hold out every 8th, or none with 0.",
             )
         pool, _ = split_test(dataset.names, self.test_every)

@@ -21,7 +21,9 @@ def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | No
         raise InvalidInputError(f"{folder} is not a folder.", hint="Give the folder of the dataset.")
     images = folder / "images" if (folder / "images").is_dir() else folder
     if colmap is not None and transforms is not None:
-        raise InvalidInputError("Poses have one source.", hint="Give either --colmap or --transforms.")
+        raise InvalidInputError(
+            "Poses can come from one source only.", hint="Give either --colmap or --transforms."
+        )
     if colmap is None and transforms is None:
         if (folder / "transforms.json").is_file():
             transforms = folder / "transforms.json"

@@ -123,5 +123,6 @@ class KnownPoses:
     def _contradiction(self, evidence: str) -> ReconstructionError:
         return ReconstructionError(
             f"The given poses of {self._dataset.name} contradict its photographs: {evidence}",
-            hint="Do they belong to these images? A transforms.json has OpenGL axes, camera to world.",
+            hint="Check that they belong to these images. A transforms.json has OpenGL axes, camera "
+            "to world.",
         )

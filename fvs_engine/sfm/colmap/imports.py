@@ -90,7 +90,10 @@ def import_transforms_json(file: Path) -> Reconstruction:
     head = _read_json(file)
     frames = head.get("frames")
     if not isinstance(frames, list) or not frames:
-        raise InvalidInputError(f"{file} has no frames.", hint="Is it a transforms.json of a NeRF dataset?")
+        raise InvalidInputError(
+            f"{file} has no frames.",
+            hint="Give a transforms.json as NeRF datasets have it, with a list of frames.",
+        )
     views: dict[str, AnyView] = {}
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):

@@ -190,7 +190,7 @@ def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
         (("--initial", 22), "has only 21 views to visit, and the selection begins with 22"),
         (("--budget", 5), "must not be less than initial"),
         (("--test-every", 1), "Every view would be held out"),
-        (("--colmap", "a", "--transforms", "b"), "Poses have one source"),
+        (("--colmap", "a", "--transforms", "b"), "Poses can come from one source only"),
         (("--colmap", "no/such/folder"), "holds no COLMAP model"),
     ],
 )
