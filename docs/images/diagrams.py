@@ -102,7 +102,7 @@ def architecture() -> str:
     d = Drawing(1000, 640, "The processes of the service and what flows between them")
     d.box(20, 60, 170, 330, "Clients", fill=PAPER)
     d.text(105, 115, "drone or companion", "computer: fvs-client", size=13)
-    d.text(105, 205, "mission planner:", "HTTP or fvs_client", size=13)
+    d.text(105, 205, "mission planner:", "REST, gRPC, fvs_client", size=13)
     d.text(105, 295, "engineer: fvs-client,", "curl, Python", size=13)
 
     d.box(290, 40, 690, 370, fill="#ffffff", dashed=True)
@@ -110,7 +110,7 @@ def architecture() -> str:
     d.text(396, 62, "a supervisor that starts these processes, and restarts one that dies", anchor="start",
            size=13, color=GREY)  # fmt: skip
 
-    d.box(310, 85, 185, 300, "gateway", "REST under /v1, events", "no torch, computes nothing", fill=BLUE)
+    d.box(310, 85, 185, 300, "gateway", "REST, gRPC, events", "no torch, computes nothing", fill=BLUE)
     d.box(325, 285, 155, 82, "inspectors", "decode every upload,", "within limits", fill="#ffffff")
     d.box(770, 85, 190, 105, "runner", "one per active scene:", "holds the warm model,", "trains and ranks",
           fill=GREEN)  # fmt: skip
@@ -139,7 +139,7 @@ def architecture() -> str:
 
     d.arrow((495, 125), (770, 125), mark="accent", both=True, width=2.4)
     d.text(632, 114, "ranking requests: straight", size=12, color=ACCENT, weight="600")
-    d.text(632, 145, "to the runner, never queued", size=12, color=ACCENT, weight="600")
+    d.text(632, 145, "to the runner, not behind jobs", size=12, color=ACCENT, weight="600")
     d.arrow((495, 330), (585, 330))
     d.text(540, 320, "jobs, queued", size=12)
     d.arrow((657, 275), (657, 172), (770, 172))
