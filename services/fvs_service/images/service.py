@@ -158,7 +158,7 @@ class Images:
     def _require_room(self, scene: Scene) -> None:
         if scene.images.received >= self._limits.images_per_scene:
             raise ConflictError(
-                f"The scene has {self._limits.images_per_scene} images, the most that are allowed.",
+                f"The scene has {self._limits.images_per_scene} images; no more are allowed.",
                 hint="Create another scene.",
             )
 

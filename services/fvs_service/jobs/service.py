@@ -140,7 +140,7 @@ class Jobs:
         """Raise ``LimitExceededError`` unless the tenant may have another open job."""
         if repository.open_jobs(session, tenant_id) >= self._limits.open_jobs_per_tenant:
             raise LimitExceededError(
-                f"{self._limits.open_jobs_per_tenant} jobs are queued or running, the most that are allowed.",
+                f"{self._limits.open_jobs_per_tenant} jobs are queued or running; no more are allowed.",
                 hint="Wait for one to end, or cancel one.",
                 retry_after_s=30,
             )

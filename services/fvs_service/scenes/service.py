@@ -30,7 +30,7 @@ class Scenes:
                 return earlier
             if repository.count_scenes(session, principal.tenant_id) >= self._limits.scenes_per_tenant:
                 raise LimitExceededError(
-                    f"There are {self._limits.scenes_per_tenant} scenes, the most that are allowed.",
+                    f"There are {self._limits.scenes_per_tenant} scenes; no more are allowed.",
                     hint="Delete one that is no longer needed.",
                     retry_after_s=3600,
                 )
