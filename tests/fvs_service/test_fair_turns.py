@@ -1,11 +1,16 @@
 """Turns to inspect uploads: whoever sends many does not hold up the others."""
 
 import asyncio
-from collections.abc import Sequence
+import hashlib
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import pytest
+from fvs.v1.images_pb2 import UploadImageRequest, UploadImageResponse
+from fvs_service.gateway.rpc.uploads import ImageUpload
 from fvs_service.images.fair_turns import FairTurns
-from fvs_service.principal import ALL_SCOPES, Principal
+from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
 
 
 def _principal(name: str) -> Principal:
@@ -105,3 +110,97 @@ def test_a_turn_can_end_in_the_moment_in_which_the_next_request_is_cut() -> None
     first, second = asyncio.run(run())
     assert first is None
     assert isinstance(second, asyncio.CancelledError)
+
+
+class Upload:
+    """An image that is sent to a scene over gRPC."""
+
+    def __init__(self, gateway: Any, content: bytes) -> None:
+        self._gateway, self._content = gateway, content
+        self._scene = gateway.scene()
+        self.digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
+
+    def send(self, offset: int = 0) -> "asyncio.Task[UploadImageResponse]":
+        about = {
+            "scene_id": self._scene,
+            "digest": self.digest,
+            "size_bytes": len(self._content),
+            "offset_bytes": offset,
+        }
+        left = self._content[offset:]
+        sent = [UploadImageRequest(upload=about), *([UploadImageRequest(chunk=left)] if left else [])]
+        messages = iter([one.SerializeToString() for one in sent])
+
+        async def receive() -> bytes | None:
+            return next(messages, None)
+
+        metrics = self._gateway.app.state.metrics
+        return asyncio.create_task(ImageUpload(self._gateway.application, metrics, LOCAL_USER, receive).run())
+
+    def arrived_bytes(self) -> int:
+        kept = self._gateway.application.partial_uploads
+        return int(kept.find(LOCAL_USER.tenant_id, self._scene, self.digest).offset_bytes)
+
+    def image(self) -> Any:
+        return self._gateway.application.images.get(LOCAL_USER, self._scene, self.digest)
+
+
+@pytest.fixture
+def upload(open_gateway: Callable[..., Any], photograph: Callable[[int], bytes]) -> Upload:
+    return Upload(open_gateway(inspectors=1), photograph(1))
+
+
+@pytest.fixture
+def images(upload: Upload) -> Any:
+    return upload._gateway.application.images
+
+
+@pytest.fixture
+def turns(upload: Upload) -> FairTurns:
+    """Two turns."""
+    turns: FairTurns = upload._gateway.application.inspection_turns
+    return turns
+
+
+def test_an_upload_that_is_cut_while_it_waits_for_its_turn_need_not_be_sent_again(
+    upload: Upload, turns: FairTurns
+) -> None:
+    async def run() -> UploadImageResponse:
+        async with turns.turn(LOCAL_USER), turns.turn(LOCAL_USER):
+            cut = upload.send()
+            while not turns._waiting:
+                await asyncio.sleep(0.01)
+            cut.cancel()
+            await asyncio.gather(cut, return_exceptions=True)
+        return await upload.send(offset=upload.arrived_bytes())
+
+    assert asyncio.run(run()).created
+
+
+def test_an_upload_that_is_cut_while_it_is_inspected_is_stored_and_holds_its_turn_until_then(
+    upload: Upload, turns: FairTurns, images: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, may_end, store = threading.Event(), threading.Event(), images.store
+
+    def slow(*arguments: Any) -> Any:
+        began.set()
+        assert may_end.wait(30)
+        return store(*arguments)
+
+    monkeypatch.setattr(images, "store", slow)
+
+    async def run() -> None:
+        cut = upload.send()
+        while not began.is_set():
+            await asyncio.sleep(0.01)
+        cut.cancel()
+        async with turns.turn(LOCAL_USER):
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.1), turns.turn(LOCAL_USER):
+                    pass
+        may_end.set()
+        with pytest.raises(asyncio.CancelledError):
+            await cut
+
+    asyncio.run(run())
+    assert upload.image().digest == upload.digest

@@ -6,6 +6,7 @@ file away, so that only one upload at a time continues it.
 """
 
 import asyncio
+import contextlib
 import hashlib
 import time
 from dataclasses import dataclass
@@ -85,11 +86,12 @@ class PartialUploads:
         )
 
     def keep(self, tenant_id: str, new: NewUpload, part: Path) -> None:
-        """Keep the bytes of an upload that broke off, unless more of them are kept already."""
+        """Keep the bytes of an upload that broke off, unless more are kept, or the image is stored."""
         kept = self._path(tenant_id, new)
-        size = part.stat().st_size
-        if size and (not kept.exists() or kept.stat().st_size <= size):
-            part.replace(kept)
+        with contextlib.suppress(FileNotFoundError):
+            size = part.stat().st_size
+            if size and (not kept.exists() or kept.stat().st_size <= size):
+                part.replace(kept)
         self.prune()
         theirs = self._of(tenant_id, "")
         for path in theirs[self.per_tenant :]:

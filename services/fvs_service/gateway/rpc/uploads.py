@@ -1,9 +1,8 @@
 """Uploads over gRPC: a stream that says what it sends, then the bytes."""
 
 import asyncio
-import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
 from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
@@ -18,6 +17,8 @@ from fvs_service.images.partial_uploads import NewUpload
 from fvs_service.images.staging import Receiver, require_digest
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
+
+T = TypeVar("T")
 
 _SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
 """As in bodies over HTTP: so many chunks may have any size; all must then be larger on average."""
@@ -56,6 +57,9 @@ class ImageUpload:
             try:
                 async with place.receiving():
                     await self._receive_all(upload, receiver)
+                async with app.inspection_turns.turn(self._caller):
+                    # An inspection cannot be interrupted, and has its turn until it ends.
+                    image, created = await _to_its_end(run_sync(self._store, upload, receiver, metadata))
             except InvalidRequestError:  # what arrived is not this image
                 raise
             except BaseException:  # also that the client is gone
@@ -63,12 +67,6 @@ class ImageUpload:
                     run_sync(lambda: app.partial_uploads.keep(tenant_id, upload, receiver.part()))
                 )
                 raise
-            staged = receiver.finish()
-            require_digest(staged.digest, upload.digest)
-            async with app.inspection_turns.turn(self._caller):
-                image, created = await run_sync(
-                    app.images.store, self._caller, upload.scene_id, staged, metadata
-                )
         if created:
             self._metrics.images.labels(image.verdict.value).inc()
         return _response(image, created=created)
@@ -122,17 +120,27 @@ class ImageUpload:
         receiver.write(message.chunk)
         self._metrics.received_bytes.inc(len(message.chunk))
 
+    def _store(self, upload: NewUpload, receiver: Receiver, metadata: ImageMetadata) -> tuple[Image, bool]:
+        staged = receiver.finish()
+        require_digest(staged.digest, upload.digest)
+        return self._app.images.store(self._caller, upload.scene_id, staged, metadata)
+
     async def _next(self) -> bytes | None:
         return await self._pace.wait(self._receive, _size)
 
 
-async def _to_its_end(work: Coroutine[Any, Any, None]) -> None:
-    """Wait for ``work`` even when the call is cancelled meanwhile."""
-    task = asyncio.ensure_future(work)
+async def _to_its_end(work: Coroutine[Any, Any, T]) -> T:
+    """The result of ``work``; a cancellation of the call takes effect when it has ended."""
+    task, cancelled = asyncio.ensure_future(work), False
     while not task.done():
-        with contextlib.suppress(asyncio.CancelledError):
+        try:
             await asyncio.shield(task)
-    task.result()
+        except asyncio.CancelledError:
+            cancelled = True
+    result = task.result()
+    if cancelled:
+        raise asyncio.CancelledError
+    return result
 
 
 def _size(content: bytes | None) -> int:
