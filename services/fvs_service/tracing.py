@@ -73,7 +73,7 @@ class Tracing:
         Without the extra ``fvs[otel]`` there are none, and a warning says so.
         """
         named = next((name for name in _ENDPOINTS if os.environ.get(name)), None)
-        if named is None or os.environ.get("OTEL_SDK_DISABLED", "").lower() == "true":
+        if named is None or os.environ.get("OTEL_SDK_DISABLED", "").strip().lower() == "true":
             return cls()
         try:
             from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter

@@ -223,3 +223,12 @@ def test_without_the_extra_the_service_says_how_to_get_it(
         assert traceparent() is None
     assert "pip install 'fvs[otel]'" in capsys.readouterr().err
     assert not collector.spans
+
+
+def test_a_disabled_sdk_records_nothing(collector: Collector, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OTEL_SDK_DISABLED", " True ")  # as the SDK reads it
+    tracing = Tracing.of_environment("test")
+    with tracing.span("a"):
+        assert traceparent() is None
+    tracing.close()
+    assert not collector.spans

@@ -43,6 +43,7 @@ QuestionT = TypeVar("QuestionT", RankViews, RenderView)
 
 _log = logging.getLogger(__name__)
 _BACKLOG = 128
+_SCORES = TypeAdapter(Sequence[CandidateScore])
 _GREETING_S, _GREETING_BYTES = 5.0, 200
 
 _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
@@ -204,7 +205,7 @@ class RunnerServer:
 
 
 def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
-    connection.send({"scored": TypeAdapter(Sequence[CandidateScore]).dump_python(scores, mode="json")})
+    connection.send({"scored": _SCORES.dump_python(scores, mode="json")})
 
 
 def _listen(address: str) -> socket.socket:
