@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import threading
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any
@@ -157,3 +158,34 @@ def test_what_arrived_over_grpc_of_an_upload_that_gives_way_is_kept(open_gateway
 
     asyncio.run(run())
     assert app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500
+
+
+def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    app, scene, digest = gateway.application, gateway.scene(), f"sha256:{'1' * 64}"
+    began, may_end, receive_file = threading.Event(), threading.Event(), app.staging.receive
+
+    def slow(*arguments: Any) -> Any:
+        began.set()
+        assert may_end.wait(30)
+        return receive_file(*arguments)
+
+    async def receive() -> bytes:
+        upload = {"scene_id": scene, "digest": digest, "size_bytes": 900}
+        return UploadImageRequest(upload=upload).SerializeToString()
+
+    async def run() -> None:
+        upload = asyncio.create_task(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+        while not began.is_set():
+            await asyncio.sleep(0.01)
+        upload.cancel()
+        await asyncio.sleep(0.01)
+        may_end.set()
+        with pytest.raises(asyncio.CancelledError):
+            await upload
+
+    monkeypatch.setattr(app.staging, "receive", slow)
+    asyncio.run(run())
+    assert not list(gateway.settings.staging.iterdir())

@@ -1,6 +1,7 @@
 """Uploads over gRPC: a stream that says what it sends, then the bytes."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
 
@@ -52,8 +53,10 @@ class ImageUpload:
         left_bytes = upload.size_bytes - upload.offset_bytes
         with (
             app.upload_places.place(self._caller, self._pace, left_bytes) as place,
-            await run_sync(self._receiver, upload) as receiver,
+            contextlib.ExitStack() as stack,
         ):
+            # The thread enters it: its file is deleted also when the call is cancelled meanwhile.
+            receiver = await _to_its_end(run_sync(lambda: stack.enter_context(self._receiver(upload))))
             try:
                 async with place.receiving():
                     await self._receive_all(upload, receiver)
