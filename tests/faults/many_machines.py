@@ -173,6 +173,12 @@ class Takeovers(threading.Thread):
         self.join()
 
 
+def is_known(url: str, worker: str) -> bool:
+    """Whether no other worker has declared this one dead."""
+    with psycopg.connect(url) as database:
+        return database.execute("SELECT 1 FROM workers WHERE id = %s", (worker,)).fetchone() is not None
+
+
 def main() -> None:
     """Run the script; the exit status is 0 when all checks hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -250,7 +256,14 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     for pid in frozen:
                         os.kill(pid, signal.SIGSTOP)
                     say(f"{machine.name} is frozen")
-                    time.sleep(4 * LEASE_S)
+                    stopped = time.monotonic()
+                    while is_known(shared["FVS_DATABASE_URL"], machine.name):
+                        require(
+                            time.monotonic() - stopped < PATIENCE_S, "nobody takes the frozen worker's jobs"
+                        )
+                        time.sleep(0.1)
+                    say(f"its jobs were taken {time.monotonic() - stopped:.1f} s after it froze")
+                    time.sleep(LEASE_S)
                     for pid in frozen:
                         os.kill(pid, signal.SIGCONT)
                     woken = time.monotonic()
