@@ -26,6 +26,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -230,7 +231,7 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
     say = lambda what: print(f"{time.monotonic() - began:6.1f} s  {what}", flush=True)  # noqa: E731
     faults = iter(("postgresql", "store", "freeze"))
     kills, due, other_due = 0, options.every, options.minutes * 60 / 5
-    frozen = None
+    was_frozen = False
     back: list[tuple[float, Machine]] = []
     while (passed := time.monotonic() - began) < options.minutes * 60:
         go_on(clients, jobs, photographs)
@@ -250,27 +251,11 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     store.start()
                     say("the object store is back")
                 case "freeze":
-                    machine = wait_for_worker(workers)
-                    frozen = machine.processes(_WORKER)
-                    takeovers.lost(machine.name)
-                    for pid in frozen:
-                        os.kill(pid, signal.SIGSTOP)
-                    say(f"{machine.name} is frozen")
-                    stopped = time.monotonic()
-                    while is_known(shared["FVS_DATABASE_URL"], machine.name):
-                        require(
-                            time.monotonic() - stopped < PATIENCE_S, "nobody takes the frozen worker's jobs"
-                        )
-                        time.sleep(0.1)
-                    say(f"its jobs were taken {time.monotonic() - stopped:.1f} s after it froze")
-                    time.sleep(LEASE_S)
-                    for pid in frozen:
-                        os.kill(pid, signal.SIGCONT)
-                    woken = time.monotonic()
-                    while set(frozen) & set(machine.processes(_WORKER)):
-                        require(time.monotonic() - woken < 60, "the frozen worker goes on")
-                        time.sleep(0.05)
-                    say(f"the frozen worker ended {time.monotonic() - woken:.1f} s after it was continued")
+                    for _, machine in back:  # somebody has to take the jobs
+                        machine.start()
+                    back.clear()
+                    freeze(workers, shared["FVS_DATABASE_URL"], takeovers, say)
+                    was_frozen = True
         elif passed > due:
             due = passed + options.every
             victim = rng.choice(workers)
@@ -301,7 +286,7 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
         time.sleep(0.5)
     say("all jobs have ended")
     takeovers.stop()
-    check(shared, clients, jobs, photographs, frozen is not None)
+    check(shared, clients, jobs, photographs, was_frozen)
     say("all checks hold")
     seconds = sorted(takeovers.seconds)
     total = sum(map(len, jobs.values()))
@@ -321,6 +306,29 @@ def wait_for_worker(workers: list[Machine]) -> Machine:
                 return machine
         time.sleep(0.1)
     raise SystemExit("FAILED: no worker does anything")
+
+
+def freeze(workers: list[Machine], url: str, takeovers: Takeovers, say: Callable[[str], None]) -> None:
+    """Freeze a worker until another one has its jobs; continued, it must end."""
+    machine = wait_for_worker(workers)
+    frozen = machine.processes(_WORKER)
+    takeovers.lost(machine.name)
+    for pid in frozen:
+        os.kill(pid, signal.SIGSTOP)
+    say(f"{machine.name} is frozen")
+    began = time.monotonic()
+    while is_known(url, machine.name):
+        require(time.monotonic() - began < PATIENCE_S, "nobody takes the frozen worker's jobs")
+        time.sleep(0.1)
+    say(f"its jobs were taken {time.monotonic() - began:.1f} s after it froze")
+    time.sleep(LEASE_S)
+    for pid in frozen:
+        os.kill(pid, signal.SIGCONT)
+    began = time.monotonic()
+    while set(frozen) & set(machine.processes(_WORKER)):
+        require(time.monotonic() - began < 60, "the frozen worker goes on")
+        time.sleep(0.05)
+    say(f"the frozen worker ended {time.monotonic() - began:.1f} s after it was continued")
 
 
 def make_scene(clients: Clients, photographs: list[Path], number: int) -> str:
