@@ -5,7 +5,7 @@
 `fvs serve`; every scene is the same simulated courtyard, at 160 px. All photographs are uploaded first; then
 all updates are queued at once. The time is that from the first update's request to the last one's end. Costs
 are means per scene: seconds of its stages, bytes uploaded and kept, and, with PostgreSQL (FVS_DATABASE_URL),
-committed transactions, those of the idle processes included. docs/scaling.md rests on them.
+committed transactions, those of the idle processes included. docs/operate/scaling.md rests on them.
 """
 
 import argparse
