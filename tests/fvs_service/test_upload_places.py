@@ -5,14 +5,19 @@ import contextlib
 import threading
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 from fvs.v1.images_pb2 import UploadImageRequest
 from fvs_service.errors import LimitExceededError, SlowRequestError
+from fvs_service.gateway.rest.multipart import receive_files
 from fvs_service.gateway.rpc.uploads import ImageUpload
+from fvs_service.images.staging import StagingArea
 from fvs_service.images.upload_places import UploadPlace, UploadPlaces
 from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
+from starlette.requests import Request
 
 _LONG_S = 1000.0
 
@@ -189,3 +194,36 @@ def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
     monkeypatch.setattr(app.staging, "receive", slow)
     asyncio.run(run())
     assert not list(gateway.settings.staging.iterdir())
+
+
+def test_a_form_that_gives_way_while_its_file_is_opened_leaves_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
+    began, may_end, receive_file = threading.Event(), threading.Event(), staging.receive
+    head = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.jpg"\r\n\r\n'
+
+    def slow(*arguments: Any) -> Any:
+        began.set()
+        assert may_end.wait(30)
+        return receive_file(*arguments)
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": head, "more_body": False}
+
+    async def run() -> None:
+        headers = [(b"content-type", b"multipart/form-data; boundary=b")]
+        form = Request({"type": "http", "method": "POST", "headers": headers}, receive)
+        files = receive_files(form, staging, 10, anyio.CapacityLimiter(1))
+        reading = asyncio.ensure_future(anext(files, None))
+        while not began.is_set():
+            await asyncio.sleep(0.01)
+        reading.cancel()
+        await asyncio.sleep(0.01)
+        may_end.set()
+        with pytest.raises(asyncio.CancelledError):
+            await reading
+
+    monkeypatch.setattr(staging, "receive", slow)
+    asyncio.run(run())
+    assert not list((tmp_path / "staging").iterdir())

@@ -14,6 +14,7 @@ from starlette.requests import Request
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.bodies import blocks
+from fvs_service.gateway.uninterrupted import to_its_end
 from fvs_service.images.staging import Receiver, StagedFile, StagingArea
 
 _MAX_HEADER_BYTES = 8_192
@@ -49,7 +50,8 @@ async def receive_files(
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
         async for block in blocks(request):
-            await anyio.to_thread.run_sync(parser.write, block, limiter=parsing)  # and writes the files
+            writing = anyio.to_thread.run_sync(parser.write, block, limiter=parsing)
+            await to_its_end(writing)  # also opens files, which nobody would delete
             while parts.complete:
                 receiver, file = parts.complete.pop(0)
                 with receiver:

@@ -1,9 +1,7 @@
 """Uploads over gRPC: a stream that says what it sends, then the bytes."""
 
-import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any, TypeVar
+from collections.abc import Awaitable, Callable
 
 from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
@@ -12,14 +10,13 @@ from fvs_service.application import Application
 from fvs_service.errors import InvalidRequestError, MalformedRequestError
 from fvs_service.gateway.rpc.calls import parsed
 from fvs_service.gateway.rpc.conversion import pick, read, write
+from fvs_service.gateway.uninterrupted import to_its_end
 from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.model import Image, ImageMetadata
 from fvs_service.images.partial_uploads import NewUpload
 from fvs_service.images.staging import Receiver, require_digest
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
-
-T = TypeVar("T")
 
 _SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
 """As in bodies over HTTP: so many chunks may have any size; all must then be larger on average."""
@@ -56,17 +53,17 @@ class ImageUpload:
             contextlib.ExitStack() as stack,
         ):
             # The thread enters it: its file is deleted also when the call is cancelled meanwhile.
-            receiver = await _to_its_end(run_sync(lambda: stack.enter_context(self._receiver(upload))))
+            receiver = await to_its_end(run_sync(lambda: stack.enter_context(self._receiver(upload))))
             try:
                 async with place.receiving():
                     await self._receive_all(upload, receiver)
                 async with app.inspection_turns.turn(self._caller):
                     # An inspection cannot be interrupted, and has its turn until it ends.
-                    image, created = await _to_its_end(run_sync(self._store, upload, receiver, metadata))
+                    image, created = await to_its_end(run_sync(self._store, upload, receiver, metadata))
             except InvalidRequestError:  # what arrived is not this image
                 raise
             except BaseException:  # also that the client is gone
-                await _to_its_end(
+                await to_its_end(
                     run_sync(lambda: app.partial_uploads.keep(tenant_id, upload, receiver.part()))
                 )
                 raise
@@ -130,20 +127,6 @@ class ImageUpload:
 
     async def _next(self) -> bytes | None:
         return await self._pace.wait(self._receive, _size)
-
-
-async def _to_its_end(work: Coroutine[Any, Any, T]) -> T:
-    """The result of ``work``; a cancellation of the call takes effect when it has ended."""
-    task, cancelled = asyncio.ensure_future(work), False
-    while not task.done():
-        try:
-            await asyncio.shield(task)
-        except asyncio.CancelledError:
-            cancelled = True
-    result = task.result()
-    if cancelled:
-        raise asyncio.CancelledError
-    return result
 
 
 def _size(content: bytes | None) -> int:
