@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fvs_service.deletion.event_retention import EventRetention
 from fvs_service.events.model import EventKind
-from fvs_service.events.repository import events_after, publish
+from fvs_service.events.repository import events_after, last_number, publish
 from fvs_service.model import now
 from fvs_service.settings import Retention
 from fvs_service.storage.tables import EventRow
@@ -59,6 +59,20 @@ def test_old_events_go_and_those_of_deleted_scenes_stay(open_gateway: Any) -> No
     assert _numbers(gateway, old, numbers[2]) == [(numbers[3], "scene.changed")]
     assert [kind for _, kind in _numbers(gateway, deleted)] == ["scene.deleted"]
     assert _retention(gateway).apply() == 0
+
+
+def test_a_stream_of_new_events_lacks_nothing_when_all_were_old(open_gateway: Any) -> None:
+    gateway = open_gateway()
+    scene, numbers = _scene_with_events(gateway, 3)
+    database = gateway.application.storage.database
+    with database.writing() as session:
+        session.execute(update(EventRow).values(created_at=now() - timedelta(days=9)))
+    retention = _retention(gateway, event_days=8)
+    assert [retention.apply(), retention.apply()] == [2, 0]
+    with database.reading() as session:
+        assert last_number(session) == numbers[-1]
+    assert _numbers(gateway, scene, numbers[-1]) == []
+    assert [number for number, _ in _numbers(gateway, scene)] == numbers[1:]
 
 
 @pytest.mark.parametrize("event", ["first", "last"])

@@ -15,7 +15,7 @@ _OLDEST_LOOKED_AT = 1_000
 
 
 class EventRetention:
-    """Deletes events that are too old, and the oldest of scenes with too many.
+    """Deletes events that are too old, and the oldest of scenes with too many; the newest of all stays.
 
     A scene remembers its last deleted event, so that a stream from before it says what it lacks. The last
     event of a deleted scene goes with the scene's other traces (see ``storage.removals``).
@@ -32,7 +32,7 @@ class EventRetention:
         with self._database.reading() as session:
             newest = last_number(session)
             scenes = {*self._with_new_events(session), *self._with_old_events(session)}
-        deleted = sum(self._trim(scene_id) for scene_id in sorted(scenes))
+        deleted = sum(self._trim(scene_id, newest) for scene_id in sorted(scenes))
         self._seen = newest
         return deleted
 
@@ -54,14 +54,15 @@ class EventRetention:
         before = now() - timedelta(days=self._days)
         return list(session.scalars(select(oldest.c.scene_id).where(oldest.c.created_at < before).distinct()))
 
-    def _trim(self, scene_id: str) -> int:
+    def _trim(self, scene_id: str, newest: int) -> int:
         with self._database.writing(scene_id) as session:
             scene = session.get(SceneRow, scene_id)
             last = max(self._last_beyond_number(session, scene_id), self._last_beyond_age(session, scene_id))
-            if scene is None or last == 0:
-                return 0
+            last = min(last, newest - 1)  # after which streams of new events begin
             beyond = (EventRow.scene_id == scene_id, EventRow.number <= last)
             count = session.scalar(select(func.count()).select_from(EventRow).where(*beyond)) or 0
+            if scene is None or count == 0:
+                return 0
             session.execute(delete(EventRow).where(*beyond))
             scene.last_deleted_event = max(last, scene.last_deleted_event)
             return count
