@@ -110,7 +110,7 @@ def test_a_later_update_cannot_change_how_the_model_is_trained(gateway: Any) -> 
         refused = gateway.client.post(path, json={"kind": "update", **setting})
         assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
         assert next(iter(setting)) in refused.json()["detail"]
-        assert "fine" in refused.json()["hint"]
+        assert "Fine jobs" in refused.json()["hint"]
     assert gateway.client.post(path, json={"kind": "fine", "iterations": 50}).status_code == 202
     assert gateway.client.post(path, json={"kind": "update"}).status_code == 202
 
