@@ -64,7 +64,7 @@ def ask(rank: Rank) -> Asked:
 
 @contextmanager
 def over_rest(service: RunningService, scene_id: str, options: argparse.Namespace) -> Iterator[Rank]:
-    """A REST client with its own connection."""
+    """Rank over REST, on a connection of its own."""
     with Client(service.url) as client:
         scene = client.scenes.get(scene_id)
         yield lambda: scene.rank(generator=Orbit(count=options.candidates), method=options.method)

@@ -156,7 +156,7 @@ class WorkerSettings(Record):
     max_gaussians: _Gaussians = 100_000
     """Most Gaussians of a model that an update trains."""
     fine_max_gaussians: _Gaussians = 1_000_000
-    """Most Gaussians of a fine model."""
+    """Maximum number of Gaussians in a fine model."""
     queue_poll_s: _Seconds = 5.0
     """Interval at which workers look for jobs whose notification was lost."""
 
@@ -178,7 +178,7 @@ class Retention(Record):
     events: _Number | None = 10_000
     """Number of events that a scene keeps."""
     event_days: _Days | None = 90.0
-    """Age up to which events are kept."""
+    """Number of days for which events are kept."""
 
 
 class _FilesOfEnvironment(EnvSettingsSource):

@@ -1,4 +1,4 @@
-"""Every number on the command lines has a range, and is refused by its option's name outside of it."""
+"""Every numeric command-line option has a range; values outside it are refused with the option's name."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -58,7 +58,7 @@ def secure(
 
 @pytest.fixture(params=["rest", "rpc"])
 def connect(request: pytest.FixtureRequest, secure: Any, known: dict[str, Path]) -> Connect:
-    """Connect with a key, the certificate to trust and one of one's own: names of ``known``."""
+    """Connect with an API key, a CA and a client certificate, each named by its entry in ``known``."""
     url = secure.urls[request.param]
 
     def open_client(key: str | None, trusted: str = "ours", own: str | None = "client") -> Client:

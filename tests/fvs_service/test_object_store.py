@@ -26,7 +26,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectStoreServ
 
 @pytest.fixture
 def settings(server: ObjectStoreServer) -> BlobSettings:
-    """A prefix that is unique to the test."""
+    """A key prefix for this test alone."""
     return BlobSettings(
         url=f"s3://fvs/{uuid4().hex}",
         endpoint=server.endpoint,

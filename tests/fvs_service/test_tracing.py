@@ -106,7 +106,7 @@ class FailingRunner:
 
 
 class FakeScenes:
-    """Leases any scene, with the given runner."""
+    """Grants a lease for any scene, with the given runner."""
 
     stopping = False
 

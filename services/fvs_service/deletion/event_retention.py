@@ -15,7 +15,7 @@ _OLDEST_LOOKED_AT = 1_000
 
 
 class EventRetention:
-    """Deletes events that are too old, and the oldest of scenes with too many; the newest of all stays.
+    """Deletes old events, and the oldest events of scenes that have too many; the newest event stays.
 
     A scene remembers its last deleted event, so that a stream from before it says what it lacks. The last
     event of a deleted scene goes with the scene's other traces (see ``storage.removals``).

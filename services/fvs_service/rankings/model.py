@@ -163,7 +163,7 @@ class ScoredCandidate(Model):
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""
     distance_m: Number | None
-    """From the current pose; null without one."""
+    """Distance from the current pose; null if none was given."""
     pose: Pose
 
     @classmethod
@@ -190,7 +190,7 @@ class RankedCandidate(Model):
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""
     distance_m: Number | None
-    """From the current pose; null without one."""
+    """Distance from the current pose; null if none was given."""
     pose: Pose
 
     @classmethod

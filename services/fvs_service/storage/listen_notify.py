@@ -24,7 +24,7 @@ def notify(session: Session, topic: str) -> None:
 
 
 class Listener:
-    """A listening connection and its thread, which reconnects when it is lost, and then calls back."""
+    """A thread that listens on a connection of its own; it reconnects after a loss, and then calls back."""
 
     def __init__(self, engine: Engine, callbacks: Mapping[str, Callable[[], object]]) -> None:
         self._engine = engine

@@ -21,7 +21,7 @@ from fvs_service.storage.blob_keys import working_copy_key
 from fvs_service.storage.removals import keep, remove_later
 
 _PARTS = ("growing", "fine", "choice.json")
-"""Files that a job resumes from; all others can be made again."""
+"""Files needed to resume a job; all others can be recomputed."""
 _MARKER = "working-copy"
 """The file with the name of the working copy that the folder comes from."""
 _PARTIAL = "working-copy.partial"

@@ -33,7 +33,7 @@ class Tenant:
         return bearer(self.key)
 
     def call(self, name: str, body: Any = None, **given: Any) -> Outcome:
-        """Call an operation; the key may be another: ``key``."""
+        """Call an operation with the tenant's key, or with ``key``."""
         key = given.pop("key", self.key)
         return self._noted(name, self.transport.call(name, key, given, body))
 

@@ -52,7 +52,7 @@ class DyingRunner:
 
 
 class FakeScenes:
-    """Leases any scene, with the given runner; without one no runner starts."""
+    """Grants a lease for any scene, with the given runner; without one, no runner starts."""
 
     stopping = False
 

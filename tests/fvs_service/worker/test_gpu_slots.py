@@ -1,4 +1,4 @@
-"""Jobs that share a GPU: so many train at once, and a slot is free when its holder has ended."""
+"""GPU slots limit how many jobs train at once; a slot is released when its holder ends."""
 
 import subprocess
 import sys

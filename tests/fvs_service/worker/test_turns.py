@@ -73,7 +73,7 @@ class CountingRunner:
 
 
 class FakeScenes:
-    """Leases any scene, with the given runner."""
+    """Grants a lease for any scene, with the given runner."""
 
     stopping = False
 

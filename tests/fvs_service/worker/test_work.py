@@ -54,7 +54,7 @@ class Runner:
 
 
 class FakeScenes:
-    """Leases any scene, with the given runner."""
+    """Grants a lease for any scene, with the given runner."""
 
     stopping = False
 

@@ -25,7 +25,7 @@ _CHUNK_BYTES = 1 << 18
 _SLOWEST_BYTES_PER_S = 10_000
 """Of an upload, whose deadline depends on its size."""
 _DOWNLOAD_S = 600.0
-"""A download that takes longer is resumed by another call."""
+"""Deadline of one download call; a longer download resumes with another call."""
 _HEARTBEAT_S = 15.0
 """Interval at which a quiet event stream wakes its reader; gRPC itself notices a dead connection."""
 _EVENT_NUMBER = "event-number"

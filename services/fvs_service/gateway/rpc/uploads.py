@@ -19,7 +19,7 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
 
 _SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
-"""As in bodies over HTTP: so many chunks may have any size; all must then be larger on average."""
+"""A stream may have this many chunks of any size; beyond that, the mean size is checked, as over HTTP."""
 
 
 class ImageUpload:

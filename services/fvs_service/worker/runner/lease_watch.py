@@ -27,7 +27,7 @@ class LeaseWatch:
         os._exit(EXIT_ORPHANED)
 
     def guard(self) -> None:
-        """End the process once the lease has run out.
+        """End the process when the lease expires.
 
         Unread bytes count: imports block all other threads, on a slow machine for longer than a lease.
         """
