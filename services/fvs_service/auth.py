@@ -6,6 +6,7 @@ random bits need no slow hash. A key may be restricted to one scene: a device's 
 
 import hashlib
 import hmac
+import re
 import secrets
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -19,6 +20,7 @@ from fvs_service.storage.database import Database
 from fvs_service.storage.tables import ApiKeyRow
 
 _PREFIX = "fvs"
+_KEY = re.compile(r"fvs_([0-9a-f]{16})_([A-Za-z0-9_-]{43})")
 _NO_HASH = hashlib.sha256(b"").hexdigest()
 
 
@@ -99,18 +101,30 @@ class Keys:
                     hint="Set FVS_API_KEY for fvs-client; otherwise send Authorization: Bearer fvs_…",
                 )
             return LOCAL_USER
-        _, _, rest = key.partition("_")
-        key_id, _, secret = rest.partition("_")
+        found = _KEY.fullmatch(key)
+        if found is None:
+            raise _unknown()
+        key_id, secret = found.groups()
         with self._database.reading() as session:
             row = session.get(ApiKeyRow, key_id)
             # Unknown keys cost the same comparison as known ones.
             matches = hmac.compare_digest(_hash(secret), row.sha256 if row else _NO_HASH)
             if row is None or not matches or not _key(row).valid:
-                raise UnauthenticatedError(
-                    "The API key is unknown, expired or revoked.",
-                    hint="List keys with fvs keys list --root …, or create one with fvs keys create.",
-                )
+                raise _unknown()
             return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id, row.id)
+
+
+def bearer_key(authorization: str) -> str | None:
+    """The key in an ``Authorization`` header or metadata; None where there is none."""
+    scheme, _, key = authorization.partition(" ")
+    return key.strip() if scheme.lower() == "bearer" else None
+
+
+def _unknown() -> UnauthenticatedError:
+    return UnauthenticatedError(
+        "The API key is unknown, expired or revoked.",
+        hint="List keys with fvs keys list --root …, or create one with fvs keys create.",
+    )
 
 
 def _hash(secret: str) -> str:

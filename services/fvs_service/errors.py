@@ -62,6 +62,11 @@ class ServiceError(Exception):
         self.errors = tuple(errors)
         self.retry_after_s = retry_after_s
 
+    @property
+    def blames_request(self) -> bool:
+        """Whether the request is wrong in itself, whatever the state of the service."""
+        return not self.retryable and self.status in (400, 413, 415, 422)
+
 
 class InternalError(ServiceError):
     """A defect of the service; the log has the details under the request's id."""

@@ -84,6 +84,10 @@ class Limits(Record):
     """Most different rankings and renders of one API key that wait for one scene."""
     ranking_timeout_s: float = Field(default=180.0, ge=1e-3, le=86_400)
     """Longest time that a client can wait for a ranking, and the default (``X-Timeout-S``)."""
+    refusals_per_key: _Number = 120
+    """Requests of one API key that may be refused as wrong (400, 413, 415, 422) within a minute, per gateway.
+    After that the key is on hold: its requests with a body are answered 429, until a minute after the first
+    of them."""
     event_streams_per_tenant: _Few = 64
     """Most event streams of a tenant at once, per gateway."""
     candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)

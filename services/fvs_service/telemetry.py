@@ -46,6 +46,14 @@ class Metrics:
             "fvs_rankings_open", "Rankings and renders that are waited for.", registry=self.registry
         )
         self.streams = Gauge("fvs_event_streams", "Event streams that are open.", registry=self.registry)
+        self.holds = Counter(
+            "fvs_key_holds",
+            "Times that an API key was put on hold, because too many of its requests were refused.",
+            registry=self.registry,
+        )
+        self.held_requests = Counter(
+            "fvs_held_requests", "Requests refused because their API key was on hold.", registry=self.registry
+        )
         self.loop_lag = Histogram(
             "fvs_loop_lag_seconds",
             "How late the event loop runs what is due.",

@@ -20,7 +20,12 @@ _plain_logs = _service._plain_logs
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A gateway that requires keys, with small limits, shared by all tests."""
-    limits = {"candidates_per_ranking": 40, "open_jobs_per_tenant": 2, "images_per_scene": 6}
+    limits = {
+        "candidates_per_ranking": 40,
+        "images_per_scene": 6,
+        "open_jobs_per_tenant": 2,
+        "refusals_per_key": 30,
+    }
     settings = _service._settings(
         tmp_path_factory.mktemp("contract") / "service",
         {"require_keys": True, "grpc_port": 0, "limits": limits},
@@ -33,7 +38,9 @@ def _start(gateway: Any, settings: Settings) -> tuple[RpcServer, int]:
     state = gateway.app.state
 
     async def start() -> tuple[RpcServer, int]:
-        parts = RpcGateway(state.application, state.feed, state.metrics, state.loop_lag, state.parsing)
+        parts = RpcGateway(
+            state.application, state.feed, state.metrics, state.loop_lag, state.parsing, state.refusals
+        )
         server = RpcServer(parts, settings)
         return server, await server.start()
 

@@ -218,6 +218,30 @@ def test_nothing_is_parsed_before_the_caller_is_known(rpc: Any) -> None:
     assert outcome.code == "unauthenticated"
 
 
+def test_a_key_on_hold_is_refused_as_over_rest(tenant: Any, gateway: Any) -> None:
+    scene, create = tenant.scene(), tenant.transport.unary("CreateScene")
+    wrong = scenes.CreateSceneRequest(scene=scenes.SceneRequest(name="a" * 1_000))
+    for _ in range(gateway.settings.limits.refusals_per_key):
+        assert _refused(lambda: create(wrong, metadata=_metadata(tenant)))[1].code == "invalid-request"
+    error, outcome = _refused(lambda: create(wrong, metadata=_metadata(tenant)))
+    assert error.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+    headers = {"Authorization": f"Bearer {tenant.key}"}
+    answer = gateway.client.post("/v1/scenes", json={"name": "a"}, headers=headers)
+    assert answer.status_code == 429
+    problem = answer.json()
+    assert (outcome.code, outcome.message, outcome.hint) == (
+        problem["code"],
+        problem["detail"],
+        problem["hint"],
+    )
+    held, uploading = _refused(lambda: _send(tenant, _parts(scene, b"a" * 5_000)))
+    assert (held.code(), uploading.code) == (error.code(), outcome.code)
+    found = tenant.transport.unary("GetScene")(
+        scenes.GetSceneRequest(scene_id=scene), metadata=_metadata(tenant)
+    )
+    assert found.id == scene
+
+
 def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any) -> None:
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
     _, outcome = _refused(lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))

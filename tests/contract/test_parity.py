@@ -20,6 +20,7 @@ from fvs.v1 import (
 from fvs_service.errors import ServiceError
 from fvs_service.events.model import Event, EventKind
 from fvs_service.gateway.rpc.failures import code_of, status_of
+from fvs_service.gateway.rpc.operations import has_body
 from fvs_service.rankings.model import RankingPart
 from pydantic.json_schema import models_json_schema
 
@@ -117,6 +118,13 @@ def test_every_operation_exists_on_both_sides(document: dict[str, Any]) -> None:
     assert set(OTHERWISE) <= routes
     streamed = {name for name, one in OPERATIONS.items() if one.streamed}
     assert named | streamed | set(RPC_ONLY) == set(_methods())
+
+
+def test_what_has_a_body_over_rest_carries_one_over_grpc(document: dict[str, Any]) -> None:
+    """Calls of keys on hold are refused if they carry one."""
+    for route, operation in _operations(document):
+        if route not in REST_ONLY:
+            assert has_body(_methods()[_name_of(route)]) == ("requestBody" in operation), route
 
 
 def test_every_stream_is_a_media_type_of_its_route(document: dict[str, Any]) -> None:

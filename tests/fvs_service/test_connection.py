@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import httpx2
 import pytest
 import uvicorn
 from fvs_service.gateway import server
@@ -139,6 +140,47 @@ def test_a_refused_head_gets_a_problem_document(connection: socket.socket, sent:
 def test_bodies_in_chunks_of_a_byte_are_refused(connection: socket.socket) -> None:
     head = b"POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n"
     assert b"HTTP/1.1 200" not in _sent(connection, head + b"1\r\na\r\n" * 20_000 + b"0\r\n\r\n")
+
+
+async def _refuse(_scope: Any, _receive: Any, send: Any) -> None:
+    """An answer that needs no body."""
+    await send({"type": "http.response.start", "status": 401, "headers": [(b"content-length", b"2")]})
+    await send({"type": "http.response.body", "body": b"no"})
+
+
+@pytest.fixture(scope="module")
+def refusing() -> Iterator[tuple[str, int]]:
+    with _serving(_refuse) as (_, address):
+        yield address
+
+
+def test_a_body_that_nobody_needs_is_not_read(refusing: tuple[str, int]) -> None:
+    size = 200_000_000  # more than all buffers
+    with socket.create_connection(refusing) as connection:
+        connection.settimeout(60)
+        connection.sendall(b"PUT / HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % size)
+        with pytest.raises(ConnectionError):
+            connection.sendall(b"a" * size)
+        assert _body(connection) == b"no"
+
+
+@pytest.mark.parametrize("size", [1_000, 2_000_000])
+def test_a_client_that_sends_all_of_a_body_first_gets_the_response(
+    refusing: tuple[str, int], size: int
+) -> None:
+    with httpx2.Client(base_url="http://{}:{}".format(*refusing), timeout=60) as client:
+        for _ in range(2):
+            answer = client.put("/", content=b"a" * size)
+            assert (answer.status_code, answer.content) == (401, b"no")
+
+
+def test_a_connection_outlives_a_small_body_that_nobody_needs(refusing: tuple[str, int]) -> None:
+    with socket.create_connection(refusing) as connection:
+        connection.settimeout(60)
+        for _ in range(2):
+            connection.sendall(b"PUT / HTTP/1.1\r\nHost: a\r\nContent-Length: 20000\r\n\r\n")
+            assert _body(connection) == b"no"
+            connection.sendall(b"a" * 20_000)
 
 
 def test_a_head_may_follow_a_body_in_one_read(connection: socket.socket) -> None:

@@ -6,8 +6,10 @@ The parser is llhttp: h11, in Python, holds the event loop for a second when a b
 """
 
 import asyncio
+from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn._types import ASGI3Application
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from fvs_service.errors import MalformedRequestError
 from fvs_service.gateway.request_id import HEADER
@@ -21,6 +23,11 @@ _MAX_PIPELINED = 8
 _SMALL_PIECE_BYTES, _FREE_PIECES = 64, 256
 """A body may have this many pieces of any size; all of its pieces must then be larger on average."""
 _READ_BYTES = 262_144
+_DISCARDED_BYTES = 65_536
+"""After its response a request may have so many bytes of its body left; else the connection closes."""
+_LEAVE_S = 1.0
+"""For which such a connection stays open: one that closes with unread bytes is reset, and many clients then
+lose the response."""
 
 
 _HEAD = f"The head of the request has more than {MAX_HEAD_BYTES} bytes or {_MAX_HEADERS} headers."
@@ -48,7 +55,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
     """A uvicorn protocol that closes connections whose request head does not arrive in time.
 
     It also cuts connections whose client has read so little in ``read_within_s`` that the response's buffer
-    stays full.
+    stays full. A body that is not needed for the response is not read.
     """
 
     class LimitedProtocol(HttpToolsProtocol):
@@ -57,6 +64,8 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
         _in_head, _head_began = True, False
         _exceeded = ""
         _unfinished_bytes = _head_bytes = _headers_seen = _pieces = _body_bytes = 0
+        _declared_bytes: int | None = None
+        _leaves_body = False
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
@@ -86,6 +95,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             super().on_message_begin()
             self._in_head = self._head_began = True
             self._head_bytes = self._headers_seen = self._pieces = self._body_bytes = 0
+            self._declared_bytes = None
 
         def on_url(self, url: bytes) -> None:
             super().on_url(url)
@@ -96,6 +106,8 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             self._count(len(name) + len(value))
             if self._in_head:  # others are trailers of a chunked body
                 super().on_header(name, value)
+                if name.lower() == b"content-length":
+                    self._declared_bytes = int(value)  # the parser has checked it
 
         def on_headers_complete(self) -> None:
             self._in_head = False
@@ -107,6 +119,11 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             if self._pieces > _FREE_PIECES and self._body_bytes < self._pieces * _SMALL_PIECE_BYTES:
                 self._refuse(_CHUNKS)
             super().on_body(body)
+
+        def on_response_complete(self) -> None:
+            super().on_response_complete()
+            if self._leaves_body and not self.transport.is_closing():
+                self._leave()
 
         def pause_writing(self) -> None:
             super().pause_writing()
@@ -133,6 +150,32 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             if not answering or self.cycle.response_complete:  # else it would go into that response
                 self.transport.write(_refusal(self._exceeded or "The bytes are no HTTP/1.1 request."))
             self.transport.close()
+
+        def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+            async def leaving_body(scope: Any, receive: Any, send: Any) -> None:
+                async def sent(message: Any) -> None:
+                    if message["type"] != "http.response.start" or not self._much_is_left(cycle):
+                        await send(message)
+                        return
+                    self._leaves_body, cycle.keep_alive = True, False  # so uvicorn sends Connection: close,
+                    await send(message)
+                    cycle.keep_alive = True  # and leaves the closing to `_leave`
+
+                await app(scope, receive, sent)
+
+            super()._start_asgi_task(cycle, leaving_body)
+
+        def _much_is_left(self, cycle: RequestResponseCycle) -> bool:
+            declared = self._declared_bytes
+            return cycle.more_body and (declared is None or declared - self._body_bytes > _DISCARDED_BYTES)
+
+        def _leave(self) -> None:
+            self._unset_keepalive_if_required()
+            self._stop_head_deadline()
+            self.flow.pause_reading()
+            if self.transport.can_write_eof():
+                self.transport.write_eof()
+            self._head_deadline = self.loop.call_later(_LEAVE_S, self.transport.abort)
 
         def _watch(self) -> None:
             if self.cycle is not None and not self.cycle.response_complete:

@@ -139,7 +139,9 @@ class GatewayServer(uvicorn.Server):
             self._when_started(None)
             return
         state = self._app.state
-        gateway = Gateway(state.application, state.feed, state.metrics, state.loop_lag, state.parsing)
+        gateway = Gateway(
+            state.application, state.feed, state.metrics, state.loop_lag, state.parsing, state.refusals
+        )
         rpc = RpcServer(gateway, self._settings)
         try:
             self._when_started(await rpc.start())

@@ -13,6 +13,7 @@ from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
 from fvs_service.fleet_metrics import FleetCollector
 from fvs_service.gateway.loop_lag import LoopLag
+from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.rest import (
     capabilities,
     events,
@@ -28,6 +29,7 @@ from fvs_service.gateway.rest import (
 from fvs_service.gateway.rest.body_guard import BodyGuard
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
+from fvs_service.gateway.rest.refusal_guard import RefusalGuard
 from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.settings import Settings
 from fvs_service.storage.notifications import Topic
@@ -50,6 +52,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     """
     metrics, tracing = Metrics(), Tracing.of_environment("fvs-gateway")
     loop_lag = LoopLag(metrics.loop_lag)
+    refusals = Refusals(settings.limits.refusals_per_key, metrics)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -90,7 +93,9 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
     )
+    app.state.refusals = refusals
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
+    app.add_middleware(RefusalGuard, refusals=refusals)
     app.add_middleware(OriginGuard, settings=settings)
     app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing)
     problems.install(app)

@@ -41,9 +41,8 @@ def json_body(
     async def read(
         request: Request, app: App, parsing: Parsing, _caller: Annotated[Principal, Depends(permitted)]
     ) -> ModelT:
-        content = await request.body()
-        _require_json(request, content)
         limits = app.storage.settings.limits
+        content = await _received(request, _most_values(limits))
         return await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=parsing)
 
     read.kind = kind  # type: ignore[attr-defined]  # for the OpenAPI document
@@ -55,7 +54,7 @@ def parse(kind: type[ModelT], content: bytes, limits: Limits) -> ModelT:
 
     ``limits`` are the validation's context.
     """
-    found = _validated(kind, _document(content, limits.json_bytes // _BYTES_PER_VALUE), limits)
+    found = _validated(kind, _document(content, _most_values(limits)), limits)
     if isinstance(found, InvalidRequestError):
         raise found
     return found
@@ -90,9 +89,32 @@ async def blocks(request: Request) -> AsyncIterator[bytes]:
         yield bytes(block)
 
 
-def _require_json(request: Request, content: bytes) -> None:
+def _most_values(limits: Limits) -> int:
+    return limits.json_bytes // _BYTES_PER_VALUE
+
+
+async def _received(request: Request, max_values: int) -> bytes:
+    """The whole body; a wrong type is refused before it, too many values as soon as they have arrived."""
+    content, commas = bytearray(), 0
+    async for chunk in request.stream():
+        if chunk and not content:
+            _require_json(request)
+        content += chunk
+        commas += chunk.count(b",")
+        _require_few(commas, max_values)
     if not content:
         raise InvalidRequestError("The body is empty.", hint="GET /openapi.json describes the request.")
+    return bytes(content)
+
+
+def _require_few(commas: int, max_values: int) -> None:
+    if commas >= max_values:
+        raise InvalidRequestError(
+            f"The body has more than {max_values} values.", hint="Split it into several requests."
+        )
+
+
+def _require_json(request: Request) -> None:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if not (kind.startswith("application/") and kind.endswith(("/json", "+json"))):
         raise UnsupportedMediaTypeError(
@@ -102,10 +124,7 @@ def _require_json(request: Request, content: bytes) -> None:
 
 
 def _document(content: bytes, max_values: int) -> Any:
-    if content.count(b",") >= max_values:
-        raise InvalidRequestError(
-            f"The body has more than {max_values} values.", hint="Split it into several requests."
-        )
+    _require_few(content.count(b","), max_values)
     try:
         document = orjson.loads(content)
     except orjson.JSONDecodeError as error:

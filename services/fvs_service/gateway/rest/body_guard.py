@@ -6,11 +6,7 @@ from collections.abc import Callable
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fvs_service.errors import (
-    InvalidRequestError,
-    ServiceError,
-    UnsupportedMediaTypeError,
-)
+from fvs_service.errors import InvalidRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.problems import problem_response
 from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.staging import too_large
@@ -36,24 +32,26 @@ class BodyGuard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        limit = self._limit(scope["path"], scope["method"])
-        refused = _refusal(scope, limit)
-        if refused is not None:
+        if scope["query_string"].count(b"&") >= _MAX_QUERY_FIELDS:
+            refused = InvalidRequestError(f"The query has more than {_MAX_QUERY_FIELDS} fields.")
             await problem_response(Request(scope), refused)(scope, receive, send)
             return
         pace = UploadPace(self._settings)
         scope.setdefault("state", {})["pace"] = pace
-        await self._app(scope, self._guarded(receive, pace, limit), send)
+        await self._app(scope, self._guarded(scope, receive, pace), send)
 
     def _guarded(
-        self, receive: Receive, pace: UploadPace, limit: int
+        self, scope: Scope, receive: Receive, pace: UploadPace
     ) -> Callable[[], asyncio.Future[Message]]:
+        limit = self._limit(scope["path"], scope["method"])
         more = True
 
         async def guarded() -> Message:
             nonlocal more
             if not more:  # after the body only a disconnect can follow
                 return await receive()
+            if not pace.received_bytes:  # once the caller is known, who then counts
+                _require_readable(scope, limit)
             message = await pace.wait(receive, _body_bytes)
             self._metrics.received_bytes.inc(_body_bytes(message))
             more = message["type"] == "http.request" and message.get("more_body", False)
@@ -78,16 +76,14 @@ def _body_bytes(message: Message) -> int:
     return len(message.get("body", b""))
 
 
-def _refusal(scope: Scope, limit: int) -> ServiceError | None:
+def _require_readable(scope: Scope, limit: int) -> None:
+    """Raise the error for a body that is declared too large or encoded."""
     headers = dict(scope["headers"])
     declared = headers.get(b"content-length", b"")
     if declared.isdigit() and (len(declared) > 18 or int(declared) > limit):
-        return too_large(limit)
+        raise too_large(limit)
     encoding = headers.get(b"content-encoding", b"identity").decode("latin-1").strip().lower()
     if encoding not in ("", "identity"):
-        return UnsupportedMediaTypeError(
+        raise UnsupportedMediaTypeError(
             f"The body has the encoding {encoding[:100]}.", hint="Send it without a Content-Encoding."
         )
-    if scope["query_string"].count(b"&") >= _MAX_QUERY_FIELDS:
-        return InvalidRequestError(f"The query has more than {_MAX_QUERY_FIELDS} fields.")
-    return None

@@ -58,7 +58,9 @@ async def _caller(
     credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
 ) -> Principal:
     if credentials is not None:
-        return await run_in_threadpool(app.storage.keys.authenticate, credentials.credentials)
+        principal = await run_in_threadpool(app.storage.keys.authenticate, credentials.credentials)
+        request.state.principal = principal
+        return principal
     if "authorization" in request.headers:  # a broken credential must not count as none
         raise UnauthenticatedError("The Authorization header is not a Bearer key.")
     return app.storage.keys.authenticate(None)

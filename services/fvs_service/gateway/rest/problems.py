@@ -87,7 +87,8 @@ def problem_of(error: ServiceError, request_id: str) -> Problem:
 def problem_response(
     request: Request, error: ServiceError, headers: Mapping[str, str] | None = None
 ) -> JSONResponse:
-    """The response to a request that failed with ``error``."""
+    """The response to a request that failed with ``error``, which the request's state then has."""
+    request.state.error = error
     problem = problem_of(error, getattr(request.state, "request_id", ""))
     more = dict(headers or {})
     if error.retry_after_s is not None:

@@ -20,6 +20,7 @@ from google.protobuf.message import Message
 
 from fvs_engine.errors import EngineError
 from fvs_service.application import Application
+from fvs_service.auth import bearer_key
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
@@ -32,6 +33,7 @@ from fvs_service.errors import (
 )
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.loop_lag import LoopLag
+from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.request_id import HEADER, request_id_of
 from fvs_service.gateway.rpc.conversion import parse
 from fvs_service.gateway.rpc.failures import DETAILS, code_of, status_of
@@ -47,7 +49,6 @@ Context: TypeAlias = grpc.aio.ServicerContext
 MAX_ID_CHARACTERS = 128
 _METHOD = "RPC"
 """The method in log lines and metrics, where REST has GET or POST."""
-_BEARER = "bearer "
 _LARGE_BYTES = 65_536
 """Larger messages are parsed one at a time: parsing holds the interpreter."""
 
@@ -63,6 +64,7 @@ class Gateway:
     metrics: Metrics
     loop_lag: LoopLag
     parsing: anyio.CapacityLimiter
+    refusals: Refusals
     stopping: bool = False
     running: set["asyncio.Task[Any]"] = field(default_factory=set)
 
@@ -72,16 +74,30 @@ class Call:
 
     def __init__(self, gateway: Gateway, context: Context, metadata: dict[str, str]) -> None:
         self._gateway, self._context, self._metadata = gateway, context, metadata
+        self._of_key: tuple[str, Principal] | None = None
 
-    async def caller(self) -> Principal:
-        """The principal of the API key in the metadata; raises ``UnauthenticatedError``."""
+    async def caller(self, *, with_body: bool) -> Principal:
+        """The principal of the API key in the metadata; raises ``UnauthenticatedError``.
+
+        Raises ``LimitExceededError`` for a call ``with_body`` whose key is on hold.
+        """
         keys = self._gateway.application.storage.keys
         given = self._metadata.get("authorization")
         if given is None:
             return keys.authenticate(None)
-        if given[: len(_BEARER)].lower() != _BEARER:  # a broken credential must not count as none
+        key = bearer_key(given)
+        if key is None:  # a broken credential must not count as none
             raise UnauthenticatedError("The authorization metadata is not a Bearer key.")
-        return await anyio.to_thread.run_sync(keys.authenticate, given[len(_BEARER) :].strip())
+        if with_body:
+            self._gateway.refusals.require_no_hold(key)
+        principal = await anyio.to_thread.run_sync(keys.authenticate, key)
+        self._of_key = key, principal
+        return principal
+
+    def failed(self, error: ServiceError) -> None:
+        """Count the call if it is refused."""
+        if self._of_key is not None:
+            self._gateway.refusals.count(*self._of_key, error)
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
         """Run ``function``, which parses ``size_bytes``, in a thread."""
@@ -161,6 +177,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
         finally:
             gateway.running.discard(task)
         outcome.append(error)
+        call.failed(error)
         status = status_of(error, request_id)
         trailers = ((HEADER, request_id), (DETAILS, status.SerializeToString()))
         await context.abort(code_of(error), status.message, trailers)

@@ -52,6 +52,11 @@ def snake(name: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
+def has_body(method: MethodDescriptor) -> bool:
+    """Whether requests carry a model, or a stream, and not only ids and numbers: over REST, a body."""
+    return method.client_streaming or any(field.message_type for field in method.input_type.fields)
+
+
 class _Operation:
     """One method of a service, and the servicer's function for it."""
 
@@ -63,6 +68,7 @@ class _Operation:
             GetMessageClass(method.output_type),
         )
         json_bytes = gateway.application.storage.settings.limits.json_bytes
+        self._with_body = has_body(method)
         self._most_bytes = json_bytes if method.name in _WITH_LISTS else min(json_bytes, _WITHOUT_LISTS_BYTES)
 
     async def in_thread(self, content: bytes, context: Context) -> bytes:
@@ -107,13 +113,14 @@ class _Operation:
             return None if content is grpc.aio.EOF else content
 
         async def work(call: Call) -> bytes:
-            result = await self._function(call, await call.caller(), receive)
+            caller = await call.caller(with_body=self._with_body)
+            result = await self._function(call, caller, receive)
             return await run_sync(self._serialised, result)
 
         return await answer(self._gateway, context, self._name, work)
 
     async def _caller(self, call: Call, content: bytes) -> Principal:
-        caller = await call.caller()
+        caller = await call.caller(with_body=self._with_body)
         if len(content) > self._most_bytes:
             raise PayloadTooLargeError(
                 f"The request has more than {self._most_bytes} bytes.", hint="Split it into several calls."
