@@ -7,6 +7,7 @@ A unit test that starts a process, listens on a port or reads a real photograph 
 import contextlib
 import fcntl
 import functools
+import gc
 import math
 import os
 import shutil
@@ -100,6 +101,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         kind = _kind(item, fixtures)
         if item.get_closest_marker(kind) is None:
             item.add_marker(kind)
+
+
+def pytest_collection_finish() -> None:
+    """Do not look for garbage among what is imported and collected: a look takes seconds."""
+    gc.collect()
+    gc.freeze()
 
 
 @functools.cache
