@@ -1,12 +1,14 @@
 """Lag of the gateway's event loop, and an honest client's uploads, while hostile requests arrive.
 
-    python benchmarks/service_hostile.py [--seconds 300] [--rate 100] [--connections 20] [--json hostile.json]
+    python benchmarks/service_hostile.py [--seconds 300] [--rate 100] [--connections 20] [--no-budget]
+                                         [--json hostile.json]
 
-Starts `fvs serve` with a small model of a simulated courtyard. First only the honest client is there, for a
-fifth of the time: in each round it uploads an image, as the Python client does, and ranks eight candidates.
-Then, for all of the time, so many connections send hostile requests of every kind in turn beside it, at the
-rate given. The lag is the gateway's own `fvs_loop_lag_seconds`, of which the bucket is known: a lag is at
-most the number shown.
+Starts `fvs serve`, with keys, with a small model of a simulated courtyard. First only the honest client is
+there, for a fifth of the time: in each round it uploads an image, as the Python client does, and ranks eight
+candidates. Then, for all of the time, so many connections send hostile requests of every kind beside it, at
+the rate given, in turn with a key that may only upload and with keys that do not exist. With `--no-budget`
+the same is done once more with a service that puts no key on hold. The lag is the gateway's own
+`fvs_loop_lag_seconds`, of which the bucket is known: a lag is at most the number shown.
 """
 
 import argparse
@@ -16,11 +18,12 @@ import io
 import itertools
 import multiprocessing
 import os
+import secrets
 import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
@@ -32,7 +35,10 @@ from urllib.parse import urlsplit
 import httpx2
 import numpy as np
 from fvs_client import Client
-from fvs_service.serving.running import running_service
+from fvs_service.application import open_storage
+from fvs_service.principal import Scope
+from fvs_service.serving.running import GATEWAY, RunningService, running_service
+from fvs_service.settings import Settings
 from measurement import report
 from PIL import Image
 
@@ -40,6 +46,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _BYTES = 1_400_000
+_NO_BUDGET = 1_000_000_000
 _ATTACK_NICENESS = 19
 _PATIENCE_S = 0.5
 """Of a hostile client, which then hangs up: some requests are incomplete, and never answered."""
@@ -84,12 +91,21 @@ def requests_of(scene: str) -> dict[str, bytes]:
     }
 
 
+def with_key(request: bytes, key: str) -> bytes:
+    head, _, rest = request.partition(b"\r\n")
+    return head + f"\r\nAuthorization: Bearer {key}\r\n".encode() + rest
+
+
+def wrong_key() -> str:
+    return f"fvs_{secrets.token_hex(8)}_{secrets.token_urlsafe(32)}"
+
+
 @dataclass
 class Attack:
     """Connections that send hostile requests at a fixed rate."""
 
     address: tuple[str, int]
-    kinds: dict[str, bytes]
+    requests: Sequence[bytes]
     rate: float
     connections: int
 
@@ -99,7 +115,7 @@ class Attack:
         At the lowest priority: in life these clients are on other machines, and take no processor of ours.
         """
         os.nice(_ATTACK_NICENESS)
-        turns, lock = itertools.cycle(self.kinds.values()), threading.Lock()
+        turns, lock = itertools.cycle(self.requests), threading.Lock()
         now = time.monotonic()
         starts = [now + number / self.rate for number in range(self.connections)]
         threads = [
@@ -169,11 +185,11 @@ def honest(client: httpx2.Client, scene: str, until: float, numbers: "itertools.
     return rounds
 
 
-def scene_with_model(url: str, folder: Path) -> str:
+def scene_with_model(url: str, key: str, folder: Path) -> str:
     """The id of a scene of which the service has trained a model."""
     camera = SimulatedCamera.like_a_drone(320, 240)
     write_photographs(folder, courtyard(), camera, orbit(6, turns=0.24), Monitor())
-    with Client(url) as client:
+    with Client(url, api_key=key) as client:
         scene = client.scenes.create("honest")
         scene.images.upload(folder / "images")
         scene.update(iterations=200, long_side_px=160).wait()
@@ -194,21 +210,76 @@ def share(before: dict[float, float], after: dict[float, float], least: float) -
     return 1e3 * next(bound for bound in after if after[bound] - before[bound] >= least * total)
 
 
-def phase(client: httpx2.Client, work: Callable[[], list[Round]]) -> dict[str, Any]:
-    """The row of one phase, in which ``work`` is done."""
-    before = lags(client)
-    rounds = work()
-    after = lags(client)
-    return {
-        "lag p50 ms ≤": share(before, after, 0.5),
-        "lag p99 ms ≤": share(before, after, 0.99),
-        "lag max ms ≤": share(before, after, 1.0),
-        "over 20 ms, %": 100
-        * (1 - (after[0.02] - before[0.02]) / (after[float("inf")] - before[float("inf")])),
-        "honest rounds": len(rounds),
-        "upload s": median(one.upload for one in rounds),
-        "ranking s": median(one.ranking for one in rounds),
-    }
+@dataclass
+class Benchmark:
+    """A service with a model, and the honest client of it."""
+
+    service: RunningService
+    client: httpx2.Client
+    scene: str
+    upload_key: str
+    numbers: "itertools.count[int]"
+
+    @classmethod
+    @contextlib.contextmanager
+    def running(cls, root: Path, budget: int | None) -> "Iterator[Benchmark]":
+        """Run a service in ``root``; ``budget`` is its limit of refusals per key, None for the default."""
+        environment = {"FVS_REQUIRE_KEYS": "true"}
+        if budget is not None:
+            environment["FVS_LIMITS__REFUSALS_PER_KEY"] = str(budget)
+        with open_storage(Settings(root=root / "root")) as storage:
+            honest_key = storage.keys.create("honest")
+            upload_key = storage.keys.create("hostile", scopes=frozenset({Scope.UPLOAD}))
+        with (
+            running_service(root / "root", root / "log", environment) as service,
+            httpx2.Client(
+                base_url=service.url, timeout=120, headers={"Authorization": f"Bearer {honest_key}"}
+            ) as client,
+        ):
+            scene = scene_with_model(service.url, honest_key, root / "courtyard")
+            yield cls(service, client, scene, upload_key, itertools.count())
+
+    def alone(self, seconds: float) -> dict[str, Any]:
+        """The row of the honest client alone."""
+        return self._phase(seconds)
+
+    def attacked(self, seconds: float, rate: float, connections: int) -> dict[str, Any]:
+        """The row of the honest client beside hostile ones."""
+        parts = urlsplit(self.service.url)
+        sent_by_all = [
+            with_key(request, key)
+            for request in requests_of(self.scene).values()
+            for key in (self.upload_key, wrong_key())
+        ]
+        attack = Attack((parts.hostname or "", parts.port or 0), sent_by_all, rate, connections)
+        with under(attack) as sent:
+            while not sent.value:
+                time.sleep(0.1)
+            first = sent.value
+            row = self._phase(seconds)
+            return {**row, "hostile requests/s": round((sent.value - first) / row["seconds"], 1)}
+
+    def _phase(self, seconds: float) -> dict[str, Any]:
+        before, busy_s, began = lags(self.client), self._busy_s(), time.monotonic()
+        rounds = honest(self.client, self.scene, began + seconds, self.numbers)
+        after, took_s = lags(self.client), time.monotonic() - began
+        total = after[float("inf")] - before[float("inf")]
+        return {
+            "seconds": took_s,
+            "lag p50 ms ≤": share(before, after, 0.5),
+            "lag p99 ms ≤": share(before, after, 0.99),
+            "lag max ms ≤": share(before, after, 1.0),
+            "over 20 ms, %": 100 * (1 - (after[0.02] - before[0.02]) / total),
+            "loop busy, %": 100 * (self._busy_s() - busy_s) / took_s,
+            "honest rounds": len(rounds),
+            "upload s": median(one.upload for one in rounds),
+            "ranking s": median(one.ranking for one in rounds),
+        }
+
+    def _busy_s(self) -> float:
+        """Processor time of the thread that runs the gateway's event loop (Linux)."""
+        (pid,) = self.service.processes(GATEWAY)
+        return int(Path(f"/proc/{pid}/task/{pid}/schedstat").read_text().split()[0]) / 1e9
 
 
 def main() -> None:
@@ -218,32 +289,21 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=300)
     parser.add_argument("--rate", type=float, default=100)
     parser.add_argument("--connections", type=int, default=20)
+    parser.add_argument("--no-budget", action="store_true")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    numbers = itertools.count()
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
+    rows = []
+    for budget in (None, _NO_BUDGET) if given.no_budget else (None,):
+        named = {"budget": "default" if budget is None else "none"}
         with (
-            running_service(root / "root", root / "log") as service,
-            httpx2.Client(base_url=service.url, timeout=120) as client,
+            tempfile.TemporaryDirectory() as folder,
+            Benchmark.running(Path(folder), budget) as benchmark,
         ):
-            scene = scene_with_model(service.url, root / "courtyard")
-            parts = urlsplit(service.url)
-            address = (parts.hostname or "", parts.port or 0)
-            attack = Attack(address, requests_of(scene), given.rate, given.connections)
-
-            def work(seconds: float) -> list[Round]:
-                return honest(client, scene, time.monotonic() + seconds, numbers)
-
-            quiet = phase(client, lambda: work(given.seconds / 5))
-            with under(attack) as sent:
-                while not sent.value:
-                    time.sleep(0.1)
-                hostile = phase(client, lambda: work(given.seconds))
-                hostile["hostile requests/s"] = round(sent.value / given.seconds, 1)
-    for part in ("upload", "ranking"):
-        hostile[f"{part} slowdown"] = hostile[f"{part} s"] / quiet[f"{part} s"]
-    rows = [{"phase": "alone", **quiet}, {"phase": "hostile", **hostile}]
+            quiet = benchmark.alone(given.seconds / 5)
+            hostile = benchmark.attacked(given.seconds, given.rate, given.connections)
+        for part in ("upload", "ranking"):
+            hostile[f"{part} slowdown"] = hostile[f"{part} s"] / quiet[f"{part} s"]
+        rows += [{"phase": "alone", **named, **quiet}, {"phase": "hostile", **named, **hostile}]
     report("Hostile requests", rows, given.json)
 
 

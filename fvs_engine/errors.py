@@ -61,6 +61,12 @@ class ProcessDiedError(NativeJobError):
         self.crashed = crashed
 
 
+class NoProcessError(EngineError):
+    """The system gave no process to a native job, which did not start: memory or process ids ran out."""
+
+    code = "no-process"
+
+
 class TrainingError(EngineError):
     """Training cannot start or cannot go on (nothing to train on, or the numbers diverged)."""
 

@@ -18,6 +18,7 @@ EXIT_CODES = {
     "output-exists": 10,
     "backend-unavailable": 11,
     "process-died": 12,
+    "no-process": 14,  # 13 is that of fvs doctor
     "cancelled": INTERRUPTED,
 }
 """``EngineError.code`` → exit status. Statuses are never reassigned; new codes get new ones."""

@@ -16,6 +16,7 @@ from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.native_process import end_child
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
@@ -42,6 +43,7 @@ def find_cameras(
     began = time.monotonic()
     with storage_errors(workspace.sfm), blame_full_disk(workspace.root):
         source, model, report, warnings = _find_undistorted(workspace, manifest, monitor, threads)
+    end_child()
     for sentence in warnings:
         warn(sentence)
     names = {record.normalised_name for record in manifest.images.photographs}

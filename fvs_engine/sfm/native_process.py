@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from fvs_engine.child_process import close_pipes, spawn, stop, write
-from fvs_engine.errors import NativeJobError, ProcessDiedError
+from fvs_engine.errors import NativeJobError, NoProcessError, ProcessDiedError
 from fvs_engine.monitor import Monitor
 
 _CHILD = "fvs_engine.sfm.native.child"
@@ -50,7 +50,8 @@ def run_native(
 
     ``on_tick`` is called a few times a second while the child works, ``on_event`` with each number that it
     reports. Raises ``Cancelled`` when the monitor is cancelled, after the child has ended;
-    ``NativeJobError`` when the job fails, ``ProcessDiedError`` when its process dies.
+    ``NativeJobError`` when the job fails, ``ProcessDiedError`` when its process dies, ``NoProcessError`` when
+    it gets none.
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
@@ -88,6 +89,19 @@ def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
     return ProcessDiedError(message, how=how, crashed=status not in _KILLED, hint=hint)
 
 
+def _no_process(reason: str) -> NoProcessError:
+    return NoProcessError(
+        f"No process of structure from motion could be started: {reason}.",
+        hint="Free some memory, or end other processes, and try again. Its output is in native.log.",
+    )
+
+
+def end_child() -> None:
+    """End this thread's child, which holds 90 MB; the thread's next native job starts another one."""
+    if hasattr(_children, "child"):
+        _children.child.end()
+
+
 class _Child:
     """The process in whose forks jobs run, one after another; it is made when the first one begins."""
 
@@ -103,7 +117,10 @@ class _Child:
             return
         self.end()
         self._answers = queue.SimpleQueue()
-        process = spawn(_CHILD, order, arguments=[str(os.getpid())], stderr=log, environment=_ENVIRONMENT)
+        try:
+            process = spawn(_CHILD, order, arguments=[str(os.getpid())], stderr=log, environment=_ENVIRONMENT)
+        except OSError as error:
+            raise _no_process(error.strerror or str(error)) from error
         reader = threading.Thread(target=_read, args=(process, self._answers), daemon=True)
         reader.start()
         self._process, self._end = process, weakref.finalize(self, _end, process, reader)
@@ -158,7 +175,12 @@ def _wait(
     while True:
         answer = child.answer(_POLL_S)
         if answer is None:
-            return outcome, child.end()
+            status = child.end()
+            if outcome is None and status > 0:
+                raise _no_process(f"the one that starts them ended with exit status {status}")
+            return outcome, status
+        if "no_process" in answer:
+            raise _no_process(answer["no_process"])
         if "ended" in answer:
             return outcome, answer["ended"]
         if "event" in answer:

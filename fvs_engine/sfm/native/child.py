@@ -4,7 +4,8 @@ A fork needs none of the half second in which pycolmap is imported, and leaves n
 state of a library. Orders are lines of JSON on standard input: ``job`` and ``arguments`` (see ``jobs``),
 ``folder``, the current one, and ``log``, a file for what libraries print. Answers are lines of JSON on
 standard output: any number of ``event``, a ``result`` or ``error``, and ``ended``, the fork's exit status,
-or minus the signal that killed it. The argument is the id of the process that this one ends with.
+or minus the signal that killed it; or ``no_process``, the reason why there is no fork. The argument is the
+id of the process that this one ends with.
 """
 
 import json
@@ -29,7 +30,11 @@ def main() -> None:
         order, server = json.loads(line), os.getpid()
         job = find_job(order["job"])
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pycolmap's handler writes a stack trace to the log
-        pid = os.fork()
+        try:
+            pid = os.fork()
+        except OSError as error:
+            _answer(answers, {"no_process": error.strerror})
+            continue
         if pid == 0:
             kill_with_parent(server)
             _run(job, order, answers)

@@ -12,7 +12,7 @@ from typing import Any
 
 import structlog
 
-from fvs_engine.errors import Cancelled, EngineError, ProcessDiedError
+from fvs_engine.errors import Cancelled, EngineError, NoProcessError, ProcessDiedError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import DiskFullError
 from fvs_service.application import Storage
@@ -260,7 +260,7 @@ class JobRuns:
             return StorageUnavailableError(failure.message, hint=failure.hint)
         if failure.code in (DiskFullError.code, OutOfSpaceError.code):
             return JobPausedError(WaitReason.DISK)
-        if failure.code == ProcessDiedError.code:
+        if failure.code in (ProcessDiedError.code, NoProcessError.code):
             return ChildDiedError(failure.message)
         named = with_original_names(failure.message, request.images)
         return _JobFailedError(failure.model_copy(update={"message": named}), stage)

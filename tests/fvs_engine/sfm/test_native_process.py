@@ -1,4 +1,5 @@
 import contextlib
+import errno
 import functools
 import json
 import os
@@ -17,9 +18,10 @@ import pytest
 
 from fvs_engine import child_process
 from fvs_engine.child_process import EXIT_ORPHANED
-from fvs_engine.errors import Cancelled, ProcessDiedError, ReconstructionError
+from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError, ReconstructionError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import native_process
+from fvs_engine.sfm.culprit import run_or_accuse
 from fvs_engine.sfm.native_process import run_native
 
 CHILD = [sys.executable, "-m", "fvs_engine.sfm.native.child"]
@@ -165,6 +167,55 @@ def test_a_job_that_is_killed_leaves_its_child_to_the_next_one(tmp_path: Path):
             job.outcome.result(SOON_S)
         assert not caught.value.crashed
         assert job.child.poll() is None
+
+
+NO_FORK = """
+import errno, os
+from fvs_engine.sfm.native import child
+
+def fork():
+    raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+os.fork = fork
+child.kill_with_parent = lambda _: None
+import sys
+sys.argv = ["child", "0"]
+child.main()
+"""
+
+
+def test_a_job_without_a_process_has_not_died(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    use_child(monkeypatch, NO_FORK)
+    order = {"job": "match", "arguments": {}, "log": str(tmp_path / "log"), "folder": str(tmp_path)}
+    spawn = native_process.spawn
+
+    def ordered(module: str, _order: str, **pipes: object) -> "subprocess.Popen[str]":
+        child = spawn(module, _order, **pipes)
+        child_process.write(child, json.dumps(order) + "\n")
+        return child
+
+    monkeypatch.setattr(native_process, "spawn", ordered)
+    with pytest.raises(NoProcessError, match="Cannot allocate memory") as caught:
+        run_or_accuse(lambda _items: run_native("match", {}, tmp_path / "log", Monitor()), ["a", "b"])
+    assert "memory" in caught.value.hint
+    native_process.end_child()
+
+
+def test_no_child_is_no_death(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def spawn(*_: object, **__: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr(native_process, "spawn", spawn)
+    monkeypatch.setattr(native_process, "_children", threading.local())
+    with pytest.raises(NoProcessError, match="temporarily unavailable"):
+        run_native("match", {}, tmp_path / "log", Monitor())
+
+
+def test_a_child_can_be_ended_and_the_next_job_gets_another_one(tmp_path: Path):
+    child = failed_job(tmp_path)
+    native_process.end_child()
+    assert child.returncode is not None
+    assert failed_job(tmp_path).pid != child.pid
 
 
 def test_a_part_of_a_line_is_no_answer():

@@ -1,18 +1,25 @@
 import io
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from fvs_service.ids import new_id
 from fvs_service.images.model import Image as SceneImage
 from fvs_service.images.model import Registration, Verdict
-from fvs_service.images.service import blob_key
+from fvs_service.images.service import blob_key, with_original_names
+from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.model import now
+from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.worker.protocol.messages import RunJob
 from fvs_service.worker.runner.image_files import discard_images, prepare_images
+from fvs_service.worker.runner.scene_jobs import SceneJobs
 from PIL import Image
 
+from fvs_engine.errors import EngineError
 from fvs_engine.monitor import Monitor
 
 _ORIENTATION = 0x0112
@@ -99,3 +106,32 @@ def test_what_was_deleted_meanwhile_is_left_out_and_what_the_engine_rejects_is_n
     assert list(placed.files.values()) == images[:1]
     assert list(placed.rejected) == [images[2].digest]
     assert "32×900 px" in placed.rejected[images[2].digest]
+
+
+@pytest.mark.parametrize("kind", JobKind)
+def test_a_job_names_the_images_that_the_engine_rejects(
+    tmp_path: Path, store: Callable[..., SceneImage], kind: JobKind
+) -> None:
+    images = (store(1), store(2))
+    told: list[str] = []
+    quarantined: dict[str, str] = {}
+    blobs, bad = Blobs(tmp_path / "blobs"), images[1]
+    out = io.BytesIO()
+    Image.new("L", (32, 900)).save(out, "JPEG")
+    blobs.put(out.getvalue(), blob_key("scn", bad.digest))
+    nothing = SimpleNamespace(forget_live=lambda: None)
+    jobs = SceneJobs(tmp_path / "scene", blobs, WorkerSettings(), cast(Any, None), cast(Any, nothing))
+    request = RunJob(
+        job_id="job",
+        request=JobRequest(kind=kind),
+        images=images,
+        camera=None,
+        origin=None,
+        snapshot_id=None,
+    )
+    with pytest.raises(EngineError):  # one image makes no model
+        jobs.run(request, cast(Any, Monitor()), told.append, quarantined.update)
+    (sentence,) = (with_original_names(one, images) for one in told)
+    assert sentence.startswith(f"{bad.name} is quarantined: ")
+    assert "32×900 px" in sentence
+    assert list(quarantined) == [bad.digest]

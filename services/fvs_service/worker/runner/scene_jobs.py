@@ -19,6 +19,8 @@ from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.native_process import end_child
+from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import fresh_folder
@@ -29,6 +31,7 @@ from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image, Registration
+from fvs_service.images.service import file_name
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.scenes.model import CameraPrior
 from fvs_service.settings import WorkerSettings
@@ -37,7 +40,7 @@ from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import JobOutcome, RunJob
 from fvs_service.worker.runner.artifacts import write_artifacts
 from fvs_service.worker.runner.gpu_slots import gpu_slot
-from fvs_service.worker.runner.image_files import PreparedImages, discard_images, prepare_images
+from fvs_service.worker.runner.image_files import discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.position_priors import position_priors
@@ -91,7 +94,7 @@ class SceneJobs:
         try:
             if request.request.kind is JobKind.UPDATE:
                 return self._update(request, monitor, warn, quarantine)
-            return self._fine(request, monitor)
+            return self._fine(request, monitor, warn, quarantine)
         except BaseException:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
@@ -119,10 +122,7 @@ class SceneJobs:
     def _update(
         self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine
     ) -> JobOutcome | None:
-        prepared = self._images(request, monitor)
-        if prepared.rejected:
-            quarantine(prepared.rejected)
-        images = prepared.files
+        images = self._images(request, monitor, warn, quarantine)
         if len(images) < 2:
             raise ReconstructionError(
                 f"The scene has {len(images)} usable images, and a model needs two or more.",
@@ -137,9 +137,9 @@ class SceneJobs:
                 tuple(images), monitor, position_priors(images, request.origin), removed=removed
             )
         finally:
+            end_child()  # training takes longer than to start another one
             found = {images[name].digest: why for name, why in scene.quarantined.items() if name in images}
-            if found:
-                quarantine(found)
+            _leave_out(found, request, warn, quarantine)
         images = {name: image for name, image in images.items() if name not in scene.quarantined}
         previous = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
@@ -173,8 +173,13 @@ class SceneJobs:
         views = spread(new, _MOST_EVALUATED)
         return measure(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
 
-    def _images(self, request: RunJob, monitor: Monitor) -> PreparedImages:
-        return prepare_images(self._blobs, request.images, self._folder.images, monitor)
+    def _images(
+        self, request: RunJob, monitor: Monitor, warn: Warn, quarantine: Quarantine
+    ) -> Mapping[str, Image]:
+        """The images by the names of their files, without those that the engine rejects."""
+        prepared = prepare_images(self._blobs, request.images, self._folder.images, monitor)
+        _leave_out(prepared.rejected, request, warn, quarantine)
+        return prepared.files
 
     def _open_scene(self, request: RunJob, monitor: Monitor) -> GrowingScene:
         choice = self._choose(request.request)
@@ -218,8 +223,8 @@ class SceneJobs:
                 )
         return kept
 
-    def _fine(self, request: RunJob, monitor: JobMonitor) -> JobOutcome:
-        placed = self._images(request, monitor).files
+    def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
+        placed = self._images(request, monitor, warn, quarantine)
         fine = self._fine_folder(request.job_id)
         cameras = self._cameras_of(fine, request.camera, placed, monitor)
         wanted, settings = request.request, self._settings
@@ -339,6 +344,15 @@ class SceneJobs:
             unregistered=unregistered,
             metrics=metrics,
         )
+
+
+def _leave_out(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarantine: Quarantine) -> None:
+    """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
+    images = {image.digest: image for image in request.images}
+    for digest, reason in reasons.items():
+        warn(warning(file_name(images[digest]), reason))
+    if reasons:
+        quarantine(reasons)
 
 
 def _split(
