@@ -1,5 +1,6 @@
 """Validation of arrays and rotations, for the constructors of this package."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from fvs_engine.errors import InvalidInputError
 ORTHONORMAL_TOLERANCE = 1e-4
 """Largest entry of |R Rᵀ − I| that still counts as rounding (files often hold float32)."""
 
+_FEW = 16
 
 MAX_COORDINATE = 1e10
 """Longest translation, in any unit: squares of it, and of it in another unit, are float32 numbers."""
@@ -20,7 +22,9 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArra
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidInputError(f"{name} must have shape {shape}, not {array.shape}.")
-    if not np.isfinite(array).all():
+    # In plain numbers where they are few: numpy takes three times as long.
+    finite = all(map(math.isfinite, array.flat)) if array.size <= _FEW else np.isfinite(array).all()
+    if not finite:
         raise InvalidInputError(f"{name} has a number that is not finite.")
     return array
 
@@ -28,7 +32,7 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArra
 def rotation_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """``values`` as a proper rotation [3, 3]; ``InvalidInputError`` if it is a mirror, sheared or scaled."""
     matrix = finite_array(name, values, (3, 3))
-    # In plain numbers: numpy takes ten times as long for nine of them, and a ranking checks hundreds.
+    # In plain numbers here too: ten times as fast.
     x, y, z = matrix.tolist()
     products = (_dot(x, x) - 1, _dot(y, y) - 1, _dot(z, z) - 1, _dot(x, y), _dot(x, z), _dot(y, z))
     if max(map(abs, products)) > ORTHONORMAL_TOLERANCE:
@@ -38,6 +42,16 @@ def rotation_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     if _dot(x, cross(y, z)) < 0:
         raise InvalidInputError(f"{name} is a reflection.", hint="Check the handedness of the axes.")
     return matrix
+
+
+def rotation_matrices(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """``values`` as proper rotations [N, 3, 3]; raises as ``rotation_matrix``."""
+    matrices = finite_array(name, values, (len(np.asarray(values)), 3, 3))
+    deviations = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    proper = (deviations <= ORTHONORMAL_TOLERANCE) & (np.linalg.det(matrices) > 0)
+    for number in np.flatnonzero(~proper):
+        rotation_matrix(f"{name}[{number}]", matrices[number])
+    return matrices
 
 
 def cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:

@@ -1,10 +1,12 @@
 """JSON bodies: the caller comes first, and the worst body costs little."""
 
 import json
+import socket
 import threading
 import time
 from collections.abc import Iterator
 from typing import Any, get_args
+from urllib.parse import urlsplit
 
 import pytest
 from fastapi.routing import APIRoute, iter_route_contexts
@@ -167,6 +169,17 @@ def test_the_caller_is_known_before_the_body_is_parsed(locked: Any, path: str, c
     if "{scene}" in path:
         assert status(owner, "scn_none") == 404
         assert status(gateway.key("stranger"), scene) == 404
+
+
+def test_a_large_body_is_not_read_before_the_permission_is_known(serve: Any) -> None:
+    url = urlsplit(str(serve().client.base_url))
+    head = (
+        "POST /v1/scenes/scn_none/rankings HTTP/1.1\r\nHost: localhost\r\n"
+        "Content-Type: application/json\r\nContent-Length: 1000000\r\n\r\n"
+    )
+    with socket.create_connection((url.hostname, url.port), 30) as connection:
+        connection.sendall(head.encode())  # and nothing of the body
+        assert connection.recv(64).startswith(b"HTTP/1.1 404 ")
 
 
 class _Watchdog:

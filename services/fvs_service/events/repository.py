@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import delete, event, func, select
+from sqlalchemy import delete, event, func, insert, select
 from sqlalchemy.orm import Session
 
 from fvs_service.events.model import Event, EventKind
 from fvs_service.model import now
 from fvs_service.storage.database import lock
 from fvs_service.storage.notifications import Topic, announce
-from fvs_service.storage.tables import EventRow, SceneRow
+from fvs_service.storage.tables import EventRow, SceneRow, columns_of
 
 _PUBLISHED = "fvs_published"
 
@@ -28,14 +28,20 @@ def publish(
         session.info[_PUBLISHED] = []
         event.listen(session, "before_commit", _number, once=True)
     session.info[_PUBLISHED].append(
-        EventRow(scene_id=scene_id, kind=kind.value, subject=subject, data=dict(data), created_at=now())
+        {
+            "scene_id": scene_id,
+            "kind": kind.value,
+            "subject": subject,
+            "data": dict(data),
+            "created_at": now(),
+        }
     )
 
 
 def _number(session: Session) -> None:
     session.flush()
     lock(session, "events")  # the last lock of every transaction
-    session.add_all(session.info.pop(_PUBLISHED))
+    session.execute(insert(columns_of(EventRow)), session.info.pop(_PUBLISHED))
 
 
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:

@@ -1,26 +1,26 @@
 """Rankings in the database."""
 
-from sqlalchemy import select
+from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.model import Ranking
-from fvs_service.storage.tables import RankingRow, SceneRow
+from fvs_service.storage.tables import RankingRow, SceneRow, columns_of
 
 
 def add_ranking(session: Session, ranking: Ranking) -> None:
     """Add a ranking."""
-    session.add(
-        RankingRow(
-            id=ranking.id,
-            scene_id=ranking.scene_id,
-            snapshot_id=ranking.snapshot_id,
-            document=ranking.model_dump(mode="json"),
-            created_at=ranking.created_at,
-        )
+    session.execute(
+        insert(columns_of(RankingRow)),
+        {
+            "id": ranking.id,
+            "scene_id": ranking.scene_id,
+            "snapshot_id": ranking.snapshot_id,
+            "document": ranking.model_dump(mode="json"),
+            "created_at": ranking.created_at,
+        },
     )
-    session.flush()
 
 
 def ranking_of(session: Session, principal: Principal, ranking_id: str) -> Ranking:

@@ -83,6 +83,9 @@ class Rankings:
             lambda snapshot_id: snapshots.cameras(self._snapshot(snapshot_id))
         )
         self._geometry = lru_cache(_CACHED_SNAPSHOTS)(self._geometry_of)
+        self._frame = lru_cache(_CACHED_SNAPSHOTS)(
+            lambda snapshot_id, origin: WorldFrame(origin, self._snapshot(snapshot_id).alignment)
+        )
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -105,7 +108,6 @@ class Rankings:
             prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
-            await run_sync(self._require_room)
             question = prepared.question
             result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
             return await run_sync(self._finish, principal, prepared, result)
@@ -124,7 +126,6 @@ class Rankings:
             if isinstance(prepared, Ranking):
                 yield RankingPart(ranking=prepared)
                 return
-            await run_sync(self._require_room)
             result = _unscored(prepared.snapshot)
             if prepared.question.views:
                 async with aclosing(self._runners.stream(prepared.question)) as parts:
@@ -151,7 +152,6 @@ class Rankings:
             )
             if isinstance(prepared, bytes):
                 return prepared
-            await run_sync(self._require_room)
             png = await self._runners.render(prepared)
             await run_sync(self._keep_render, png, _render_key(ranking_id, candidate_id, prepared))
             return png
@@ -185,7 +185,7 @@ class Rankings:
             raise NotFoundError("There is no such snapshot.")
         request = request.complete
         self._require_method(request.method)
-        frame = WorldFrame(scene.origin, snapshot.alignment)
+        frame = self._frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
         geometry = self._geometry(snapshot.id)
@@ -210,6 +210,7 @@ class Rankings:
             budget=request.budget,
             seed=request.seed,
         )
+        self._require_room()
         return _Prepared(request, scene, snapshot, frame, poses, distances, excluded, question, remembered)
 
     def _finish(self, principal: Principal, prepared: _Prepared, result: RankedViews) -> Ranking:
@@ -268,7 +269,10 @@ class Rankings:
             image=image,
         )
         key = _render_key(ranking_id, candidate_id, question)
-        return self._blobs.read(key) if self._blobs.exists(key) else question
+        if self._blobs.exists(key):
+            return self._blobs.read(key)
+        self._require_room()
+        return question
 
     def _keep_render(self, png: bytes, key: str) -> None:
         self._blobs.put(png, key)
@@ -309,8 +313,7 @@ class Rankings:
             )
 
     def _geometry_of(self, snapshot_id: str) -> SceneGeometry:
-        frame = WorldFrame(None, self._snapshot(snapshot_id).alignment)
-        return SceneGeometry.of(frame, self._cameras(snapshot_id))
+        return SceneGeometry.of(self._frame(snapshot_id, None), self._cameras(snapshot_id))
 
     def _find(self, snapshot_id: str) -> Snapshot:
         with self._database.reading() as session:

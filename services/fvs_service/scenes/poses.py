@@ -21,7 +21,7 @@ from fvs_engine.geometry.geodetic import (
     enu_from_geodetic,
     geodetic_from_enu,
 )
-from fvs_engine.views import PinholeView
+from fvs_engine.views import PinholeView, View
 from fvs_service.errors import InvalidRequestError
 from fvs_service.model import Model
 from fvs_service.quantities import (
@@ -123,12 +123,10 @@ class WorldFrame:
 
     def world_from_cameras(self, poses: Sequence[FramePose | VehiclePose]) -> tuple[RigidTransform, ...]:
         """The transforms of many poses, in their order: much faster than one by one."""
-        quaternions = [pose.orientation_wxyz for pose in poses if isinstance(pose, FramePose)]
-        rotations = iter(matrix_from_quaternion(np.array(quaternions)) if quaternions else ())
+        given = [pose for pose in poses if isinstance(pose, FramePose)]
+        cameras = iter(_frame_from_cameras(given))
         return tuple(
-            self._of_vehicle(pose)
-            if isinstance(pose, VehiclePose)
-            else self._in_world(pose, RigidTransform(next(rotations), np.array(pose.position)))
+            self._of_vehicle(pose) if isinstance(pose, VehiclePose) else self._in_world(pose, next(cameras))
             for pose in poses
         )
 
@@ -157,9 +155,10 @@ class WorldFrame:
         centres = self.model_from_world.apply(np.stack([pose.translation for pose in poses]))
         inverse = rotations.transpose(0, 2, 1)
         translations = -(inverse @ centres[:, :, None])[:, :, 0]
+        transforms = RigidTransform.many(inverse, translations)
         return tuple(
-            PinholeView(name, camera, RigidTransform(rotation, translation))
-            for name, rotation, translation in zip(world_from_cameras, inverse, translations, strict=True)
+            View(name, camera, transform)
+            for name, transform in zip(world_from_cameras, transforms, strict=True)
         )
 
     def _in_world(self, pose: FramePose, frame_from_camera: RigidTransform) -> RigidTransform:
@@ -202,6 +201,13 @@ def require_on_earth(world_from_cameras: Mapping[str, RigidTransform]) -> None:
                 f"The position of {name} has a coordinate beyond {MAX_COORDINATE_M:g}.",
                 hint="Coordinates in the world frame are metres from its origin.",
             )
+
+
+def _frame_from_cameras(poses: Sequence[FramePose]) -> tuple[RigidTransform, ...]:
+    if not poses:
+        return ()
+    rotations = matrix_from_quaternion(np.array([pose.orientation_wxyz for pose in poses]))
+    return RigidTransform.many(rotations, np.array([pose.position for pose in poses]))
 
 
 def _frame_poses(

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any, TypeAlias
 
 from pydantic import TypeAdapter
-from sqlalchemy import func, select, update
+from sqlalchemy import Row, bindparam, func, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
@@ -19,9 +20,15 @@ from fvs_service.scenes.model import (
     SceneRequest,
     SceneSize,
 )
-from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow
+from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow, columns_of
 
 _ALIGNMENT = TypeAdapter(Alignment)
+_SCENES = columns_of(SceneRow)
+_HEAD = select(_SCENES.c.id, _SCENES.c.tenant_id, _SCENES.c.origin, _SCENES.c.snapshot_id).where(
+    _SCENES.c.id == bindparam("scene_id")
+)
+"""Made once, because nearly every request executes it."""
+_HeadRow: TypeAlias = Row[str, str, Any, str | None]
 _LEFT_OUT = ("excluded", "quarantined")
 _NO_SCENE = "There is no such scene."
 
@@ -61,7 +68,10 @@ def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
 
 def scene_head_of(session: Session, principal: Principal, scene_id: str) -> SceneHead:
     """The head of a scene of the principal's tenant, in a single query; raises ``NotFoundError``."""
-    return _head(_row_of(session, principal, scene_id))
+    row = _head_row(session, scene_id)
+    if not principal.owns(row.tenant_id, scene_id):
+        raise NotFoundError(_NO_SCENE)
+    return _head(row)
 
 
 def find_scene(session: Session, scene_id: str) -> Scene:
@@ -71,7 +81,7 @@ def find_scene(session: Session, scene_id: str) -> Scene:
 
 def find_scene_head(session: Session, scene_id: str) -> SceneHead:
     """The head of a scene of any tenant, in a single query; raises ``NotFoundError``."""
-    return _head(_row(session, scene_id))
+    return _head(_head_row(session, scene_id))
 
 
 def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit: int) -> tuple[Scene, ...]:
@@ -141,6 +151,7 @@ def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
     row = session.get(SceneRow, scene_id)
     if row is not None and row.origin is None:
         row.origin = origin.model_dump(mode="json")
+        session.flush()
 
 
 def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
@@ -148,6 +159,7 @@ def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:
     row = session.get(SceneRow, scene_id)
     if row is not None:
         row.snapshot_id = snapshot_id
+        session.flush()
 
 
 def _row_of(session: Session, principal: Principal, scene_id: str) -> SceneRow:
@@ -164,12 +176,19 @@ def _row(session: Session, scene_id: str) -> SceneRow:
     return row
 
 
-def _head(row: SceneRow) -> SceneHead:
-    return SceneHead(row.id, _origin(row), row.snapshot_id)
+def _head_row(session: Session, scene_id: str) -> _HeadRow:
+    row = session.execute(_HEAD, {"scene_id": scene_id}).one_or_none()
+    if row is None:
+        raise NotFoundError(_NO_SCENE)
+    return row
 
 
-def _origin(row: SceneRow) -> Origin | None:
-    return None if row.origin is None else Origin.model_validate(row.origin)
+def _head(row: _HeadRow) -> SceneHead:
+    return SceneHead(row.id, _origin(row.origin), row.snapshot_id)
+
+
+def _origin(document: Any) -> Origin | None:
+    return None if document is None else Origin.model_validate(document)
 
 
 def _scene(session: Session, row: SceneRow) -> Scene:
@@ -182,7 +201,7 @@ def _scene(session: Session, row: SceneRow) -> Scene:
         id=row.id,
         name=request.name,
         world=request.world,
-        origin=_origin(row),
+        origin=_origin(row.origin),
         camera=request.camera,
         policy=request.policy,
         retention=request.retention,

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import orjson
 from sqlalchemy import (
     URL,
     BigInteger,
@@ -51,6 +52,10 @@ _VERSIONS = "alembic_version"
 KNOWN_VERSIONS = tuple(sorted(file.name[:4] for file in (_MIGRATIONS / "versions").glob("[0-9]*.py")))
 """Versions of the schema, oldest first: the numbers that the names of the migrations begin with."""
 _LOCKED = "fvs_locked"
+_JSON: Mapping[str, Any] = {
+    "json_serializer": lambda document: orjson.dumps(document).decode(),
+    "json_deserializer": orjson.loads,
+}
 
 
 class now_ms(FunctionElement[int]):  # noqa: N801 - the name of an SQL function
@@ -197,6 +202,7 @@ def _postgresql(url: URL) -> Engine:
         pool_pre_ping=True,  # connections that a restart of the server has cut are replaced
         pool_size=_CONNECTIONS // 4,
         max_overflow=_CONNECTIONS,
+        **_JSON,
         connect_args={
             "connect_timeout": _CONNECT_S,
             "application_name": "fvs",
@@ -211,7 +217,7 @@ def _sqlite(url: URL) -> Engine:
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
-        url, connect_args={"timeout": _BUSY_S}, pool_size=_CONNECTIONS, max_overflow=_CONNECTIONS
+        url, connect_args={"timeout": _BUSY_S}, pool_size=_CONNECTIONS, max_overflow=_CONNECTIONS, **_JSON
     )
 
     @event.listens_for(engine, "connect")

@@ -22,8 +22,7 @@ class IdempotencyKey:
 
     def __init__(self, tenant_id: str, key: str | None, operation: str, request: Model) -> None:
         self._tenant_id, self._key = tenant_id, key
-        content = f"{operation}\n{request.model_dump_json()}"
-        self._fingerprint = hashlib.sha256(content.encode()).hexdigest()
+        self._operation, self._request = operation, request
 
     def resource(self, session: Session, find: Callable[[str], _Resource]) -> _Resource | None:
         """The resource that this key created, found by its id; None for a new key.
@@ -47,7 +46,7 @@ class IdempotencyKey:
         row = None if self._key is None else session.get(IdempotencyRow, (self._tenant_id, self._key))
         if row is None:
             return None
-        if row.fingerprint != self._fingerprint:
+        if row.fingerprint != self._fingerprint():
             raise KeyReusedError(
                 "This Idempotency-Key was used with another request.", hint="Use a new key for each request."
             )
@@ -66,8 +65,12 @@ class IdempotencyKey:
             IdempotencyRow(
                 tenant_id=self._tenant_id,
                 key=self._key,
-                fingerprint=self._fingerprint,
+                fingerprint=self._fingerprint(),
                 resource_id=resource_id,
                 created_at=now(),
             )
         )
+
+    def _fingerprint(self) -> str:
+        content = f"{self._operation}\n{self._request.model_dump_json()}"
+        return hashlib.sha256(content.encode()).hexdigest()

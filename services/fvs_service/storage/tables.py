@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 from typing import Any
 
+import sqlalchemy
 from sqlalchemy import JSON, BigInteger, DateTime, ForeignKey, Index, Integer, String, text
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
@@ -30,6 +31,13 @@ class Table(DeclarativeBase):
     """Base of all tables."""
 
     type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, list[Any]: JSON}  # noqa: RUF012
+
+
+def columns_of(kind: type[Table]) -> sqlalchemy.Table:
+    """The table of a class of rows, for statements that make no objects: they take half the time."""
+    table = kind.__table__
+    assert isinstance(table, sqlalchemy.Table)
+    return table
 
 
 class ApiKeyRow(Table):

@@ -30,6 +30,8 @@ _START_S = 45.0
 """How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
 _START_AGAIN_S = 2.0
 _POLL_S = 0.1
+_SMALL_BYTES = 16_384
+"""Smaller responses, as of a hundred candidates, are read on the event loop: a thread would cost more."""
 _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
@@ -95,44 +97,50 @@ class LeasedRunners:
         except TimeoutError as error:
             raise deadline_passed(request.timeout_s) from error
         try:
+            if len(response) <= _SMALL_BYTES:
+                return parse(result_of(response))
             return await run_sync(lambda: parse(result_of(response)))
         except RunnerError as error:
             raise error_of(error.failure) from error
 
     async def _call(self, request: RankViews | RenderView, until: float) -> bytes:
         """The runner's response; asks again when the runner died or moved."""
-        async with aclosing(self._endpoints(request.scene_id)) as endpoints:
-            async for endpoint in endpoints:
+        async with aclosing(self._addressed(request, until)) as addressed:
+            async for endpoint, line in addressed:
                 with contextlib.suppress(RunnerGoneError):
-                    return await self._connections.call(endpoint, await run_sync(_line, request, until))
+                    return await self._connections.call(endpoint, line)
         raise AssertionError  # the endpoints do not end
 
     async def _parts(self, request: RankViews, until: float) -> RankingSteps:
         """What the runner sends; asks again when the runner died or moved."""
-        async with aclosing(self._endpoints(request.scene_id)) as endpoints:
-            async for endpoint in endpoints:
-                line = await run_sync(_line, request, until)
+        async with aclosing(self._addressed(request, until)) as addressed:
+            async for endpoint, line in addressed:
                 with contextlib.suppress(RunnerGoneError):
                     async with aclosing(exchange(endpoint, line)) as documents:
                         async for document in documents:
                             yield await run_sync(_part, document)
                     return
 
-    async def _endpoints(self, scene_id: str) -> AsyncGenerator[str, None]:
-        """The endpoint of the scene's runner, again and again, until one answers; starts one if need be.
+    async def _addressed(
+        self, request: RankViews | RenderView, until: float
+    ) -> AsyncGenerator[tuple[str, bytes], None]:
+        """The endpoint of the scene's runner and the request as a line, again and again, until one answers.
 
-        Raises ``UnavailableError`` when that takes too long.
+        Starts a runner if need be. Raises ``UnavailableError`` when there has been none for too long, or is
+        none shortly before the deadline: a client that is told so knows more than that its time is up.
         """
         give_up = time.monotonic() + _START_S
         started = -math.inf
         while True:
-            holder = await run_sync(self._leases.holder, scene_id)
-            if holder is not None and holder.endpoint is not None:
-                yield holder.endpoint  # of a dead runner too: its lease lasts a while longer
+            endpoint, line = await run_sync(self._address, request, until)
+            if endpoint is not None:
+                asked = time.monotonic()
+                yield endpoint, line  # of a dead runner too: its lease lasts a while longer
+                give_up += time.monotonic() - asked
             if time.monotonic() - started > _START_AGAIN_S:
-                await run_sync(self._requests.add, scene_id)
+                await run_sync(self._requests.add, request.scene_id)
                 started = time.monotonic()
-            if time.monotonic() > give_up:
+            if time.monotonic() > min(give_up, until - 2 * _POLL_S):
                 raise UnavailableError(
                     "No worker has loaded the scene's model.",
                     hint="Try again soon: it is being loaded, or waits for memory.",
@@ -140,10 +148,12 @@ class LeasedRunners:
                 )
             await asyncio.sleep(_POLL_S)
 
-
-def _line(request: RankViews | RenderView, until: float) -> bytes:
-    left_s = max(0.0, until - time.monotonic())
-    return request.model_copy(update={"timeout_s": left_s}).model_dump_json().encode()
+    def _address(self, request: RankViews | RenderView, until: float) -> tuple[str | None, bytes]:
+        """The endpoint of the scene's runner, None without one, and the request for it."""
+        holder = self._leases.holder(request.scene_id)
+        left_s = max(0.0, until - time.monotonic())
+        line = request.model_copy(update={"timeout_s": left_s}).model_dump_json().encode()
+        return None if holder is None else holder.endpoint, line
 
 
 def _part(document: Any) -> tuple[CandidateScore, ...] | RankedViews:

@@ -85,3 +85,29 @@ def test_a_projective_matrix_is_refused():
         RigidTransform.from_matrix(matrix)
     with pytest.raises(InvalidInputError):
         RigidTransform.from_matrix(np.eye(3))
+
+
+def test_many_transforms_are_those_of_the_constructor():
+    generator = np.random.default_rng(4)
+    ones = [rigid(generator) for _ in range(5)]
+    many = RigidTransform.many([one.rotation for one in ones], [one.translation for one in ones])
+    for one, other in zip(ones, many, strict=True):
+        np.testing.assert_array_equal(one.matrix, other.matrix)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation"),
+    [
+        (np.diag([1, 1, -1]), np.zeros(3)),
+        (2 * np.eye(3), np.zeros(3)),
+        (np.full((3, 3), np.nan), np.zeros(3)),
+        (np.eye(3), np.array([0, np.inf, 0])),
+        (np.eye(3), np.array([0, 0, 1e11])),
+        (np.eye(3), np.zeros(2)),
+    ],
+)
+@pytest.mark.parametrize("last", [True, False])
+def test_one_of_many_that_is_not_rigid_is_refused(rotation, translation, last):
+    rotations, translations = [np.eye(3), rotation], [np.zeros(len(translation)), translation]
+    with pytest.raises(InvalidInputError):
+        RigidTransform.many(rotations[:: 1 if last else -1], translations[:: 1 if last else -1])

@@ -1,7 +1,8 @@
 """Dependencies of handlers: the application, the principal, and parts of requests that routes share."""
 
-from collections.abc import Awaitable, Callable
-from typing import Annotated, TypeVar
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, TypeAlias, TypeVar
 
 from anyio import CapacityLimiter
 from fastapi import Depends, Header, Path, Query, Request, Response
@@ -69,11 +70,11 @@ async def _caller(
 Caller = Annotated[Principal, Depends(_caller)]
 
 
-def _page(app: App, page: Annotated[Page, Query()]) -> Page:
+async def _page(app: App, page: Annotated[Page, Query()]) -> Page:
     return _within_limits(app, page)
 
 
-def _numbered_page(app: App, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
+async def _numbered_page(app: App, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
     return _within_limits(app, page)
 
 
@@ -106,31 +107,37 @@ SnapshotId = Annotated[str, _id("snp", "snapshot")]
 RankingId = Annotated[str, _id("rnk", "ranking")]
 
 
-async def operator(caller: Caller) -> Principal:
-    """The caller, who may create scenes."""
-    caller.require(Scope.OPERATE)
+Permission: TypeAlias = Callable[[], None]
+"""Checks that the caller may do what the route does, in a thread; raises ``ServiceError``."""
+
+
+async def to_create_scenes(caller: Caller) -> Permission:
+    """The permission to create scenes."""
+    return partial(caller.require, Scope.OPERATE)
+
+
+async def to_upload(app: App, caller: Caller, scene_id: SceneId) -> Permission:
+    """The permission to upload to the scene of the path, which exists."""
+    return partial(app.scenes.require, caller, Scope.UPLOAD, scene_id)
+
+
+async def to_operate(app: App, caller: Caller, scene_id: SceneId) -> Permission:
+    """The permission to operate the scene of the path, which exists."""
+    return partial(app.scenes.require, caller, Scope.OPERATE, scene_id)
+
+
+async def to_operate_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> Permission:
+    """The permission to operate the scene of the path's snapshot, which exists."""
+    return partial(app.storage.snapshots.require, caller, Scope.OPERATE, snapshot_id)
+
+
+async def _uploader(caller: Caller, permission: Annotated[Permission, Depends(to_upload)]) -> Principal:
+    await run_in_threadpool(permission)
     return caller
 
 
-def _of_scene(scope: Scope) -> Callable[..., Awaitable[Principal]]:
-    async def permitted(app: App, caller: Caller, scene_id: SceneId) -> Principal:
-        await run_in_threadpool(app.scenes.require, caller, scope, scene_id)
-        return caller
-
-    return permitted
-
-
-async def snapshot_operator(app: App, caller: Caller, snapshot_id: SnapshotId) -> Principal:
-    """The caller, who may operate the scene of the path's snapshot; it exists."""
-    await run_in_threadpool(app.storage.snapshots.require, caller, Scope.OPERATE, snapshot_id)
-    return caller
-
-
-scene_uploader, scene_operator = _of_scene(Scope.UPLOAD), _of_scene(Scope.OPERATE)
-SceneUploader = Annotated[Principal, Depends(scene_uploader)]
+SceneUploader = Annotated[Principal, Depends(_uploader)]
 """The caller, who may upload to the scene of the path; it exists."""
-SceneOperator = Annotated[Principal, Depends(scene_operator)]
-"""The caller, who may operate the scene of the path; it exists."""
 
 
 def set_location(response: Response, path: str) -> None:

@@ -23,7 +23,7 @@ from fvs_service.gateway.rest.dependencies import (
     Parsing,
     SceneId,
     SceneUploader,
-    scene_uploader,
+    to_upload,
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
@@ -84,7 +84,7 @@ def check_images(
     app: App,
     caller: Caller,
     scene_id: SceneId,
-    request: Annotated[DigestCheck, Depends(json_body(DigestCheck, scene_uploader))],
+    request: Annotated[DigestCheck, Depends(json_body(DigestCheck, to_upload))],
 ) -> DigestAnswer:
     """Check which images the scene has, so that none is sent twice."""
     return app.images.check(caller, scene_id, request)

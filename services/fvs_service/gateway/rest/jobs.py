@@ -13,8 +13,8 @@ from fvs_service.gateway.rest.dependencies import (
     JobId,
     Paging,
     SceneId,
-    scene_operator,
     set_location,
+    to_operate,
 )
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.jobs.model import Job, JobList, JobRequest
@@ -36,7 +36,7 @@ def create_job(
     app: App,
     caller: Caller,
     scene_id: SceneId,
-    request: Annotated[JobRequest, Depends(json_body(JobRequest, scene_operator))],
+    request: Annotated[JobRequest, Depends(json_body(JobRequest, to_operate))],
     response: Response,
     key: IdempotencyKey = None,
 ) -> Job:

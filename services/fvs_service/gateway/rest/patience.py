@@ -12,7 +12,7 @@ from fvs_service.gateway.rest.dependencies import App
 T = TypeVar("T")
 
 
-def _timeout_s(
+async def _timeout_s(
     app: App,
     timeout_s: Annotated[
         float | None,

@@ -13,7 +13,7 @@ from fvs_service.gateway.rest.dependencies import (
     IdempotencyKey,
     RankingId,
     SceneId,
-    scene_operator,
+    to_operate,
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.gateway.rest.ranking_stream import MEDIA_TYPE, ranking_stream
@@ -39,7 +39,7 @@ async def create_ranking(
     metrics: Counters,
     caller: Caller,
     scene_id: SceneId,
-    request: Annotated[RankingRequest, Depends(json_body(RankingRequest, scene_operator))],
+    request: Annotated[RankingRequest, Depends(json_body(RankingRequest, to_operate))],
     timeout_s: TimeoutS,
     key: IdempotencyKey = None,
 ) -> Response:

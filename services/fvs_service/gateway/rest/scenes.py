@@ -11,9 +11,9 @@ from fvs_service.gateway.rest.dependencies import (
     IdempotencyKey,
     Paging,
     SceneId,
-    operator,
-    scene_operator,
     set_location,
+    to_create_scenes,
+    to_operate,
 )
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
@@ -25,7 +25,7 @@ router = json_router("/v1/scenes", "scenes")
 def create_scene(
     app: App,
     caller: Caller,
-    request: Annotated[SceneRequest, Depends(json_body(SceneRequest, operator))],
+    request: Annotated[SceneRequest, Depends(json_body(SceneRequest, to_create_scenes))],
     response: Response,
     key: IdempotencyKey = None,
 ) -> Scene:
@@ -52,7 +52,7 @@ def change_scene(
     app: App,
     caller: Caller,
     scene_id: SceneId,
-    change: Annotated[SceneChange, Depends(json_body(SceneChange, scene_operator))],
+    change: Annotated[SceneChange, Depends(json_body(SceneChange, to_operate))],
 ) -> Scene:
     """Rename a scene, or change its policy or retention."""
     return app.scenes.change(caller, scene_id, change)

@@ -12,7 +12,7 @@ from fvs_service.gateway.rest.dependencies import (
     Paging,
     SceneId,
     SnapshotId,
-    snapshot_operator,
+    to_operate_snapshot,
 )
 from fvs_service.gateway.rest.ranges import ranged_response
 from fvs_service.gateway.rest.routing import json_router
@@ -46,7 +46,7 @@ def change_snapshot(
     app: App,
     caller: Caller,
     snapshot_id: SnapshotId,
-    change: Annotated[SnapshotChange, Depends(json_body(SnapshotChange, snapshot_operator))],
+    change: Annotated[SnapshotChange, Depends(json_body(SnapshotChange, to_operate_snapshot))],
 ) -> Snapshot:
     """Pin a snapshot, so that retention keeps it, or unpin it."""
     return app.storage.snapshots.change(caller, snapshot_id, change)

@@ -100,7 +100,7 @@ class Call:
             self._gateway.refusals.count(*self._of_key, error)
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
-        """Run ``function``, which parses ``size_bytes``, in a thread."""
+        """Run ``function``, which converts a message of ``size_bytes``, in a thread."""
         limiter = self._gateway.parsing if size_bytes > _LARGE_BYTES else None
         return await anyio.to_thread.run_sync(function, limiter=limiter)
 

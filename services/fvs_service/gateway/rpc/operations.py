@@ -30,6 +30,8 @@ from fvs_service.principal import Principal
 _WITH_LISTS = frozenset({"CheckImages", "RankViews", "StreamRankViews"})
 _WITHOUT_LISTS_BYTES = 65_536
 """Of the requests of all other methods."""
+_SMALL_BYTES = 4_096
+"""Smaller requests are parsed on the event loop: a thread would cost more."""
 
 
 class Servicer(Protocol):
@@ -87,7 +89,7 @@ class _Operation:
 
         async def work(call: Call) -> bytes:
             caller = await self._caller(call, content)
-            request = await call.run(len(content), lambda: self._parsed(content))
+            request = await self._request(call, content)
             result = await self._function(call, caller, request)
             return await run_sync(self._serialised, result)
 
@@ -98,7 +100,7 @@ class _Operation:
 
         async def work(call: Call) -> None:
             caller = await self._caller(call, content)
-            request = await call.run(len(content), lambda: self._parsed(content))
+            request = await self._request(call, content)
             async with aclosing(self._function(call, caller, request)) as results:
                 async for result in results:
                     await call.write(await run_sync(self._serialised, result))
@@ -126,6 +128,11 @@ class _Operation:
                 f"The request has more than {self._most_bytes} bytes.", hint="Split it into several calls."
             )
         return caller
+
+    async def _request(self, call: Call, content: bytes) -> Message:
+        if len(content) <= _SMALL_BYTES:
+            return self._parsed(content)
+        return await call.run(len(content), lambda: self._parsed(content))
 
     def _parsed(self, content: bytes) -> Message:
         return parsed(self._request_kind, content)

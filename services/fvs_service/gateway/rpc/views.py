@@ -4,7 +4,6 @@ from collections.abc import AsyncIterator
 from contextlib import aclosing
 from typing import TypeAlias
 
-from anyio.to_thread import run_sync
 from fvs.v1 import views_pb2 as pb
 
 from fvs_service.application import Application
@@ -76,7 +75,10 @@ class ViewServicer:
         return pb.CandidateRender(png=png)
 
     async def _wanted(self, call: Call, caller: Principal, request: _RankRequest) -> RankingRequest:
-        await run_sync(self._app.scenes.require, caller, Scope.OPERATE, request.scene_id)
         limits = self._app.storage.settings.limits
-        size = request.ByteSize()
-        return await call.run(size, lambda: read(RankingRequest, request.ranking, limits))
+
+        def checked() -> RankingRequest:
+            self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
+            return read(RankingRequest, request.ranking, limits)
+
+        return await call.run(request.ByteSize(), checked)
