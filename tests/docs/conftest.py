@@ -46,7 +46,7 @@ def played_service(gateway: Any) -> Iterator[str]:
     old = gateway.queued_jobs()
 
     def work() -> None:
-        while not ended.wait(0.05):
+        while not ended.wait(0.2):
             for job_id, scene_id in gateway.queued_jobs().items():
                 if job_id not in old:
                     scene = gateway.client.get(f"/v1/scenes/{scene_id}").json()
