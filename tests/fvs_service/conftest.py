@@ -72,7 +72,7 @@ class ComputingRunners:
 
     def __init__(self, storage: Storage) -> None:
         self._blobs = storage.blobs
-        self._rasterizer = create_rasterizer("reference")
+        self._rasterizer = create_rasterizer("cpu")
         self.reachable = True
         self.asked: list[RankViews] = []
 
