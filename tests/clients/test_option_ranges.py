@@ -25,10 +25,12 @@ def _numbers(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
             yield path, parameter
 
 
+COMMANDS = {"fvs": typer.main.get_command(program), "fvs-client": typer.main.get_command(client)}
+"""Made once, of a hundred functions: a ``CliRunner`` makes them for every call."""
 OPTIONS = {
-    " ".join((name, *path, option.opts[0])): (app, path, option)
-    for name, app in (("fvs", program), ("fvs-client", client))
-    for path, option in _numbers(typer.main.get_command(app), ())
+    " ".join((name, *path, option.opts[0])): (command, path, option)
+    for name, command in COMMANDS.items()
+    for path, option in _numbers(command, ())
 }
 
 
@@ -41,8 +43,12 @@ def test_the_command_line_takes_the_sizes_that_images_may_have() -> None:
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_numbers_outside_of_the_range_are_refused(name: str) -> None:
-    app, path, option = OPTIONS[name]
+def test_numbers_outside_of_the_range_are_refused(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("NO_COLOR", "1")
+    command, path, option = OPTIONS[name]
     outside = [*EXTREMES]
     if option.nargs == 1:
         assert option.min is not None
@@ -52,9 +58,11 @@ def test_numbers_outside_of_the_range_are_refused(name: str) -> None:
         given = (
             [f"{option.opts[0]}={text}"] if option.nargs == 1 else [option.opts[0], *[text] * option.nargs]
         )
-        result = CliRunner().invoke(app, [*path, *given], env={"COLUMNS": "200", "NO_COLOR": "1"})
-        assert result.exit_code == 2, (text, result.output, result.exception)
-        assert option.opts[0] in result.output, text
+        with pytest.raises(SystemExit) as ended:
+            command.main([*path, *given])
+        said = capsys.readouterr().err
+        assert ended.value.code == 2, (text, said)
+        assert option.opts[0] in said, text
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--views"])
