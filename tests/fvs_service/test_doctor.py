@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -181,6 +182,18 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
         "worker-1 has sent no heartbeat",
     ):
         assert part in said
+
+
+def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(
+    open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    storage = open_gateway().application.storage
+    Heartbeats(storage.database, 20).beat("worker-0")
+    (tmp_path / "fvs-gpu-slots").symlink_to(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (trouble,) = troubles(storage)
+    assert "fvs-gpu-slots is not a folder of this user" in trouble.what
+    assert "XDG_RUNTIME_DIR" in trouble.hint
 
 
 def refuse(_blobs: Blobs) -> None:

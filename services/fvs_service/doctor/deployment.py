@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 from sqlalchemy import select
 
+from fvs_engine.errors import StorageError
 from fvs_service.application import Storage
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.fleet import workers_of
 from fvs_service.storage.blobs import free_bytes
 from fvs_service.storage.database import now_ms
+from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
 _SKEW_S = 5.0
 
@@ -50,6 +52,11 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
             )
         elif worker.disk_full:
             yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")
+    if settings.worker.backend != "cpu":
+        try:
+            gpu_slots_folder()
+        except StorageError as error:
+            yield Trouble(error.message, f"Jobs cannot train on a GPU of this machine. {error.hint}")
     if free_bytes(settings.root) < settings.reserve_bytes:
         yield Trouble(
             "This machine's disk has come to the reserve.", "Free some space, or lower FVS_RESERVE_BYTES."

@@ -5,17 +5,15 @@ process that holds it ends, however that ends.
 """
 
 import fcntl
-import os
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO
 
 import torch
 
 from fvs_engine.monitor import Monitor
+from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
 _POLL_S = 0.2
 
@@ -24,7 +22,7 @@ _POLL_S = 0.2
 def gpu_slot(device: torch.device, slots: int, monitor: Monitor) -> Iterator[None]:
     """Hold one of the ``slots`` of a GPU around training; a CPU has no slots.
 
-    Raises ``Cancelled`` while it waits.
+    Raises ``Cancelled`` while it waits, ``StorageError`` when there is no place for the files.
     """
     if device.type != "cuda":
         yield
@@ -40,8 +38,9 @@ def gpu_slot(device: torch.device, slots: int, monitor: Monitor) -> Iterator[Non
 
 def _free_slot(device: torch.device, slots: int) -> IO[bytes] | None:
     """A slot's file, locked; None when all slots are taken."""
+    folder = gpu_slots_folder()
     for number in range(slots):
-        path = _folder() / f"{_name_of(device)}-{number}"
+        path = folder / f"{_name_of(device)}-{number}"
         file = path.open("ab")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -50,12 +49,6 @@ def _free_slot(device: torch.device, slots: int) -> IO[bytes] | None:
         else:
             return file
     return None
-
-
-def _folder() -> Path:
-    folder = Path(tempfile.gettempdir()) / f"fvs-gpu-slots-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    return folder
 
 
 def _name_of(device: torch.device) -> str:
