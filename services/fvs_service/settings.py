@@ -166,9 +166,10 @@ class WorkerSettings(Record):
 
 
 class Retention(Record):
-    """How many snapshots, rankings and events each scene keeps, and for how long.
+    """How many snapshots, rankings, events and jobs each scene keeps, and for how long.
 
-    What exceeds either limit is deleted. Scenes can have their own numbers for snapshots and rankings.
+    What exceeds either limit is deleted. Scenes can have their own numbers for snapshots and rankings. The
+    idempotency keys of a tenant are limited in the same way.
     """
 
     snapshots: _Number | None = None
@@ -183,6 +184,14 @@ class Retention(Record):
     """Number of events that a scene keeps."""
     event_days: _Days | None = 90.0
     """Number of days for which events are kept."""
+    jobs: _Number | None = 1_000
+    """Number of jobs that a scene keeps; those that have not ended, or whose snapshot exists, stay."""
+    job_days: _Days | None = 90.0
+    """Number of days for which ended jobs are kept."""
+    idempotency_keys: _Number = 10_000
+    """Number of idempotency keys that a tenant keeps."""
+    idempotency_days: _Days = 2.0
+    """Number of days for which an idempotency key prevents that the same resource is created again."""
 
 
 class _FilesOfEnvironment(EnvSettingsSource):

@@ -19,6 +19,7 @@ REASON = "retention"
 """The reason of a deletion in its event."""
 
 _RANKINGS_AT_ONCE = 500
+_OF_SCENES = {"snapshots", "snapshot_days", "rankings", "ranking_days"}
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class RetentionRules:
         for scene_id, request in found:
             own = SceneRequest.model_validate(request).retention.model_dump(exclude_none=True)
             retention = Retention(**{**usual, **own})
-            if retention.model_dump(exclude={"events", "event_days"}, exclude_none=True):
+            if retention.model_dump(include=_OF_SCENES, exclude_none=True):
                 limited.append((scene_id, retention))
         return limited
 

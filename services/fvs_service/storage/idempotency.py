@@ -2,17 +2,13 @@
 
 import hashlib
 from collections.abc import Callable
-from datetime import timedelta
 from typing import TypeVar
 
-from sqlalchemy import delete
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import GoneError, KeyReusedError, NotFoundError
 from fvs_service.model import Model, now
 from fvs_service.storage.tables import IdempotencyRow
-
-_KEPT_FOR = timedelta(days=2)
 
 _Resource = TypeVar("_Resource")
 
@@ -56,11 +52,6 @@ class IdempotencyKey:
         """Record the resource, in the transaction that creates it."""
         if self._key is None:
             return
-        session.execute(
-            delete(IdempotencyRow).where(
-                IdempotencyRow.tenant_id == self._tenant_id, IdempotencyRow.created_at < now() - _KEPT_FOR
-            )
-        )
         session.add(
             IdempotencyRow(
                 tenant_id=self._tenant_id,

@@ -15,6 +15,8 @@ from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.application import Storage
 from fvs_service.deletion.event_retention import EventRetention
+from fvs_service.deletion.idempotency_retention import IdempotencyRetention
+from fvs_service.deletion.job_retention import JobRetention
 from fvs_service.deletion.retention import RetentionRules
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.model import now
@@ -36,6 +38,8 @@ class Sweeps:
         settings = storage.settings
         self._retention = RetentionRules(storage.database, settings.retention, settings.removal_grace_s)
         self._events = EventRetention(storage.database, settings.retention)
+        self._jobs = JobRetention(storage.database, settings.retention)
+        self._keys = IdempotencyRetention(storage.database, settings.retention)
         self._grace = timedelta(seconds=settings.removal_grace_s)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -53,11 +57,11 @@ class Sweeps:
         self.remove_working_folders()
         if self._is_mine():
             deleted, removed = self._retention.apply(), self._storage.removals.run()
-            events = self._events.apply()
+            events, jobs, keys = self._events.apply(), self._jobs.apply(), self._keys.apply()
             for file in self._storage.blobs.unfinished(now() - self._grace):
                 file.unlink(missing_ok=True)
-            if deleted or removed or events:
-                _log.info("swept", deleted=deleted, removed=removed, events=events)
+            if deleted or removed or events or jobs or keys:
+                _log.info("swept", deleted=deleted, removed=removed, events=events, jobs=jobs, keys=keys)
 
     def remove_working_folders(self) -> None:
         """Remove the working folders of deleted scenes from this machine."""

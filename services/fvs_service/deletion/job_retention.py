@@ -1,0 +1,86 @@
+"""Retention of ended jobs: by age, and by their number in a scene."""
+
+from datetime import timedelta
+
+from sqlalchemy import ColumnElement, delete, exists, func, or_, select
+from sqlalchemy.orm import Session
+
+from fvs_service.jobs.model import JobState
+from fvs_service.model import now
+from fvs_service.settings import Retention
+from fvs_service.storage.database import Database
+from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotRow
+
+_AT_ONCE = 500
+_ENDED = tuple(state.value for state in JobState if state.ended)
+
+
+class JobRetention:
+    """Deletes old ended jobs, and the oldest ones of scenes that have too many.
+
+    Jobs whose snapshot exists stay.
+    """
+
+    def __init__(self, database: Database, retention: Retention) -> None:
+        self._database = database
+        self._most, self._days = retention.jobs, retention.job_days
+        self._seen = ""
+        """Scenes without newer jobs than this have not got too many since."""
+
+    def apply(self) -> int:
+        """Delete what is not kept any longer; returns the number of jobs."""
+        with self._database.reading() as session:
+            newest = session.scalar(select(func.max(JobRow.id))) or ""
+            scenes = {*self._with_new_jobs(session), *self._with_old_jobs(session)}
+        deleted = sum(self._trim(scene_id) for scene_id in sorted(scenes))
+        self._seen = newest
+        return deleted
+
+    def _with_new_jobs(self, session: Session) -> list[str]:
+        if self._most is None:
+            return []
+        return list(session.scalars(select(JobRow.scene_id).where(JobRow.id > self._seen).distinct()))
+
+    def _with_old_jobs(self, session: Session) -> list[str]:
+        if self._days is None:
+            return []
+        oldest = (
+            select(JobRow.scene_id, JobRow.created_at)
+            .where(*_deletable())
+            .order_by(JobRow.id)
+            .limit(_AT_ONCE)
+            .subquery()
+        )
+        before = now() - timedelta(days=self._days)
+        return list(session.scalars(select(oldest.c.scene_id).where(oldest.c.created_at < before).distinct()))
+
+    def _trim(self, scene_id: str) -> int:
+        deleted = 0
+        while count := self._delete_some(scene_id):
+            deleted += count
+        return deleted
+
+    def _delete_some(self, scene_id: str) -> int:
+        with self._database.writing(scene_id) as session:
+            query = select(JobRow.id).where(
+                JobRow.scene_id == scene_id, *_deletable(), or_(*self._beyond(session, scene_id))
+            )
+            jobs = session.scalars(query.order_by(JobRow.id).limit(_AT_ONCE)).all()
+            session.execute(delete(JobStageRow).where(JobStageRow.job_id.in_(jobs)))
+            session.execute(delete(JobRow).where(JobRow.id.in_(jobs)))
+        return len(jobs)
+
+    def _beyond(self, session: Session, scene_id: str) -> list[ColumnElement[bool]]:
+        """The limits that a job may be beyond."""
+        beyond = []
+        if self._most is not None:
+            newest_first = select(JobRow.id).where(JobRow.scene_id == scene_id).order_by(JobRow.id.desc())
+            last_kept = session.scalar(newest_first.offset(self._most - 1).limit(1))
+            beyond.append(JobRow.id < (last_kept or ""))
+        if self._days is not None:
+            beyond.append(JobRow.created_at < now() - timedelta(days=self._days))
+        return beyond
+
+
+def _deletable() -> tuple[ColumnElement[bool], ...]:
+    return JobRow.state.in_(_ENDED), ~exists().where(SnapshotRow.job_id == JobRow.id)
