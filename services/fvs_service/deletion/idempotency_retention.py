@@ -24,9 +24,8 @@ class IdempotencyRetention:
         """Forget what is not kept any longer; returns the number of keys."""
         before = now() - self._age
         with self._database.reading() as session:
-            oldest, newest = session.execute(
-                select(func.min(IdempotencyRow.created_at), func.max(IdempotencyRow.created_at))
-            ).one()
+            oldest = session.scalar(select(func.min(IdempotencyRow.created_at)))
+            newest = session.scalar(select(func.max(IdempotencyRow.created_at)))
         if oldest is None:
             return 0
         forgotten = self._forget(IdempotencyRow.created_at < before) if oldest < before else 0

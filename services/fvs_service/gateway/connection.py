@@ -23,6 +23,8 @@ _MAX_PIPELINED = 8
 _SMALL_PIECE_BYTES, _FREE_PIECES = 64, 256
 """A body may have this many pieces of any size; all of its pieces must then be larger on average."""
 _READ_BYTES = 262_144
+_FIRST_READ_BYTES = 16_384
+"""While nobody wants the body."""
 _DISCARDED_BYTES = 65_536
 """After its response a request may have so many bytes of its body left; else the connection closes."""
 _LEAVE_S = 1.0
@@ -65,17 +67,18 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
         _exceeded = ""
         _unfinished_bytes = _head_bytes = _headers_seen = _pieces = _body_bytes = 0
         _declared_bytes: int | None = None
-        _leaves_body = False
+        _leaves_body = _body_wanted = False
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
-            # One call handles what one read returns: a small one leaves the loop to others in between.
-            transport.max_size = _READ_BYTES  # type: ignore[attr-defined]
+            self._read_at_most(_FIRST_READ_BYTES)
             self._watch()
 
         def data_received(self, data: bytes) -> None:
             self._head_began = False
             super().data_received(data)
+            if self._waits_for_app():
+                self.flow.pause_reading()
             # The read in which a head begins may hold much of the body before it.
             counted = self._in_head and not self._head_began
             self._unfinished_bytes = self._unfinished_bytes + len(data) if counted else 0
@@ -95,7 +98,8 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             super().on_message_begin()
             self._in_head = self._head_began = True
             self._head_bytes = self._headers_seen = self._pieces = self._body_bytes = 0
-            self._declared_bytes = None
+            self._declared_bytes, self._body_wanted = None, False
+            self._read_at_most(_FIRST_READ_BYTES)
 
         def on_url(self, url: bytes) -> None:
             super().on_url(url)
@@ -161,9 +165,25 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
                     await send(message)
                     cycle.keep_alive = True  # and leaves the closing to `_leave`
 
-                await app(scope, receive, sent)
+                async def received() -> Any:
+                    if not self._body_wanted:
+                        self._body_wanted = True
+                        self._read_at_most(_READ_BYTES)
+                    return await receive()
+
+                await app(scope, received, sent)
 
             super()._start_asgi_task(cycle, leaving_body)
+
+        def _waits_for_app(self) -> bool:
+            """Whether the app may not want the body; reading goes on when it receives or has responded."""
+            cycle = self.cycle
+            unread = cycle is not None and cycle.more_body and not cycle.response_complete
+            return unread and not self._body_wanted
+
+        def _read_at_most(self, size_bytes: int) -> None:
+            # One call handles what one read returns: a small one leaves the loop to others in between.
+            self.transport.max_size = size_bytes  # type: ignore[attr-defined]
 
         def _much_is_left(self, cycle: RequestResponseCycle) -> bool:
             declared = self._declared_bytes
