@@ -6,10 +6,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import grpc
 import pytest
@@ -18,10 +17,8 @@ from fvs.v1.jobs_pb2_grpc import JobServiceStub
 from fvs_service.gateway.rpc.calls import Gateway as RpcGateway
 from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.tracing import Tracing, traceparent
-from fvs_service.worker.attempts import Attempts
-from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
-from fvs_service.worker.room import Room
+from granted_scenes import GrantedScenes
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import (
     ExportTraceServiceRequest,
     ExportTraceServiceResponse,
@@ -105,24 +102,9 @@ class FailingRunner:
             connection.send({"error": failure})
 
 
-class FakeScenes:
-    """Grants a lease for any scene, with the given runner."""
-
-    stopping = False
-
-    def __init__(self, gateway: Any, runner: FailingRunner) -> None:
-        self._gateway, self._runner = gateway, runner
-
-    @contextmanager
-    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
-        child: Any = SimpleNamespace(endpoint=self._runner.endpoint)
-        yield LeasedScene(self._gateway.lease(scene_id), child)
-
-
 def _work(gateway: Any, job: str) -> None:
-    storage, runner = gateway.application.storage, FailingRunner()
-    scenes = cast(LeasedScenes, FakeScenes(gateway, runner))
-    Attempts(storage, scenes, "tester", Room(storage.settings)).run(gateway.take(job))
+    runner = FailingRunner()
+    GrantedScenes(gateway, runner.endpoint).attempts().run(gateway.take(job))
     runner.close()
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "failed"
 
@@ -157,7 +139,9 @@ def test_a_call_over_grpc_is_traced_too(collector: Collector, open_gateway: Call
     scene = gateway.scene()
 
     async def start() -> tuple[RpcServer, int]:
-        parts = RpcGateway(state.application, state.feed, state.metrics, state.loop_lag, state.parsing)
+        parts = RpcGateway(
+            state.application, state.feed, state.metrics, state.loop_lag, state.parsing, state.refusals
+        )
         server = RpcServer(parts, gateway.settings)
         return server, await server.start()
 

@@ -1,21 +1,18 @@
-"""Attempts whose processes die, with a fake runner and fake leased scenes."""
+"""Attempts whose processes die, with a fake runner."""
 
 import itertools
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from fvs_service.jobs import ledger
 from fvs_service.worker import attempts
-from fvs_service.worker.attempts import MAX_TRIES, Attempts
-from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
-from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
-from fvs_service.worker.room import Room
+from fvs_service.worker.attempts import MAX_TRIES
+from fvs_service.worker.protocol.connection import Connection
 from fvs_service.worker.tries import Tries
+from granted_scenes import GrantedScenes
 
 
 class DyingRunner:
@@ -51,54 +48,24 @@ class DyingRunner:
             connection.close()
 
 
-class FakeScenes:
-    """Grants a lease for any scene, with the given runner; without one, no runner starts."""
-
-    stopping = False
-
-    def __init__(self, gateway: Any, runner: DyingRunner | None) -> None:
-        self._gateway, self._runner = gateway, runner
-        self.started = self.dropped = 0
-
-    @contextmanager
-    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
-        self.started += 1
-        if self._runner is None:
-            raise RunnerGoneError("The runner did not start.")
-        child: Any = SimpleNamespace(endpoint=self._runner.endpoint)
-        yield LeasedScene(self._gateway.lease(scene_id), child)
-
-    @contextmanager
-    def without_runner(self, scene_id: str, _give_up: Any) -> Iterator[Any]:
-        yield self._gateway.lease(scene_id)
-
-    def drop(self, _scene: LeasedScene) -> None:
-        self.dropped += 1
-
-
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
 
 
-def _attempts(gateway: Any, scenes: FakeScenes) -> Attempts:
-    storage = gateway.application.storage
-    return Attempts(storage, cast(LeasedScenes, scenes), "tester", Room(storage.settings))
-
-
-def _run(gateway: Any, scenes: FakeScenes) -> Any:
+def _run(gateway: Any, scenes: GrantedScenes) -> Any:
     """The job once it has been run to its end."""
     job = gateway.queue(gateway.scene())
     ticket = gateway.take(job)
-    _attempts(gateway, scenes).run(ticket)
+    scenes.attempts().run(ticket)
     return gateway.client.get(f"/v1/jobs/{job}").json()
 
 
 @pytest.mark.parametrize("of_its_child", [True, False])
 def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of_its_child: bool) -> None:
     runner = DyingRunner(itertools.repeat(0.5), of_its_child=of_its_child)
-    scenes = FakeScenes(gateway, runner)
+    scenes = GrantedScenes(gateway, runner.endpoint)
     found = _run(gateway, scenes)
     runner.close()
     assert runner.asked == MAX_TRIES
@@ -113,14 +80,14 @@ def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of
 def test_a_job_that_comes_farther_each_time_is_not_given_up(gateway: Any) -> None:
     shares = itertools.chain([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8], itertools.repeat(0.8))
     runner = DyingRunner(shares, of_its_child=True)
-    found = _run(gateway, FakeScenes(gateway, runner))
+    found = _run(gateway, GrantedScenes(gateway, runner.endpoint))
     runner.close()
     assert runner.asked == 8 + MAX_TRIES - 1
     assert found["state"] == "failed"
 
 
 def test_a_runner_that_does_not_start_is_given_up(gateway: Any) -> None:
-    scenes = FakeScenes(gateway, None)
+    scenes = GrantedScenes(gateway, None)
     found = _run(gateway, scenes)
     assert scenes.started == MAX_TRIES
     assert found["error"]["message"].endswith("The runner did not start.")
@@ -133,9 +100,9 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
     storage.ledger.start(dead, job, 1)
     gateway.client.post(f"/v1/jobs/{job}:cancel")
     storage.leases.release(dead)
-    scenes = FakeScenes(gateway, None)
+    scenes = GrantedScenes(gateway, None)
     storage.queue.put_back_all("dead")
-    _attempts(gateway, scenes).run(gateway.take(job))
+    scenes.attempts().run(gateway.take(job))
     assert scenes.started == 0
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
 
@@ -146,8 +113,8 @@ def test_tries_of_workers_that_died_count(gateway: Any) -> None:
     storage = gateway.application.storage
     for _ in range(MAX_TRIES):  # each started, and its worker died
         Tries(storage.settings.scenes / scene, ticket).start(0.0)
-    scenes = FakeScenes(gateway, None)
-    _attempts(gateway, scenes).run(ticket)
+    scenes = GrantedScenes(gateway, None)
+    scenes.attempts().run(ticket)
     assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
     assert found["error"]["message"].endswith("its worker died")

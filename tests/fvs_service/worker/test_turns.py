@@ -1,25 +1,27 @@
 """Jobs that pause for others and for a full disk, with the real dispatcher and a runner that only reports."""
 
+import itertools
 import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
-from types import SimpleNamespace
-from typing import Any, cast
+from contextlib import closing, suppress
+from typing import Any
 
 import pytest
 from fvs_service.jobs import ledger, order, queue
 from fvs_service.settings import WorkerSettings
+from fvs_service.storage.tables import JobRow
 from fvs_service.worker import attempts, job_run, room
-from fvs_service.worker.attempts import MAX_TRIES, Attempts
+from fvs_service.worker.attempts import MAX_TRIES
 from fvs_service.worker.dispatcher import Dispatcher
 from fvs_service.worker.heartbeat import Heartbeats
-from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 from fvs_service.worker.room import Room
 from fvs_service.worker.runner_requests import RunnerRequests
+from granted_scenes import GrantedScenes
+from sqlalchemy import update
 
 _WORKER = "worker-0"
 _PATIENCE_S = 60.0
@@ -72,26 +74,6 @@ class CountingRunner:
             connection.send({"error": {"code": code, "message": "Over.", "hint": "", "retryable": True}})
 
 
-class FakeScenes:
-    """Grants a lease for any scene, with the given runner."""
-
-    stopping = False
-
-    def __init__(self, gateway: Any, runner: CountingRunner) -> None:
-        self._gateway, self._runner = gateway, runner
-
-    @contextmanager
-    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
-        child: Any = SimpleNamespace(endpoint=self._runner.endpoint, kill=lambda: None)
-        yield LeasedScene(self._gateway.lease(scene_id, _WORKER), child)
-
-    @contextmanager
-    def without_runner(self, scene_id: str, _give_up: Any) -> Iterator[Any]:
-        yield self._gateway.lease(scene_id, _WORKER)
-
-    def drop(self, _scene: LeasedScene) -> None: ...
-
-
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
@@ -99,7 +81,8 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(order, "_SETTLED_MS", 0)
     monkeypatch.setattr(job_run, "_LOOK_EVERY_S", 0.0)
     monkeypatch.setattr(room, "_LOOK_EVERY_S", -1.0)
-    monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 500)
+    # A job that lacks something says so until it may try again: see `_let_all_try_again`.
+    monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 1_000_000)
 
 
 @pytest.fixture
@@ -120,12 +103,12 @@ def worker(gateway: Any, runner: CountingRunner) -> Iterator[Callable[[], None]]
     """Start a worker with one slot."""
     storage = gateway.application.storage
     room = Room(storage.settings)
-    scenes = cast(LeasedScenes, FakeScenes(gateway, runner))
+    scenes = GrantedScenes(gateway, runner.endpoint, _WORKER)
     dispatcher = Dispatcher(
         _WORKER,
         storage.queue,
         RunnerRequests(storage.database),
-        Attempts(storage, scenes, _WORKER, room).run,
+        scenes.attempts(room).run,
         lambda _scene: None,
         slots=1,
         poll_s=0.02,
@@ -163,6 +146,11 @@ def _ended(job: dict[str, Any]) -> bool:
 
 def _waits_for(reason: str) -> Callable[[dict[str, Any]], bool]:
     return lambda job: job["waiting"] is not None and job["waiting"]["reason"] == reason
+
+
+def _let_all_try_again(gateway: Any) -> None:
+    with gateway.application.storage.database.writing() as session:
+        session.execute(update(JobRow).values(not_before_ms=0))
 
 
 def test_a_long_job_makes_room_for_another_tenant_and_goes_on_where_it_was(
@@ -203,8 +191,13 @@ def test_two_endless_tenants_both_come_farther(
 def test_jobs_wait_for_a_full_disk_and_go_on_by_themselves(
     gateway: Any, runner: CountingRunner, worker: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    free = {"bytes": 2_000_000}
-    monkeypatch.setattr(room, "free_bytes", lambda _folder: free["bytes"])
+    free, looks = {"bytes": 2_000_000}, itertools.count()
+
+    def free_bytes(_folder: Any) -> int:
+        next(looks)
+        return free["bytes"]
+
+    monkeypatch.setattr(room, "free_bytes", free_bytes)
     a = Tenant(gateway, "a")
     job = a.queue()
     runner.endless.add(job)
@@ -215,11 +208,15 @@ def test_jobs_wait_for_a_full_disk_and_go_on_by_themselves(
     assert (paused["state"], paused["error"]) == ("running", None)
     next_one = a.queue()
     free["bytes"] = 1_000_500  # the reserve, and too little to start
-    time.sleep(0.3)
+    enough, deadline = next(looks) + 5, time.monotonic() + _PATIENCE_S
+    while next(looks) < enough:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
     assert runner.starts == [job]
     assert a.job(next_one)["state"] == "queued"
     runner.endless.clear()
     free["bytes"] = 2_000_000
+    _let_all_try_again(gateway)
     a.wait(job, _ended)
     a.wait(next_one, _ended)
 
@@ -227,36 +224,35 @@ def test_jobs_wait_for_a_full_disk_and_go_on_by_themselves(
 def test_a_job_that_meets_a_full_disk_again_and_again_fails(
     gateway: Any, runner: CountingRunner, worker: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each time there is room when it starts, and none once it runs."""
-    starts = {"of": 0}
-    monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 0)
+    """Each time there is room once the job waits for it, and none when the job has started."""
+    starts_with_room = 0
 
     def free_bytes(_folder: Any) -> int:
-        return 2_000_000 if len(runner.starts) == starts["of"] else 900_000
+        return 2_000_000 if len(runner.starts) == starts_with_room else 900_000
+
+    def ended(found: dict[str, Any]) -> bool:
+        nonlocal starts_with_room
+        if _waits_for("disk")(found):
+            starts_with_room = len(runner.starts)
+            _let_all_try_again(gateway)
+        return _ended(found)
 
     monkeypatch.setattr(room, "free_bytes", free_bytes)
-    monkeypatch.setattr(CountingRunner, "_serve", _full_at_once(starts))
+    monkeypatch.setattr(CountingRunner, "_serve", _serve_on_a_full_disk)
     a = Tenant(gateway, "a")
     job = a.queue()
     worker()
-    failed = a.wait(job, _ended)
+    failed = a.wait(job, ended)
     assert (failed["error"]["code"], failed["error"]["retryable"]) == ("out-of-space", True)
     assert "/" not in failed["error"]["message"] + failed["error"]["hint"]
     assert len(runner.starts) == MAX_TRIES
 
 
-def _full_at_once(starts: dict[str, int]) -> Callable[[CountingRunner, Connection], None]:
-    """A runner that finds the disk full; soon afterwards there is room again."""
-
-    def serve(runner: CountingRunner, connection: Connection) -> None:
-        with closing(connection), suppress(RunnerGoneError):
-            connection.receive()
-            connection.receive()
-            runner.starts.append("job")
-            path = "/srv/fvs/scenes/scn_1/checkpoint"
-            error = {"code": "disk-full", "message": f"There is no room left to write {path}.", "hint": ""}
-            connection.send({"error": {**error, "retryable": True}})
-            time.sleep(0.05)
-            starts["of"] = len(runner.starts)
-
-    return serve
+def _serve_on_a_full_disk(runner: CountingRunner, connection: Connection) -> None:
+    with closing(connection), suppress(RunnerGoneError):
+        connection.receive()
+        connection.receive()
+        runner.starts.append("job")
+        path = "/srv/fvs/scenes/scn_1/checkpoint"
+        error = {"code": "disk-full", "message": f"There is no room left to write {path}.", "hint": ""}
+        connection.send({"error": {**error, "retryable": True}})

@@ -2,8 +2,7 @@
 
 import socket
 import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,14 +11,12 @@ from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.jobs.work import Work, first_work, work_of
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
-from fvs_service.worker.attempts import Attempts
-from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 from fvs_service.worker.protocol.messages import RunJob
-from fvs_service.worker.room import Room
 from fvs_service.worker.runner import scene_jobs
 from fvs_service.worker.runner.image_files import PreparedImages
 from fvs_service.worker.runner.scene_jobs import SceneJobs
+from granted_scenes import GrantedScenes
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
@@ -53,28 +50,11 @@ class Runner:
             connection.send({"result": None})
 
 
-class FakeScenes:
-    """Grants a lease for any scene, with the given runner."""
-
-    stopping = False
-
-    def __init__(self, gateway: Any, runner: Runner) -> None:
-        self._gateway, self._runner = gateway, runner
-
-    @contextmanager
-    def with_runner(self, scene_id: str, *_: Any) -> Iterator[LeasedScene]:
-        yield LeasedScene(
-            self._gateway.lease(scene_id), cast(Any, SimpleNamespace(endpoint=self._runner.endpoint))
-        )
-
-
 def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_gateway: Any) -> None:
     gateway = open_gateway(worker=WorkerSettings(work="sfm"))
     storage, runner = gateway.application.storage, Runner()
     job = gateway.queue(gateway.scene())
-    attempts = Attempts(
-        storage, cast(LeasedScenes, FakeScenes(gateway, runner)), "tester", Room(storage.settings)
-    )
+    attempts = GrantedScenes(gateway, runner.endpoint).attempts()
     ticket = gateway.take(job)
     assert attempts.run(ticket) is None  # it lacks nothing
     storage.queue.put_back(ticket, "tester")
