@@ -45,7 +45,7 @@ def refusals(clock: _Clock) -> Refusals:
 
 def _hold_s(refusals: Refusals, key: str = "key") -> int:
     try:
-        refusals.require_no_hold(key)
+        refusals.check(key, with_body=True)
     except LimitExceededError as error:
         return error.retry_after_s or -1
     return 0
@@ -81,6 +81,27 @@ def test_keys_without_refusals_are_forgotten(refusals: Refusals, clock: _Clock) 
         refusals.count(f"key {number}", _CALLER, _WRONG)
         clock.now += 30
     assert len(refusals._times) <= 3
+
+
+def test_a_wrong_key_is_remembered_for_a_minute(refusals: Refusals, clock: _Clock) -> None:
+    refusals.count("key", None, UnauthenticatedError("Wrong.", hint="Fix it."))
+    for with_body in (True, False):
+        with pytest.raises(UnauthenticatedError, match=r"Wrong\.") as refused:
+            refusals.check("key", with_body=with_body)
+        assert refused.value.hint == "Fix it."
+    refusals.check("another key", with_body=True)
+    clock.now += 60
+    refusals.check("key", with_body=True)
+
+
+def test_not_all_wrong_keys_are_remembered(refusals: Refusals, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvs_service.gateway.refusals._MOST_WRONG_KEYS", 10)
+    for number in range(100):
+        refusals.count(f"key {number}", None, UnauthenticatedError("Wrong."))
+    assert len(refusals._wrong) == 10
+    refusals.check("key 0", with_body=True)
+    with pytest.raises(UnauthenticatedError):
+        refusals.check("key 99", with_body=True)
 
 
 @pytest.mark.parametrize(
@@ -149,6 +170,19 @@ def test_a_wrong_key_puts_no_other_on_hold(locked: Any) -> None:
         assert locked.client.post("/v1/scenes", content=b"{", headers=stolen).status_code == 401
         assert locked.client.post("/v1/scenes", json={"name": 1}, headers=stolen).status_code == 401
     assert locked.scene(key)
+
+
+def test_a_wrong_key_is_looked_up_once(locked: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    key, looked_up = locked.key("tenant")["Authorization"], []
+    wrong = {"Authorization": key[:-3] + "abc"}
+    first = locked.client.get("/v1/scenes", headers=wrong)
+    assert first.status_code == 401
+    monkeypatch.setattr(locked.application.storage.keys, "authenticate", looked_up.append)
+    again = locked.client.get("/v1/scenes", headers=wrong)
+    assert (again.status_code, again.headers["WWW-Authenticate"]) == (401, "Bearer")
+    assert again.json() == {**first.json(), "request_id": again.json()["request_id"]}
+    assert looked_up == []
+    assert locked.client.get("/livez", headers=wrong).status_code == 200
 
 
 def test_no_spelling_of_a_key_evades_the_hold(locked: Any) -> None:

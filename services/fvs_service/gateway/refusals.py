@@ -1,5 +1,7 @@
 """Refused requests per API key: a key whose requests are refused again and again is put on hold.
 
+Keys that were found to be wrong are remembered for a while: they never become valid.
+
 A wrong request costs the gateway more than its sender. While a key is on hold, its requests that carry a body
 are answered before that is read. What counts is in the request alone (``ServiceError.blames_request``), so a
 client that sends right requests is never on hold: not when another changes what it works on, nor when its key
@@ -14,11 +16,12 @@ from collections.abc import Callable
 
 import structlog
 
-from fvs_service.errors import LimitExceededError, ServiceError
+from fvs_service.errors import LimitExceededError, ServiceError, UnauthenticatedError
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
 _WINDOW_S = 60.0
+_MOST_WRONG_KEYS = 10_000
 
 _log = structlog.get_logger()
 
@@ -33,11 +36,19 @@ class Refusals:
     def __init__(self, limit: int, metrics: Metrics, clock: Callable[[], float] = time.monotonic) -> None:
         self._limit, self._metrics, self._clock = limit, metrics, clock
         self._times: dict[bytes, deque[float]] = {}
+        self._wrong: dict[bytes, tuple[float, UnauthenticatedError]] = {}
 
-    def require_no_hold(self, key: str) -> None:
-        """Raise ``LimitExceededError`` while the key is on hold."""
-        left_s = self._left_s(_digest(key), self._clock())
-        if left_s <= 0:
+    def check(self, key: str, *, with_body: bool) -> None:
+        """Raise ``UnauthenticatedError`` for a key that was wrong a moment ago.
+
+        Raises ``LimitExceededError`` for a request ``with_body`` while the key is on hold.
+        """
+        digest, now = _digest(key), self._clock()
+        since, wrong = self._wrong.get(digest, (-math.inf, None))
+        if wrong is not None and now < since + _WINDOW_S:
+            raise UnauthenticatedError(wrong.message, hint=wrong.hint)
+        left_s = self._left_s(digest, now)
+        if not with_body or left_s <= 0:
             return
         self._metrics.held_requests.inc()
         raise LimitExceededError(
@@ -48,9 +59,13 @@ class Refusals:
             retry_after_s=math.ceil(left_s),
         )
 
-    def count(self, key: str, principal: Principal, error: ServiceError) -> None:
-        """Count a failed request of a valid key, if the request is to blame."""
+    def count(self, key: str, principal: Principal | None, error: ServiceError) -> None:
+        """Count a failed request if the request is to blame; ``principal`` is None where the key is wrong."""
         digest, now = _digest(key), self._clock()
+        if principal is None:
+            if isinstance(error, UnauthenticatedError):
+                self._remember_wrong(digest, now, error)
+            return
         if not error.blames_request or self._left_s(digest, now) > 0:  # which would prolong the hold
             return
         times = self._times.pop(digest, deque())
@@ -62,6 +77,12 @@ class Refusals:
         if len(times) >= self._limit:
             self._metrics.holds.inc()
             _log.warning("key on hold", key_id=principal.key_id, refused=self._limit, last=error.message)
+
+    def _remember_wrong(self, digest: bytes, now: float, error: UnauthenticatedError) -> None:
+        self._wrong.pop(digest, None)
+        self._wrong[digest] = now, UnauthenticatedError(error.message, hint=error.hint)  # without traceback
+        if len(self._wrong) > _MOST_WRONG_KEYS:
+            del self._wrong[next(iter(self._wrong))]
 
     def _left_s(self, digest: bytes, now: float) -> float:
         """For how long the key is still on hold."""

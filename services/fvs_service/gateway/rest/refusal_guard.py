@@ -1,13 +1,15 @@
-"""Answers requests of keys that are on hold before their body is read, and counts those that are refused."""
+"""Answers requests of keys that are wrong or on hold before their body is read; counts refused requests."""
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from fvs_service.auth import bearer_key
-from fvs_service.errors import LimitExceededError
+from fvs_service.errors import ServiceError
 from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.rest.problems import problem_response
+
+_WITH_KEY = "/v1/"
 
 
 class RefusalGuard:
@@ -20,19 +22,17 @@ class RefusalGuard:
         """Handle one request."""
         headers = Headers(scope=scope) if scope["type"] == "http" else Headers()
         key = bearer_key(headers.get("authorization", ""))
-        if key is None:
+        if key is None or not scope["path"].startswith(_WITH_KEY):  # others, such as probes, need none
             await self._app(scope, receive, send)
             return
-        if _has_body(headers):
-            try:
-                self._refusals.require_no_hold(key)
-            except LimitExceededError as error:
-                await problem_response(Request(scope), error)(scope, receive, send)
-                return
+        try:
+            self._refusals.check(key, with_body=_has_body(headers))
+        except ServiceError as error:
+            await problem_response(Request(scope), error)(scope, receive, send)
+            return
         await self._app(scope, receive, send)
-        state = scope["state"]
-        if "error" in state and "principal" in state:
-            self._refusals.count(key, state["principal"], state["error"])
+        if "error" in scope["state"]:
+            self._refusals.count(key, scope["state"].get("principal"), scope["state"]["error"])
 
 
 def _has_body(headers: Headers) -> bool:

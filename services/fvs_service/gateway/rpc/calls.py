@@ -74,7 +74,8 @@ class Call:
 
     def __init__(self, gateway: Gateway, context: Context, metadata: dict[str, str]) -> None:
         self._gateway, self._context, self._metadata = gateway, context, metadata
-        self._of_key: tuple[str, Principal] | None = None
+        self._key: str | None = None
+        self._principal: Principal | None = None
 
     async def caller(self, *, with_body: bool) -> Principal:
         """The principal of the API key in the metadata; raises ``UnauthenticatedError``.
@@ -85,19 +86,17 @@ class Call:
         given = self._metadata.get("authorization")
         if given is None:
             return keys.authenticate(None)
-        key = bearer_key(given)
+        key = self._key = bearer_key(given)
         if key is None:  # a broken credential must not count as none
             raise UnauthenticatedError("The authorization metadata is not a Bearer key.")
-        if with_body:
-            self._gateway.refusals.require_no_hold(key)
-        principal = await anyio.to_thread.run_sync(keys.authenticate, key)
-        self._of_key = key, principal
-        return principal
+        self._gateway.refusals.check(key, with_body=with_body)
+        self._principal = await anyio.to_thread.run_sync(keys.authenticate, key)
+        return self._principal
 
     def failed(self, error: ServiceError) -> None:
         """Count the call if it is refused."""
-        if self._of_key is not None:
-            self._gateway.refusals.count(*self._of_key, error)
+        if self._key is not None:
+            self._gateway.refusals.count(self._key, self._principal, error)
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
         """Run ``function``, which converts a message of ``size_bytes``, in a thread."""
