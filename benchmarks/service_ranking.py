@@ -1,11 +1,14 @@
 """Overhead of the service on a ranking while the same runner trains a model.
 
     python benchmarks/service_ranking.py [PHOTOGRAPHS] [--clients 1 8 32] [--rankings 100] [--candidates 24]
-                                         [--long-side 800] [--method median-frequency] [--json ranking.json]
+                                         [--iterations 200] [--long-side 160] [--method median-frequency]
+                                         [--json ranking.json]
 
-`fvs serve` with its defaults; the photographs (of a simulated courtyard, if none are given) become a scene.
-One client ranks while nothing else runs; then a fine model of the scene is trained, and several clients at a
-time, each with its own connection, rank without a pause. For every request:
+`fvs serve` with its defaults; the photographs (six of a simulated courtyard, if none are given) become a
+scene. One client ranks while nothing else runs; then a fine model of the scene is trained, and several
+clients at a time, each with its own connection, rank without a pause. No two ask the same question, which
+would be computed once for both. The time of all grows with that of scoring: the default model is small. For
+every request:
 
 * scoring: the time of the engine's call, measured by the runner;
 * queued: the time in the runner's queue behind other requests, which are answered one at a time;
@@ -15,10 +18,13 @@ Each row is measured over REST and over gRPC, in the same run.
 """
 
 import argparse
+import itertools
 import tempfile
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,14 +34,16 @@ import grpc
 import numpy as np
 from fvs.v1.views_pb2 import RankViewsRequest
 from fvs.v1.views_pb2_grpc import ViewServiceStub
-from fvs_client import Client, Job, Orbit, Scene
+from fvs_client import Client, Job, Orbit, Scene, Snapshot
 from fvs_service.serving.running import RunningService, running_service
 from measurement import report
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
-_WARM_UP = 5
+_WARM_UP = 10
+_CONNECTED_S = 60.0
+"""Within which all clients are connected, or the measurement fails."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +59,16 @@ class Asked:
         return self.request - self.scoring - self.queued
 
 
-Rank = Callable[[], Any]
-"""Asks for a ranking, and returns it with ``seconds`` and ``waited_s``."""
+Rank = Callable[[int], Any]
+"""Asks for a ranking with a seed, and returns it with ``seconds`` and ``waited_s``."""
+
+SEEDS = itertools.count()
 
 
 def ask(rank: Rank) -> Asked:
+    seed = next(SEEDS)
     began = time.perf_counter()
-    ranking = rank()
+    ranking = rank(seed)
     took = time.perf_counter() - began
     return Asked(1e3 * took, 1e3 * ranking.seconds, 1e3 * ranking.waited_s)
 
@@ -67,7 +78,8 @@ def over_rest(service: RunningService, scene_id: str, options: argparse.Namespac
     """Rank over REST, on a connection of its own."""
     with Client(service.url) as client:
         scene = client.scenes.get(scene_id)
-        yield lambda: scene.rank(generator=Orbit(count=options.candidates), method=options.method)
+        orbit = Orbit(count=options.candidates)
+        yield lambda seed: scene.rank(generator=orbit, method=options.method, seed=seed)
 
 
 @contextmanager
@@ -78,8 +90,13 @@ def over_grpc(service: RunningService, scene_id: str, options: argparse.Namespac
         grpc.channel_ready_future(channel).result()
         stub = ViewServiceStub(channel)
         wanted = {"generator": {"orbit": {"count": options.candidates}}, "method": options.method}
-        request = RankViewsRequest(scene_id=scene_id, ranking=wanted)
-        yield lambda: stub.RankViews(request)
+
+        def rank(seed: int) -> Any:
+            """With an idempotency key, as the client sends one over REST."""
+            key, ranking = uuid.uuid4().hex, {**wanted, "seed": seed}
+            return stub.RankViews(RankViewsRequest(scene_id=scene_id, ranking=ranking, idempotency_key=key))
+
+        yield rank
 
 
 TRANSPORTS = {"REST": over_rest, "gRPC": over_grpc}
@@ -89,21 +106,16 @@ def ask_together(
     service: RunningService, scene_id: str, transport: str, clients: int, options: argparse.Namespace
 ) -> list[Asked]:
     """The rankings of all clients, which start together."""
-    asked: list[Asked] = []
     ready = threading.Barrier(clients)
     each = max(1, options.rankings // clients)
 
-    def one() -> None:
+    def one(_: int) -> list[Asked]:
         with TRANSPORTS[transport](service, scene_id, options) as rank:
-            ready.wait()
-            asked.extend([ask(rank) for _ in range(each)])
+            ready.wait(_CONNECTED_S)
+            return [ask(rank) for _ in range(each)]
 
-    threads = [threading.Thread(target=one) for _ in range(clients)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return asked
+    with ThreadPoolExecutor(clients) as pool:
+        return [asked for theirs in pool.map(one, range(clients)) for asked in theirs]
 
 
 def row(
@@ -137,10 +149,27 @@ def row(
     }
 
 
+def wait_for_training(job: Job) -> None:
+    while job.refresh().stage != "train":
+        if job.state not in ("queued", "running"):
+            raise SystemExit(f"The fine model's job has ended: {job.state}.")
+        time.sleep(0.2)
+
+
 def photographs_of_a_courtyard(folder: Path) -> Path:
-    camera = SimulatedCamera.like_a_drone(640, 480)
-    write_photographs(folder, courtyard(), camera, orbit(12, turns=0.48), Monitor())
+    camera = SimulatedCamera.like_a_drone(320, 240)
+    write_photographs(folder, courtyard(), camera, orbit(6, turns=0.24), Monitor())
     return folder / "images"
+
+
+def scene_with_model(
+    client: Client, photographs: Path, iterations: int = 200, long_side_px: int = 160
+) -> tuple[Scene, Snapshot]:
+    scene = client.scenes.create("benchmark")
+    scene.images.upload(photographs)
+    snapshot = scene.update(iterations=iterations, long_side_px=long_side_px).wait().snapshot()
+    assert snapshot is not None
+    return scene, snapshot
 
 
 def main() -> None:
@@ -152,8 +181,8 @@ def main() -> None:
     parser.add_argument("--rankings", type=int, default=100, help="with each number of clients, all together")
     parser.add_argument("--candidates", type=int, default=24)
     parser.add_argument("--method", default="median-frequency")
-    parser.add_argument("--long-side", type=int, default=800)
-    parser.add_argument("--iterations", type=int, default=1000, help="of the model that ranks")
+    parser.add_argument("--long-side", type=int, default=160)
+    parser.add_argument("--iterations", type=int, default=200, help="of the model that ranks")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 
@@ -164,18 +193,14 @@ def main() -> None:
             running_service(folder / "service", folder / "service.log") as service,
             Client(service.url) as client,
         ):
-            scene = client.scenes.create("benchmark")
-            scene.images.upload(photographs)
-            model = (
-                scene.update(iterations=options.iterations, long_side_px=options.long_side).wait().snapshot()
-            )
-            assert model is not None
+            scene, model = scene_with_model(client, photographs, options.iterations, options.long_side)
             for transport in TRANSPORTS:
-                ask_together(service, scene.id, transport, _WARM_UP, options)
+                with TRANSPORTS[transport](service, scene.id, options) as rank:
+                    for _ in range(_WARM_UP):
+                        ask(rank)
             rows = [row(service, scene, transport, 1, None, options) for transport in TRANSPORTS]
             training = scene.fine(long_side_px=options.long_side)
-            while training.refresh().stage != "train":
-                time.sleep(0.2)
+            wait_for_training(training)
             rows += [
                 row(service, scene, transport, clients, training, options)
                 for clients in options.clients

@@ -217,7 +217,12 @@ def _sqlite(url: URL) -> Engine:
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
-        url, connect_args={"timeout": _BUSY_S}, pool_size=_CONNECTIONS, max_overflow=_CONNECTIONS, **_JSON
+        url,
+        connect_args={"timeout": _BUSY_S},
+        pool_size=_CONNECTIONS,
+        max_overflow=_CONNECTIONS,
+        pool_use_lifo=True,  # the connection that was used last has the newest pages in its cache
+        **_JSON,
     )
 
     @event.listens_for(engine, "connect")

@@ -4,11 +4,17 @@ import hashlib
 from collections.abc import Callable
 from typing import TypeVar
 
+from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import GoneError, KeyReusedError, NotFoundError
 from fvs_service.model import Model, now
-from fvs_service.storage.tables import IdempotencyRow
+from fvs_service.storage.tables import IdempotencyRow, columns_of
+
+_KEYS = columns_of(IdempotencyRow)
+_KNOWN = select(_KEYS.c.fingerprint, _KEYS.c.resource_id).where(
+    _KEYS.c.tenant_id == bindparam("tenant_id"), _KEYS.c.key == bindparam("key")
+)
 
 _Resource = TypeVar("_Resource")
 
@@ -39,27 +45,31 @@ class IdempotencyKey:
 
     def resource_id(self, session: Session) -> str | None:
         """The id of the resource that this key created; raises ``KeyReusedError`` for another request."""
-        row = None if self._key is None else session.get(IdempotencyRow, (self._tenant_id, self._key))
+        if self._key is None:
+            return None
+        row = session.execute(_KNOWN, {"tenant_id": self._tenant_id, "key": self._key}).one_or_none()
         if row is None:
             return None
         if row.fingerprint != self._fingerprint():
             raise KeyReusedError(
                 "This Idempotency-Key was used with another request.", hint="Use a new key for each request."
             )
-        return row.resource_id
+        resource_id: str = row.resource_id
+        return resource_id
 
     def remember(self, session: Session, resource_id: str) -> None:
         """Record the resource, in the transaction that creates it."""
         if self._key is None:
             return
-        session.add(
-            IdempotencyRow(
-                tenant_id=self._tenant_id,
-                key=self._key,
-                fingerprint=self._fingerprint(),
-                resource_id=resource_id,
-                created_at=now(),
-            )
+        session.execute(
+            insert(_KEYS),
+            {
+                "tenant_id": self._tenant_id,
+                "key": self._key,
+                "fingerprint": self._fingerprint(),
+                "resource_id": resource_id,
+                "created_at": now(),
+            },
         )
 
     def _fingerprint(self) -> str:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from starlette.requests import ClientDisconnect
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
-from fvs_service.gateway.rest.dependencies import App, Parsing, Permission
+from fvs_service.gateway.rest.dependencies import Permission, application_of
 from fvs_service.gateway.validation import invalid_body
 from fvs_service.model import Model
 from fvs_service.settings import Limits
@@ -40,14 +40,13 @@ def json_body(
     large is not even read before the permission is known.
     """
 
-    async def read(
-        request: Request, app: App, parsing: Parsing, require: Annotated[Permission, Depends(permission)]
-    ) -> ModelT:
-        limits = app.storage.settings.limits
+    async def read(request: Request, require: Annotated[Permission, Depends(permission)]) -> ModelT:
+        limits = application_of(request).storage.settings.limits
         if not _is_small(request):
             await anyio.to_thread.run_sync(require)
             content = await _received(request, _most_values(limits))
-            return await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=parsing)
+            one_at_a_time = request.app.state.parsing
+            return await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=one_at_a_time)
         content = await request.body()
 
         def checked() -> ModelT:

@@ -26,10 +26,15 @@ _bearer = HTTPBearer(
 )
 
 
-# Coroutines, so that the framework does not call them in threads.
-async def _application(request: Request) -> Application:
+def application_of(request: Request) -> Application:
+    """The gateway's application, for dependencies: one on ``App`` would be resolved anew in each of them."""
     application: Application = request.app.state.application
     return application
+
+
+# Coroutines, so that the framework does not call them in threads.
+async def _application(request: Request) -> Application:
+    return application_of(request)
 
 
 async def _feed(request: Request) -> EventFeed:
@@ -55,31 +60,31 @@ Parsing = Annotated[CapacityLimiter, Depends(_parsing)]
 
 async def _caller(
     request: Request,
-    app: App,
     credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
 ) -> Principal:
+    keys = application_of(request).storage.keys
     if credentials is not None:
-        principal = await run_in_threadpool(app.storage.keys.authenticate, credentials.credentials)
+        principal = await run_in_threadpool(keys.authenticate, credentials.credentials)
         request.state.principal = principal
         return principal
     if "authorization" in request.headers:  # a broken credential must not count as none
         raise UnauthenticatedError("The Authorization header is not a Bearer key.")
-    return app.storage.keys.authenticate(None)
+    return keys.authenticate(None)
 
 
 Caller = Annotated[Principal, Depends(_caller)]
 
 
-async def _page(app: App, page: Annotated[Page, Query()]) -> Page:
-    return _within_limits(app, page)
+async def _page(request: Request, page: Annotated[Page, Query()]) -> Page:
+    return _within_limits(request, page)
 
 
-async def _numbered_page(app: App, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
-    return _within_limits(app, page)
+async def _numbered_page(request: Request, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
+    return _within_limits(request, page)
 
 
-def _within_limits(app: Application, page: PageT) -> PageT:
-    most = app.storage.settings.limits.page_items
+def _within_limits(request: Request, page: PageT) -> PageT:
+    most = application_of(request).storage.settings.limits.page_items
     return page.model_copy(update={"limit": min(page.limit, most)})
 
 
@@ -116,19 +121,20 @@ async def to_create_scenes(caller: Caller) -> Permission:
     return partial(caller.require, Scope.OPERATE)
 
 
-async def to_upload(app: App, caller: Caller, scene_id: SceneId) -> Permission:
+async def to_upload(request: Request, caller: Caller, scene_id: SceneId) -> Permission:
     """The permission to upload to the scene of the path, which exists."""
-    return partial(app.scenes.require, caller, Scope.UPLOAD, scene_id)
+    return partial(application_of(request).scenes.require, caller, Scope.UPLOAD, scene_id)
 
 
-async def to_operate(app: App, caller: Caller, scene_id: SceneId) -> Permission:
+async def to_operate(request: Request, caller: Caller, scene_id: SceneId) -> Permission:
     """The permission to operate the scene of the path, which exists."""
-    return partial(app.scenes.require, caller, Scope.OPERATE, scene_id)
+    return partial(application_of(request).scenes.require, caller, Scope.OPERATE, scene_id)
 
 
-async def to_operate_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> Permission:
+async def to_operate_snapshot(request: Request, caller: Caller, snapshot_id: SnapshotId) -> Permission:
     """The permission to operate the scene of the path's snapshot, which exists."""
-    return partial(app.storage.snapshots.require, caller, Scope.OPERATE, snapshot_id)
+    snapshots = application_of(request).storage.snapshots
+    return partial(snapshots.require, caller, Scope.OPERATE, snapshot_id)
 
 
 async def _uploader(caller: Caller, permission: Annotated[Permission, Depends(to_upload)]) -> Principal:

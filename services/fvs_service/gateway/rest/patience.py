@@ -7,13 +7,13 @@ from typing import Annotated, TypeVar
 from fastapi import Depends, Header, Request
 
 from fvs_service.errors import ClientGoneError
-from fvs_service.gateway.rest.dependencies import App
+from fvs_service.gateway.rest.dependencies import application_of
 
 T = TypeVar("T")
 
 
 async def _timeout_s(
-    app: App,
+    request: Request,
     timeout_s: Annotated[
         float | None,
         Header(
@@ -26,7 +26,7 @@ async def _timeout_s(
         ),
     ] = None,
 ) -> float:
-    most = app.storage.settings.limits.ranking_timeout_s
+    most = application_of(request).storage.settings.limits.ranking_timeout_s
     return most if timeout_s is None else min(timeout_s, most)
 
 
