@@ -39,13 +39,14 @@ from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, Rend
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.settings import Settings
+from fvs_service.snapshots.artifacts import CAMERAS, GAUSSIANS, find_artifact
 from fvs_service.snapshots.model import (
     PinholeIntrinsics,
     SnapshotCameras,
     SnapshotMetrics,
     SnapshotView,
 )
-from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, NewSnapshot, find_artifact
+from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.storage.tables import JobRow
 from lasting_inspectors import share_inspectors
 from PIL import Image

@@ -390,8 +390,8 @@ def test_sharpness_does_not_depend_on_contrast() -> None:
 def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     gateway: Any, photograph: Photograph
 ) -> None:
+    from fvs_service.images.files import file_name, with_original_names
     from fvs_service.images.model import Image as SceneImage
-    from fvs_service.images.service import file_name, with_original_names
 
     scene = gateway.scene()
     sent = [gateway.put(scene, photograph(seed), name=f"IMG {seed}.jpg").json() for seed in range(2)]

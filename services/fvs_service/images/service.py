@@ -5,10 +5,7 @@ then inspects them and commits the image, the bytes before the row: a crash in b
 acknowledged, and an image that is sent again is stored once.
 """
 
-import contextlib
-import re
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 from sqlalchemy.orm import Session
 
@@ -16,6 +13,7 @@ from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
+from fvs_service.images.files import blob_key
 from fvs_service.images.inspection import Inspection
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.model import (
@@ -192,42 +190,6 @@ class Images:
                 altitude_datum=prior.altitude_datum or AltitudeDatum.SEA_LEVEL,
             ),
         )
-
-
-def blob_key(scene_id: str, digest: str) -> str:
-    """The blob key of an image."""
-    return image_key(scene_id, digest.removeprefix("sha256:"))
-
-
-def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
-    """Write accepted images into ``folder`` for the engine; returns them by file name.
-
-    Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept. Images that
-    were deleted meanwhile are left out.
-    """
-    named = {}
-    for image in images:
-        name = file_name(image)
-        with contextlib.suppress(NotFoundError):
-            if not (folder / name).exists():
-                blobs.export(blob_key(image.scene_id, image.digest), folder / name)
-            named[name] = image
-    return named
-
-
-def file_name(image: Image) -> str:
-    """The name of an image's file for the engine."""
-    suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
-    return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
-
-
-_FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")
-
-
-def with_original_names(sentence: str, images: Iterable[Image]) -> str:
-    """An engine message in which file names are replaced by the images' original names."""
-    names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
-    return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)
 
 
 def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:

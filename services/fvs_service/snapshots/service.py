@@ -22,6 +22,7 @@ from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
 from fvs_service.snapshots import repository
+from fvs_service.snapshots.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS
 from fvs_service.snapshots.model import (
     MEDIA_TYPES,
     Artifact,
@@ -36,20 +37,6 @@ from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import keep, lock_scene, remove_later
 from fvs_service.storage.tables import JobStageRow
-
-CAMERAS = "cameras.json"
-"""The artifact with the ``SnapshotCameras``; every snapshot has it."""
-GAUSSIANS = "point_cloud.ply"
-"""The artifact with the Gaussians in the layout of 3DGS; every snapshot has it."""
-COMPRESSED = "point_cloud.spz"
-"""The artifact with the same Gaussians in a tenth of the bytes, rounded; for viewers."""
-METRICS = "metrics.json"
-"""The artifact with the snapshot's ``SnapshotMetrics``."""
-COLMAP = "colmap.zip"
-"""The artifact with COLMAP's binary model of the same cameras and points."""
-
-ALIGNMENT = "alignment.json"
-"""The artifact with the snapshot's ``Alignment``."""
 
 _MODEL = frozenset({GAUSSIANS, COLMAP, ALIGNMENT})
 """The artifacts that make a model; the others repeat them in another order or form, or are about the job."""
@@ -228,14 +215,6 @@ def _is_behind(session: Session, snapshot: Snapshot) -> bool:
     if present is None:
         return False
     return repository.find_snapshot(session, present).metrics.registered > snapshot.metrics.registered
-
-
-def find_artifact(blobs: Blobs, scene_id: str, snapshot_id: str, name: str) -> str:
-    """The blob key of an artifact, for runners, which do not read the database; raises ``NotFoundError``."""
-    digests = json.loads(blobs.read(manifest_key(scene_id, snapshot_id)))
-    if name not in digests:
-        raise NotFoundError("The snapshot has no such artifact.")
-    return artifact_key(scene_id, digests[name])
 
 
 def _key(snapshot: Snapshot, name: str) -> str:

@@ -18,16 +18,17 @@ from fvs_engine.files.storage import DiskFullError
 from fvs_service.application import Storage
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.images.exclusion import quarantine
+from fvs_service.images.files import with_original_names
 from fvs_service.images.model import Image
 from fvs_service.images.repository import usable_images
-from fvs_service.images.service import with_original_names
 from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
 from fvs_service.jobs.timing import TIMING_STAGE, past_timings
 from fvs_service.jobs.work import Work, work_of
 from fvs_service.scenes.repository import find_scene, set_working_bytes
+from fvs_service.snapshots.artifacts import ALIGNMENT
 from fvs_service.snapshots.georeferencing import align
-from fvs_service.snapshots.service import ALIGNMENT, NewSnapshot
+from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.tracing import Span
 from fvs_service.worker.job_size import size_of
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes

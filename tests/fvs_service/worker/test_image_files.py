@@ -7,9 +7,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from fvs_service.ids import new_id
+from fvs_service.images.files import blob_key, with_original_names
 from fvs_service.images.model import Image as SceneImage
 from fvs_service.images.model import Registration, Verdict
-from fvs_service.images.service import blob_key, with_original_names
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.model import now
 from fvs_service.settings import WorkerSettings

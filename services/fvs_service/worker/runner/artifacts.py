@@ -16,8 +16,8 @@ from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.model import Image
+from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, COMPRESSED, GAUSSIANS, METRICS
 from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
-from fvs_service.snapshots.service import CAMERAS, COLMAP, COMPRESSED, GAUSSIANS, METRICS
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_service.snapshots.artifacts import CAMERAS, GAUSSIANS, METRICS, find_artifact
 from fvs_service.snapshots.model import SnapshotCameras, SnapshotMetrics
-from fvs_service.snapshots.service import CAMERAS, GAUSSIANS, METRICS, find_artifact
 from fvs_service.storage.blobs import Blobs
 
 _KEPT = 2

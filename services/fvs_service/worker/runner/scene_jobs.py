@@ -30,8 +30,8 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
+from fvs_service.images.files import file_name
 from fvs_service.images.model import Image, Registration
-from fvs_service.images.service import file_name
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.scenes.model import CameraPrior
 from fvs_service.settings import WorkerSettings

@@ -1,0 +1,50 @@
+"""The files of images: where the service stores them, and how they are named for the engine.
+
+Nothing here needs the database.
+"""
+
+import contextlib
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from fvs_service.errors import NotFoundError
+from fvs_service.images.model import Image
+from fvs_service.storage.blob_keys import image_key
+from fvs_service.storage.blobs import Blobs
+
+
+def blob_key(scene_id: str, digest: str) -> str:
+    """The blob key of an image."""
+    return image_key(scene_id, digest.removeprefix("sha256:"))
+
+
+def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:
+    """Write accepted images into ``folder`` for the engine; returns them by file name.
+
+    Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept. Images that
+    were deleted meanwhile are left out.
+    """
+    named = {}
+    for image in images:
+        name = file_name(image)
+        with contextlib.suppress(NotFoundError):
+            if not (folder / name).exists():
+                blobs.export(blob_key(image.scene_id, image.digest), folder / name)
+            named[name] = image
+    return named
+
+
+def file_name(image: Image) -> str:
+    """The name of an image's file for the engine."""
+    suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
+    return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
+
+
+_FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")
+
+
+def with_original_names(sentence: str, images: Iterable[Image]) -> str:
+    """An engine message in which file names are replaced by the images' original names."""
+    names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
+    return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)
