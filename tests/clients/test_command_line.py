@@ -1,3 +1,4 @@
+import io
 import json
 import socket
 import subprocess
@@ -10,7 +11,9 @@ import pytest
 from fvs_client import Client
 from fvs_client.cli.app import app
 from fvs_client.cli.exit_codes import exit_code_of
+from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
+from fvs_client.models.rankings import ScoredCandidate
 from typer.testing import CliRunner, Result
 
 Run = Callable[..., Result]
@@ -112,6 +115,24 @@ def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, sc
     done = run("jobs", "wait", listed[1]["id"])
     assert "6 images registered" in done.stdout
     assert "Updating the model: 100%" in done.stderr
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_how_many_candidates_are_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", terminal := _Terminal())
+    one, two = (ScoredCandidate.model_construct(id=name) for name in ("one", "two"))
+    with ranking_progress(as_json=False) as on_scored:
+        assert on_scored is not None
+        for scored in ((one,), (one, two)):  # what is scored again does not count again
+            on_scored(scored)
+    assert "Ranking: 2 scored" in terminal.getvalue()
+    with ranking_progress(as_json=True) as on_scored:
+        assert on_scored is None
 
 
 def test_progress_and_errors_are_json_where_json_is_asked_for(

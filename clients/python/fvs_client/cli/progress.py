@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -23,6 +23,7 @@ from rich.text import Text
 
 from fvs_client.downloads import DownloadProgress
 from fvs_client.models.jobs import JobData
+from fvs_client.models.rankings import ScoredCandidate
 from fvs_client.uploads import UploadedFile, UploadProgress
 
 _LOG_EVERY_S = 10.0
@@ -97,6 +98,27 @@ def job_progress(shown: Display, job: JobData) -> None:
 def download_progress(shown: Display, progress: DownloadProgress) -> None:
     """Show the progress of a download."""
     shown.show(progress.bytes_done, progress.bytes_total, progress.name, {"name": progress.name})
+
+
+@contextmanager
+def ranking_progress(*, as_json: bool) -> Iterator[Callable[[tuple[ScoredCandidate, ...]], None] | None]:
+    """Show on a terminal how many candidates of a ranking are scored; elsewhere None.
+
+    Their number is not known before: a generator makes them.
+    """
+    if as_json or not sys.stderr.isatty():
+        yield None
+        return
+    scored: set[str] = set()  # a candidate can come twice
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("Ranking")
+
+        def on_scored(candidates: tuple[ScoredCandidate, ...]) -> None:
+            scored.update(candidate.id for candidate in candidates)
+            progress.update(task, description=f"Ranking: {len(scored)} scored")
+
+        yield on_scored
 
 
 class _Percent(ProgressColumn):

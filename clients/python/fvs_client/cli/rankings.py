@@ -11,6 +11,7 @@ import typer
 from fvs_client import FramePose, Ranking, VehiclePose
 from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -111,19 +112,22 @@ def rank(
         generator = GeneratorName.ORBIT
     chosen = None if generator is None else _generator(generator, count)
     with service(context, as_json=as_json) as client:
-        ranking = find_scene(client, scene).rank(
-            listed,
-            generator=chosen,
-            current_pose=current_pose,
-            radius_m=radius,
-            frame=None if frame is None else frame.value,
-            top_k=top,
-            method=method,
-            snapshot_id=snapshot,
-            budget=budget,
-            seed=seed,
-            timeout_s=timeout,
-        )
+        found = find_scene(client, scene)
+        with ranking_progress(as_json=as_json) as on_scored:
+            ranking = found.rank(
+                listed,
+                generator=chosen,
+                current_pose=current_pose,
+                radius_m=radius,
+                frame=None if frame is None else frame.value,
+                top_k=top,
+                method=method,
+                snapshot_id=snapshot,
+                budget=budget,
+                seed=seed,
+                timeout_s=timeout,
+                on_scored=on_scored,
+            )
         if renders is not None:
             _save_renders(ranking, renders)
     if as_json:
