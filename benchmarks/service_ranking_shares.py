@@ -17,7 +17,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from inspect import iscoroutinefunction
 from multiprocessing.connection import Connection
@@ -42,6 +42,7 @@ from measurement import report
 from service_ranking import TRANSPORTS, Rank, photographs_of_a_courtyard, scene_with_model
 
 _WARM_UP = 20
+_PATIENCE_S = 60.0
 
 CLIENT = "client, and the connection to it"
 TRANSPORT = "HTTP or gRPC, dependencies, changes of threads, log"
@@ -73,11 +74,16 @@ _FUNCTIONS: tuple[tuple[Any, str, str], ...] = (
 """Where the time is taken. What a function spends in another one of them counts for that one alone."""
 
 
+@dataclass
 class _Block:
-    """A block whose time is taken; the times ``inside`` are those of blocks in it."""
+    """A block whose time is taken; the times ``inside`` are those of blocks in it.
 
-    def __init__(self) -> None:
-        self.inside_s = self.inside_cpu_s = 0.0
+    ``times`` are those of its request: by the clock and of the processor, of each share.
+    """
+
+    times: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(lambda: [0.0, 0.0]))
+    inside_s: float = 0.0
+    inside_cpu_s: float = 0.0
 
 
 class Stopwatch:
@@ -90,7 +96,6 @@ class Stopwatch:
     def __init__(self, at_end: Callable[[dict[str, tuple[float, float]]], object]) -> None:
         self._at_end = at_end
         self._block: ContextVar[_Block | None] = ContextVar("block", default=None)
-        self._times: defaultdict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
         self._process_s = time.process_time()
         for owner, name, share in _FUNCTIONS:
             self._wrap(owner, name, share)
@@ -125,7 +130,9 @@ class Stopwatch:
 
     @contextmanager
     def _timed(self, share: str, *, coroutine: bool = False) -> Iterator[_Block]:
-        outer, block = self._block.get(), _Block()
+        # What is open where a request begins is of an earlier one over the same connection.
+        outer = None if share == TRANSPORT else self._block.get()
+        block = _Block() if outer is None else _Block(outer.times)
         token = self._block.set(block)
         began, began_cpu = time.perf_counter(), time.thread_time()
         try:
@@ -134,19 +141,18 @@ class Stopwatch:
             self._block.reset(token)
             took = time.perf_counter() - began
             took_cpu = block.inside_cpu_s if coroutine else time.thread_time() - began_cpu
-            self._times[share][0] += took - block.inside_s
-            self._times[share][1] += took_cpu - block.inside_cpu_s
+            block.times[share][0] += took - block.inside_s
+            block.times[share][1] += took_cpu - block.inside_cpu_s
             if outer is not None:
                 outer.inside_s += took
                 outer.inside_cpu_s += took_cpu
-            elif share == TRANSPORT:
-                self._end()
+            elif share == TRANSPORT:  # others are not those of a request
+                self._end(block.times)
 
-    def _end(self) -> None:
+    def _end(self, times: dict[str, list[float]]) -> None:
         now = time.process_time()
-        self._times[TRANSPORT][1] = now - self._process_s - sum(cpu for _, cpu in self._times.values())
-        self._at_end({share: (seconds, cpu) for share, (seconds, cpu) in self._times.items()})
-        self._times.clear()
+        times[TRANSPORT][1] = now - self._process_s - sum(cpu for _, cpu in times.values())
+        self._at_end({share: (seconds, cpu) for share, (seconds, cpu) in times.items()})
         self._process_s = time.process_time()
 
 
@@ -204,6 +210,8 @@ def measure_in_turns(
                 began, began_cpu = time.perf_counter(), time.process_time()
                 ranking = one.rank(number)
                 took, took_cpu = time.perf_counter() - began, time.process_time() - began_cpu
+                if not times.poll(_PATIENCE_S):
+                    raise SystemExit("The gateway has sent no times.")
                 shares: dict[str, tuple[float, float]] = times.recv()
                 inside = sum(seconds for seconds, _ in shares.values())
                 shares[CLIENT] = took - ranking.seconds - ranking.waited_s - inside, took_cpu
