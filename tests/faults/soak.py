@@ -4,13 +4,14 @@
 
 Two clients each take scenes through their whole life, one after the other: upload, update, upload, update,
 rankings, deletion. A third client's scene rests with a model, and is only ranked, so that its runner is idle.
-Once a minute one process of the service is killed. Every job must succeed, and every deleted scene must
+Once a minute one process of the service is killed, but gateways and workers live for ``--live`` minutes:
+only then a leak differs from a process that warms up. Every job must succeed, and every deleted scene must
 leave the disk.
 
 Every few seconds the anonymous memory and the open files of every process are sampled, and the disk's use. At
 the end it prints, for each kind of process, the slope of its memory and files over the lives of its processes
-(each has a level of its own; the first minute of a process does not count) with a standard error that
-respects that the samples of one process are alike, and what ``fvs doctor`` says.
+(each has a level of its own) with a standard error that respects that the samples of one process are alike:
+once without the first minute of each process, and once without its first quarter of an hour.
 """
 
 import argparse
@@ -24,7 +25,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -35,7 +36,8 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 SAMPLE_S = 5.0
-WARM_S = 60.0
+WARM_S = (60.0, 900.0)
+LONG_LIVED = frozenset({"gateway", "worker"})
 RETENTION = {"snapshots": 2, "rankings": 20}
 
 
@@ -147,6 +149,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--kill-every", type=float, default=60.0, metavar="S")
+    parser.add_argument("--live", type=float, default=40.0, metavar="MIN", help="of gateways and workers")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, help="a new folder to work in, which is kept with all logs")
     parser.add_argument("--json", type=Path, help="write all samples")
@@ -165,10 +168,13 @@ def main() -> None:
         sampler = Sampler(service, watch, clients)
         for thread in (sampler, *clients):
             thread.start()
-        kills = 0
+        kills, spared_until = 0, dict.fromkeys(LONG_LIVED, time.monotonic() + 60 * options.live)
         while time.monotonic() < until and not any(client.failure for client in clients):
             time.sleep(options.kill_every)
-            kills += _kill(watch, rng)
+            killed = _kill(watch, rng, {kind for kind, at in spared_until.items() if time.monotonic() < at})
+            kills += killed is not None
+            if killed in spared_until:
+                spared_until[killed] = time.monotonic() + 60 * options.live
         for client in clients:
             client.join()
         sampler.stop()
@@ -188,9 +194,20 @@ def report(sampler: Sampler, kills: int, clients: Sequence[Client]) -> None:
     """Print what was measured."""
     lives, rankings = sum(client.lives for client in clients), sum(client.rankings for client in clients)
     print(f"{lives} lives of scenes, {rankings} rankings, {kills} kills")
+    for warm_s in WARM_S:
+        print(f"processes older than {warm_s:.0f} s:")
+        _report_slopes([one for one in sampler.samples if one.age_s >= warm_s])
+    sizes = [size for _, size in sampler.disk_mb]
+    half = len(sizes) // 2
+    print(
+        f"disk: at most {max(sizes[:half]):.1f} MB in the first half, {max(sizes[half:]):.1f} MB in the other"
+    )
+
+
+def _report_slopes(samples: Sequence[Sample]) -> None:
     print(f"{'process':<12}{'memory MB':>10}{'per hour':>18}{'files':>8}{'per hour':>16}{'processes':>11}")
-    for process in sorted({sample.process for sample in sampler.samples}):
-        own = [one for one in sampler.samples if one.process == process and one.age_s >= WARM_S]
+    for process in sorted({sample.process for sample in samples}):
+        own = [one for one in samples if one.process == process]
         if len(own) < 3:
             continue
         memory = slope({(one.pid, one.at_s): one.memory_mb for one in own})
@@ -199,11 +216,6 @@ def report(sampler: Sampler, kills: int, clients: Sequence[Client]) -> None:
             f"{process:<12}{memory.mean:>10.1f}{memory.per_hour:>+10.1f} ± {memory.error:<5.1f}"
             f"{files.mean:>8.1f}{files.per_hour:>+9.1f} ± {files.error:<4.1f}{memory.processes:>11}"
         )
-    sizes = [size for _, size in sampler.disk_mb]
-    half = len(sizes) // 2
-    print(
-        f"disk: at most {max(sizes[:half]):.1f} MB in the first half, {max(sizes[half:]):.1f} MB in the other"
-    )
 
 
 def slope(values: Mapping[tuple[int, float], float]) -> Slope:
@@ -226,17 +238,17 @@ def slope(values: Mapping[tuple[int, float], float]) -> Slope:
     return Slope(sum(values.values()) / len(values), rate, max(alone, alike), len(series))
 
 
-def _kill(watch: Watch, rng: random.Random) -> int:
-    """Kill one process of a random kind; returns how many were killed."""
-    processes = watch.moment().processes
+def _kill(watch: Watch, rng: random.Random, spared: Collection[str]) -> str | None:
+    """Kill one process of a random kind that is not ``spared``; returns the kind."""
+    processes = {kind: pids for kind, pids in watch.moment().processes.items() if kind not in spared}
     if not processes:
-        return 0
+        return None
     process = rng.choice(sorted(processes))
     with contextlib.suppress(ProcessLookupError):
         os.kill(rng.choice(processes[process]), signal.SIGKILL)
         print(f"killed a {process}", flush=True)
-        return 1
-    return 0
+        return process
+    return None
 
 
 def _memory_mb(pid: int) -> float:
