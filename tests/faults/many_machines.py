@@ -5,7 +5,8 @@
 Every part is a process with a folder of its own; gateways and workers know each other by the database alone,
 and each worker's runners listen on an address of its own (127.0.0.2, 127.0.0.3). Small synthetic scenes are
 updated, through either gateway, while a worker is killed every few seconds, one is frozen for longer than its
-lease and continued, PostgreSQL crashes and restarts, and the object store is away for 20 s. At the end:
+lease and continued, PostgreSQL crashes and restarts, and the object store is away for 20 s. With ``--skew``
+the clocks of the second gateway and the second worker are ahead by so many seconds (libfaketime). At the end:
 
 * every job succeeded in its first attempt, and ended once; its snapshot was made once;
 * the frozen worker has committed nothing after it lost its leases, and ended;
@@ -61,9 +62,13 @@ SETTINGS = {
 class Machine:
     """``fvs serve --role ROLE`` with a folder of its own, in a process group of its own."""
 
-    def __init__(self, folder: Path, role: str, shared: dict[str, str], address: str = "127.0.0.1") -> None:
+    def __init__(
+        self, folder: Path, role: str, shared: dict[str, str], address: str = "127.0.0.1", skew_s: int = 0
+    ) -> None:
         self._folder, self._role = folder, role
         self._environment = {**os.environ, **SETTINGS, **shared, "FVS_WORKER__ADDRESS": address}
+        if skew_s:
+            self._environment |= clock_ahead(skew_s)
         self.url = ""
         self.start()
 
@@ -110,6 +115,14 @@ class Machine:
         """Stop it."""
         self.process.terminate()
         self.process.wait()
+
+
+def clock_ahead(seconds: int) -> dict[str, str]:
+    """The environment of a process whose clock is ahead, but for the monotonic one."""
+    library = next(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"), None)
+    if library is None:
+        raise SystemExit("--skew needs libfaketime: apt-get install libfaketime")
+    return {"LD_PRELOAD": str(library), "FAKETIME": f"+{seconds}", "FAKETIME_DONT_FAKE_MONOTONIC": "1"}
 
 
 class Clients:
@@ -186,6 +199,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=5.0, help="how long there are faults")
     parser.add_argument("--scenes", type=int, default=8)
     parser.add_argument("--every", type=float, default=15.0, metavar="S", help="time between two kills")
+    parser.add_argument("--skew", type=int, default=0, metavar="S", help="of the second machines' clocks")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, help="a new folder to work in, which is kept with all logs")
     options = parser.parse_args()
@@ -213,9 +227,14 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
         "FVS_BLOBS__ACCESS_KEY_ID": ACCESS_KEY_ID,
         "FVS_BLOBS__SECRET_ACCESS_KEY": SECRET_ACCESS_KEY,
     }
-    gateways = [Machine(folder / f"gateway-{number}", "gateway", shared) for number in (1, 2)]
+    skews_s = {1: 0, 2: options.skew}
+    gateways = [
+        Machine(folder / f"gateway-{number}", "gateway", shared, skew_s=skew_s)
+        for number, skew_s in skews_s.items()
+    ]
     workers = [
-        Machine(folder / f"worker-{number}", "worker", shared, f"127.0.0.{number + 1}") for number in (1, 2)
+        Machine(folder / f"worker-{number}", "worker", shared, f"127.0.0.{number + 1}", skew_s)
+        for number, skew_s in skews_s.items()
     ]
     for machine in (*gateways, *workers):
         stack.callback(machine.kill)
