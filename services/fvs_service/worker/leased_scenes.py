@@ -3,11 +3,11 @@
 import math
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from weakref import WeakValueDictionary
 
 import structlog
 
@@ -65,7 +65,7 @@ class LeasedScenes:
         self._budget = MemoryBudget(memory_limit_bytes(storage.settings.worker), self._unload_longest_idle)
         self._spawner = ThreadPoolExecutor(1, thread_name_prefix="spawner")
         self._lock = threading.Lock()
-        self._scene_locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        self._scene_locks: WeakValueDictionary[str, threading.Lock] = WeakValueDictionary()
         self._scenes: dict[str, LeasedScene] = {}
         self.backend = storage.settings.worker.backend
         """The rasteriser: the one in the settings until the first runner says which it uses."""
@@ -98,7 +98,7 @@ class LeasedScenes:
     @contextmanager
     def without_runner(self, scene_id: str, give_up: Callable[[], bool]) -> Iterator[Lease | None]:
         """The scene's lease for the block, without a runner; None when ``give_up`` returned True before."""
-        with self._scene_locks[scene_id]:
+        with self._lock_of(scene_id):
             self._drop(self._scenes.get(scene_id))
             lease = self._acquire(scene_id, give_up)
             try:
@@ -126,7 +126,7 @@ class LeasedScenes:
 
     def drop(self, scene: LeasedScene) -> None:
         """Kill the scene's runner and release the lease."""
-        with self._scene_locks[scene.lease.scene_id]:
+        with self._lock_of(scene.lease.scene_id):
             self._drop(scene)
 
     def stop(self) -> None:
@@ -160,7 +160,7 @@ class LeasedScenes:
                 raise NoMemoryError
             return False
 
-        with self._scene_locks[scene_id]:
+        with self._lock_of(scene_id):
             scene = self._scenes.get(scene_id)
             if scene is not None and scene.child.alive:
                 with self._lock:
@@ -285,7 +285,7 @@ class LeasedScenes:
         return any(self._unload(scene) for scene in sorted(free, key=lambda one: -one.child.idle_s()))
 
     def _unload(self, scene: LeasedScene) -> bool:
-        lock = self._scene_locks[scene.lease.scene_id]
+        lock = self._lock_of(scene.lease.scene_id)
         if not lock.acquire(blocking=False):
             return False
         try:
@@ -297,12 +297,17 @@ class LeasedScenes:
             lock.release()
 
     def _drop_if_free(self, scene: LeasedScene) -> None:
-        lock = self._scene_locks[scene.lease.scene_id]
+        lock = self._lock_of(scene.lease.scene_id)
         if lock.acquire(blocking=False):
             try:
                 self._drop(scene)
             finally:
                 lock.release()
+
+    def _lock_of(self, scene_id: str) -> threading.Lock:
+        """The scene's lock, which lives as long as somebody uses it."""
+        with self._lock:
+            return self._scene_locks.setdefault(scene_id, threading.Lock())
 
     def _idle_need(self, scene_id: str) -> int:
         try:

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import json
-from collections import defaultdict
 from collections.abc import AsyncGenerator
 from typing import Any
 
@@ -40,6 +39,11 @@ class AsyncConnection:
             raise RunnerGoneError("The other side has closed the connection.")
         return line
 
+    @property
+    def ended(self) -> bool:
+        """Whether the other side has closed the connection, which nothing waits for."""
+        return self._reader.at_eof() or self._writer.is_closing()
+
     def close(self) -> None:
         """Close the connection at once: the runner then drops the request, unless others wait for it."""
         self._writer.transport.abort()
@@ -60,17 +64,22 @@ async def connect(endpoint: str) -> AsyncConnection:
 
 
 class AsyncConnections:
-    """Connections that are kept for the next request."""
+    """Connections that are kept for the next request.
+
+    A new runner has a new endpoint, so nobody asks for connections to the one before it again. asyncio leaves
+    the socket open when the other side closes it: each call closes all that have ended.
+    """
 
     def __init__(self) -> None:
-        self._free: defaultdict[str, list[AsyncConnection]] = defaultdict(list)
+        self._free: dict[str, list[AsyncConnection]] = {}
 
     async def call(self, endpoint: str, request: bytes) -> bytes:
         """The response over a kept connection, or over a new one if there is none or it was cut.
 
         Raises ``RunnerGoneError``.
         """
-        if kept := self._free[endpoint]:
+        self._close_ended()
+        if kept := self._free.get(endpoint):
             with contextlib.suppress(RunnerGoneError):
                 return await self._use(endpoint, kept.pop(), request)
             for connection in self._free.pop(endpoint, ()):
@@ -91,11 +100,20 @@ class AsyncConnections:
         except BaseException:  # cancelled, too: the runner notices that nobody waits any longer
             connection.close()
             raise
-        if len(self._free[endpoint]) < _KEPT_CONNECTIONS:
-            self._free[endpoint].append(connection)
+        kept = self._free.setdefault(endpoint, [])
+        if len(kept) < _KEPT_CONNECTIONS:
+            kept.append(connection)
         else:
             connection.close()
         return response
+
+    def _close_ended(self) -> None:
+        for endpoint, connections in list(self._free.items()):
+            for connection in [one for one in connections if one.ended]:
+                connection.close()
+                connections.remove(connection)
+            if not connections:
+                del self._free[endpoint]
 
 
 async def exchange(endpoint: str, request: bytes) -> AsyncGenerator[Any, None]:
