@@ -23,7 +23,7 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.settings import TrainingSettings, coarse_to_fine
 from fvs_engine.splat.trainer import Trainer
 
 STRIDE = 500
@@ -33,7 +33,11 @@ def main() -> None:
     arguments = _parse()
     scene = load_scene(arguments.model, arguments.images, arguments.long_side)
     settings = TrainingSettings.model_validate(
-        {"sh_degree": arguments.sh_degree, "max_gaussians": arguments.max_gaussians}
+        {
+            "sh_degree": arguments.sh_degree,
+            "max_gaussians": arguments.max_gaussians,
+            "levels": coarse_to_fine(arguments.iterations) if arguments.coarse_to_fine else (),
+        }
     ).with_iterations(arguments.iterations)
     rasterizer = create_rasterizer(arguments.backend)
     checkpoint: Path | None = arguments.checkpoint
@@ -42,12 +46,12 @@ def main() -> None:
     else:
         gaussians = initialise_from_points(scene.points, scene.point_colors, settings.sh_degree)
         trainer = Trainer(scene.training, gaussians, settings, rasterizer, seed=arguments.seed)
-    begun, start = trainer.iteration, time.perf_counter()
+    begun, start, processor_start = trainer.iteration, time.perf_counter(), time.process_time()
     while trainer.iteration < settings.iterations:
         trainer.train(min(settings.iterations, trainer.iteration + STRIDE), Monitor(_print))
         if checkpoint is not None:
             trainer.save(checkpoint)
-    seconds = time.perf_counter() - start
+    seconds, processor_s = time.perf_counter() - start, time.process_time() - processor_start
     if arguments.ply is not None:
         write_ply(arguments.ply, trainer.gaussians)
     psnr_db, similarity = evaluate(trainer, scene)
@@ -55,11 +59,13 @@ def main() -> None:
         "scene": arguments.model.parent.name,
         "size_px": f"{scene.views[0].camera.width}×{scene.views[0].camera.height}",
         "iterations": trainer.iteration,
+        "coarse_to_fine": arguments.coarse_to_fine,
         "sh_degree": settings.sh_degree,
         "psnr_db": psnr_db,
         "ssim": similarity,
         "gaussians": len(trainer.gaussians),
         "iterations_per_s": (trainer.iteration - begun) / seconds if seconds else 0.0,
+        "processor_s": processor_s,
         "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
         "seed": arguments.seed,
     }
@@ -91,6 +97,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--model", type=Path, required=True, help="folder of a COLMAP model")
     parser.add_argument("--images", type=Path, required=True, help="folder of its photographs")
     parser.add_argument("--iterations", type=int, default=7_000)
+    parser.add_argument("--coarse-to-fine", action="store_true", help="begin on reduced images")
     parser.add_argument("--sh-degree", type=int, default=3)
     parser.add_argument("--long-side", type=int, default=800)
     parser.add_argument("--max-gaussians", type=int, default=1_000_000)

@@ -9,12 +9,23 @@ from fvs_engine.errors import Cancelled
 
 @dataclass(frozen=True)
 class Progress:
-    """One report: ``done`` of ``total`` units of ``stage`` (``total`` is None when not known)."""
+    """One report: ``done`` of ``total`` units of ``stage`` (``total`` is None when not known).
+
+    ``worked``: the share of the stage's work, where its units differ in their work.
+    """
 
     stage: str
     done: int
     total: int | None
     detail: Mapping[str, float | int | str] = field(default_factory=dict)
+    worked: float | None = None
+
+    @property
+    def share(self) -> float | None:
+        """The share of the stage's work that is done, in [0, 1]; None when not known."""
+        if self.worked is not None:
+            return self.worked
+        return self.done / self.total if self.total else None
 
 
 class Monitor:
@@ -34,10 +45,18 @@ class Monitor:
         self._on_results = on_results
         self._cancelled = threading.Event()
 
-    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
-        """Report that ``done`` units of ``stage`` are finished."""
+    def report(
+        self,
+        stage: str,
+        done: int,
+        total: int | None = None,
+        *,
+        worked: float | None = None,
+        **detail: float | int | str,
+    ) -> None:
+        """Report that ``done`` units of ``stage`` are finished; for ``worked`` see ``Progress``."""
         if self._on_progress is not None:
-            self._on_progress(Progress(stage, done, total, detail))
+            self._on_progress(Progress(stage, done, total, detail, worked))
 
     def pass_on(self, results: Sequence[object]) -> None:
         """Pass on a part of the results that is known before the end: the scores of some candidates."""

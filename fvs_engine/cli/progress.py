@@ -96,9 +96,14 @@ def _details(progress: Progress) -> str:
     return ", ".join(parts)
 
 
+def _rate(progress: Progress) -> float | int | str | None:
+    """The rate that the stage itself reports: its units may differ in their work."""
+    return next((value for name, value in progress.detail.items() if name.endswith("_per_s")), None)
+
+
 class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
+        speed = task.fields["rate"] or task.finished_speed or task.speed
         return Text(f"{speed:,.1f}/s" if speed else "", style="progress.data.speed")
 
 
@@ -140,6 +145,9 @@ class BarDisplay:
         """Move the stage's bar; a stage that begins ends the ones before it."""
         with self._lock:
             task = self._tasks.get(progress.stage)
+            completed = progress.done
+            if progress.total and progress.share is not None:
+                completed = round(progress.share * progress.total)
             count = f"{progress.done:,}" + (f"/{progress.total:,}" if progress.total else "")
             if task is None:
                 for earlier in self._tasks.values():
@@ -148,16 +156,18 @@ class BarDisplay:
                 task = self._bars.add_task(
                     label_of(progress.stage),
                     total=progress.total,
-                    completed=progress.done,
+                    completed=completed,
                     count="",
+                    rate=None,
                     detail="",
                 )
                 self._tasks[progress.stage] = task
             self._bars.update(
                 task,
-                completed=progress.done,
+                completed=completed,
                 total=progress.total,
                 count=count,
+                rate=_rate(progress),
                 detail=_details(progress),
             )
 
@@ -198,7 +208,7 @@ class LogDisplay(_StreamDisplay):
 
     def __init__(self, stream: IO[str]) -> None:
         super().__init__(stream)
-        self._began = (0.0, 0)
+        self._began = (0.0, 0, 0.0)
         self._ended = False
 
     def update(self, progress: Progress) -> None:
@@ -207,7 +217,7 @@ class LogDisplay(_StreamDisplay):
             now = time.monotonic()
             begins = progress.stage != self._stage
             if begins:
-                self._stage, self._began = progress.stage, (now, progress.done)
+                self._stage, self._began = progress.stage, (now, progress.done, progress.share or 0.0)
             ends = progress.done == progress.total
             due = begins or (ends and not self._ended) or now - self._shown >= _LOG_EVERY_S
             self._ended = ends
@@ -220,8 +230,9 @@ class LogDisplay(_StreamDisplay):
             seconds, done = now - self._began[0], progress.done - self._began[1]
             if seconds > 0 and done > 0:
                 line += f", {done / seconds:,.1f}/s"
-                if progress.total and not ends:
-                    line += f", {(progress.total - progress.done) * seconds / done:,.0f} s left"
+                if progress.share is not None and not ends:
+                    worked = progress.share - self._began[2]
+                    line += f", {(1 - progress.share) * seconds / worked:,.0f} s left"
             details = _details(progress)
             self._write(f"{line}, {details}" if details else line)
 

@@ -197,7 +197,15 @@ class _Quiet(Monitor):
         super().__init__()
         self._outer = outer
 
-    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+    def report(
+        self,
+        stage: str,
+        done: int,
+        total: int | None = None,
+        *,
+        worked: float | None = None,
+        **detail: float | int | str,
+    ) -> None:
         """See ``Monitor``; reports nothing."""
 
     @property
@@ -225,10 +233,9 @@ class _Progress:
         """The callback of one run, after each of its steps."""
 
         def on_step(visited: int, evaluation: Evaluation | None) -> None:
-            detail: dict[str, float | int | str] = {"run": f"{plan.method} {plan.seed}", "views": visited}
-            if evaluation is not None:
-                detail["psnr_db"] = evaluation.psnr_db
-            self._monitor.report(STAGE, self._before + visited - self._initial, self._total, **detail)
+            measured = {} if evaluation is None else {"psnr_db": evaluation.psnr_db}
+            done, run = self._before + visited - self._initial, f"{plan.method} {plan.seed}"
+            self._monitor.report(STAGE, done, self._total, run=run, views=visited, **measured)
 
         return on_step
 

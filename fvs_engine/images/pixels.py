@@ -111,6 +111,11 @@ def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
     return np.array(image, dtype=np.uint8)
 
 
+def reduced_rgb(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The image [H, W, 3] at a smaller ``size`` (width, height), low-pass filtered."""
+    return np.array(Image.fromarray(image).resize(size, Image.Resampling.LANCZOS), dtype=np.uint8)
+
+
 def reduced_size(width: int, height: int, long_side_px: int) -> tuple[int, int]:
     """Width and height of an image whose longer side is reduced to ``long_side_px``; never enlarged."""
     scale = min(1.0, long_side_px / max(width, height))

@@ -27,6 +27,7 @@ from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import train_saving
+from fvs_engine.splat.settings import coarse_to_fine
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
@@ -167,12 +168,14 @@ class GrowingScene:
         return self._trainer.iteration if self._trainer else 0
 
     @property
+    def is_reduced(self) -> bool:
+        """Whether the model is being trained on reduced images: its renders are blurred."""
+        return self._model().is_reduced
+
+    @property
     def target_iteration(self) -> int:
         """The iteration up to which the schedule goes with the present views; 0 before the first."""
-        if self._trainer is None:
-            return 0
-        more = max(0, len(self.views) - self._initial_views)
-        return self.settings.initial_iterations + self.settings.iterations_per_view * more
+        return 0 if self._trainer is None else self._iterations_for(len(self.views))
 
     def add(
         self,
@@ -317,6 +320,11 @@ class GrowingScene:
                 moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
         return moved
 
+    def _iterations_for(self, views: int) -> int:
+        """The iterations of the schedule for a number of views."""
+        more = max(0, views - self._initial_views)
+        return self.settings.initial_iterations + self.settings.iterations_per_view * more
+
     def _load(self, view: AnyView) -> TrainingView:
         return self._photographs.load(view.name, view.camera, view.camera_from_model)
 
@@ -354,10 +362,13 @@ class GrowingScene:
                 self._trainer, self._posed = None, {}
                 return
             gaussians = edit.seeds.gaussians(self.settings.training.sh_degree)
-            schedule, seed = self.settings.schedule, self.settings.seed
             if self._trainer is None:
                 self._initial_views = len(views)
-            self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, seed)
+            schedule = self.settings.schedule
+            if self.settings.coarse_to_fine:
+                levels = coarse_to_fine(self._iterations_for(len(views)))
+                schedule = schedule.model_copy(update={"levels": levels})
+            self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, self.settings.seed)
             self._seeded, self._posed = self._seeded[:0], {}
         else:
             trainer = self._model()

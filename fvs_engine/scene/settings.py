@@ -39,13 +39,14 @@ class SceneSettings(Record):
     ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. Training
     lasts ``initial_iterations``, and ``iterations_per_view`` more for every view that is registered after the
     first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the training
-    images.
+    images; with ``coarse_to_fine`` a new model begins on reduced ones (ADR 24).
     """
 
     poses: Literal["sfm", "known"] = "sfm"
     long_side_px: int = Field(default=800, ge=32)
     initial_iterations: int = Field(default=1_000, ge=0)
     iterations_per_view: int = Field(default=100, ge=0)
+    coarse_to_fine: bool = False
     training: TrainingSettings = GROWING_TRAINING
     sfm: SfmSettings = SfmSettings()
     seed: int = Field(default=0, ge=0)

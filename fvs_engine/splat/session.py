@@ -57,9 +57,17 @@ class SavingMonitor(Monitor):
         self._every_s = every_s
         self._saved = time.monotonic()
 
-    def report(self, stage: str, done: int, total: int | None = None, **detail: float | int | str) -> None:
+    def report(
+        self,
+        stage: str,
+        done: int,
+        total: int | None = None,
+        *,
+        worked: float | None = None,
+        **detail: float | int | str,
+    ) -> None:
         """See ``Monitor``."""
-        self._outer.report(stage, done, total, **detail)
+        self._outer.report(stage, done, total, worked=worked, **detail)
 
     def cancel(self) -> None:
         """See ``Monitor``."""

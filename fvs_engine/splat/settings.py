@@ -1,5 +1,6 @@
 """Training settings and presets, and the memory that training needs."""
 
+from itertools import pairwise
 from typing import Self
 
 from pydantic import Field, model_validator
@@ -44,11 +45,29 @@ class Densification(Record):
     prune_opacity: float = Field(default=0.005, gt=0, lt=1)
 
 
+class Level(Record):
+    """Training on reduced images up to ``until_iteration``: both sides are divided by ``reduction``."""
+
+    until_iteration: int = Field(gt=0)
+    reduction: int = Field(gt=1)
+
+
+def coarse_to_fine(iterations: int) -> tuple[Level, ...]:
+    """Half of the iterations at an eighth of the size, a quarter at a quarter, an eighth at half of it.
+
+    A small image costs little and shows what matters at first: where things are, and their colours (ADR 24).
+    """
+    shares = ((0.5, 8), (0.75, 4), (0.875, 2))
+    levels = {max(1, round(share * iterations)): reduction for share, reduction in shares}
+    return tuple(Level(until_iteration=until, reduction=reduction) for until, reduction in levels.items())
+
+
 class TrainingSettings(Record):
     """Settings of training; stored with every checkpoint.
 
     The defaults are those of the 3DGS paper for 30,000 iterations. ``max_gaussians`` is a hard cap:
-    densification that would exceed it takes the Gaussians with the largest gradients.
+    densification that would exceed it takes the Gaussians with the largest gradients. Images have their full
+    size after the last of the ``levels``.
     """
 
     iterations: int = Field(default=30_000, gt=0)
@@ -58,6 +77,14 @@ class TrainingSettings(Record):
     max_gaussians: int = Field(default=1_000_000, gt=0)
     learning_rates: LearningRates = LearningRates()
     densification: Densification = Densification()
+    levels: tuple[Level, ...] = ()
+
+    @model_validator(mode="after")
+    def _levels_refine(self) -> Self:
+        for level, following in pairwise(self.levels):
+            if following.until_iteration <= level.until_iteration or following.reduction >= level.reduction:
+                raise ValueError("levels must follow each other, each with larger images than the one before")
+        return self
 
     @model_validator(mode="after")
     def _means_do_not_accelerate(self) -> Self:
@@ -83,12 +110,31 @@ class TrainingSettings(Record):
                 "iterations": iterations,
                 "sh_degree_interval": min(1_000, max(1, iterations // (2 * max(1, self.sh_degree)))),
                 "densification": densification,
+                "levels": coarse_to_fine(iterations) if self.levels else (),
             }
         )
 
+    def reduction_at(self, iteration: int) -> int:
+        """What both sides of the images are divided by at this iteration."""
+        return next((level.reduction for level in self.levels if iteration < level.until_iteration), 1)
+
+    def work_until(self, iteration: int) -> float:
+        """The work of the iterations before ``iteration``, in iterations on images of full size.
+
+        An iteration takes time for its pixels and for its Gaussians: about in proportion to the side.
+        """
+        work, begin = 0.0, 0
+        for level in self.levels:
+            end = min(iteration, level.until_iteration)
+            work += max(0, end - begin) / level.reduction
+            begin = level.until_iteration
+        return work + max(0, iteration - begin)
+
 
 PRESETS: dict[Quality, TrainingSettings] = {
-    "coarse": TrainingSettings(sh_degree=0, max_gaussians=300_000).with_iterations(1_000),
+    "coarse": TrainingSettings(
+        sh_degree=0, max_gaussians=300_000, levels=coarse_to_fine(2_000)
+    ).with_iterations(2_000),
     "fine": TrainingSettings(sh_degree=3),
 }
 """``coarse`` ranks candidates while the vehicle flies; ``fine`` is the model that is kept (the paper's)."""

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from fvs_engine.errors import InvalidInputError, StorageError, TrainingError
+from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.densification import (
@@ -69,6 +70,14 @@ class _ViewOrder:
         self.remaining = [place[old] for old in self.remaining if old in place]
 
 
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What a view's rendering is compared with at the present level: ``image`` [H, W, 3] uint8."""
+
+    camera: PinholeCamera
+    image: Tensor
+
+
 class Trainer:
     """Trains Gaussians on views; deterministic for a seed on the CPU, whatever the number of threads.
 
@@ -115,13 +124,19 @@ class Trainer:
         self.extent = self._extent_goal = scene_extent(views, gaussians.means.detach().cpu().numpy())
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
-        self._images = [self._on_device(view) for view in views]
+        self._reduction = settings.reduction_at(0)
+        self._targets = [self._target(view) for view in views]
         self._order = _ViewOrder(seed, 0, [])
 
     @property
     def sh_degree(self) -> int:
         """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
         return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
+
+    @property
+    def is_reduced(self) -> bool:
+        """Whether the next iteration is on reduced images: renders of full size are blurred until later."""
+        return self.settings.reduction_at(self.iteration) > 1
 
     def add_views(self, views: Sequence[TrainingView]) -> None:
         """Train on more views: each comes once before any other, then in every epoch.
@@ -133,7 +148,7 @@ class Trainer:
             raise InvalidInputError(f"A view is added twice: {min(repeated, default=views[0].name)}.")
         self._order.prefer(range(len(self.views), len(self.views) + len(views)))
         self.views += tuple(views)
-        self._images += [self._on_device(view) for view in views]
+        self._targets += [self._target(view) for view in views]
         self._aim_extent()
 
     def update_views(self, views: Sequence[TrainingView]) -> None:
@@ -148,8 +163,8 @@ class Trainer:
         present = list(self.views)
         for view in views:
             i = index[view.name]
-            if view.image is not present[i].image:
-                self._images[i] = self._on_device(view)
+            if view.image is not present[i].image or view.camera != present[i].camera:
+                self._targets[i] = self._target(view)
             present[i] = view
         self.views = tuple(present)
         self._aim_extent()
@@ -164,7 +179,7 @@ class Trainer:
             raise InvalidInputError("A model cannot be trained on no view at all.")
         self._order.keep(kept)
         self.views = tuple(self.views[i] for i in kept)
-        self._images = [self._images[i] for i in kept]
+        self._targets = [self._targets[i] for i in kept]
         self._aim_extent()
 
     def add_gaussians(self, added: Gaussians) -> None:
@@ -186,8 +201,16 @@ class Trainer:
             Gaussians(**{name: torch.cat([t, more[name]]) for name, t in self.gaussians.tensors().items()})
         )
 
-    def _on_device(self, view: TrainingView) -> Tensor:
-        return torch.tensor(view.image, device=self.rasterizer.device)
+    def _target(self, view: TrainingView) -> _Target:
+        reduced = view.reduced(self._reduction)
+        return _Target(reduced.camera, torch.tensor(reduced.image, device=self.rasterizer.device))
+
+    def _follow_levels(self) -> None:
+        """Change to the images of the present level."""
+        reduction = self.settings.reduction_at(self.iteration)
+        if reduction != self._reduction:
+            self._reduction = reduction
+            self._targets = [self._target(view) for view in self.views]
 
     def _aim_extent(self) -> None:
         self._extent_goal = scene_extent(self.views, self.gaussians.means.detach().cpu().numpy())
@@ -199,6 +222,7 @@ class Trainer:
         ``TrainingError`` when the loss is no longer finite, before the optimiser uses it.
         """
         smooth_loss = smooth_s = None
+        work = self.settings.work_until(until_iteration)
         with torch_threads_for(self.rasterizer.device):
             while self.iteration < until_iteration:
                 monitor.check()
@@ -211,6 +235,7 @@ class Trainer:
                     STAGE,
                     self.iteration,
                     until_iteration,
+                    worked=self.settings.work_until(self.iteration) / work,
                     loss=smooth_loss,
                     gaussians=len(self.gaussians),
                     iterations_per_s=1 / smooth_s,
@@ -222,12 +247,13 @@ class Trainer:
             self.extent *= (self._extent_goal / self.extent) ** _EXTENT_STEP
         settings, gaussians = self.settings, self.gaussians
         index = self._order.next(len(self.views))
-        view = self.views[index]
+        self._follow_levels()
+        view, target = self.views[index], self._targets[index]
         sh_degree = self.sh_degree
         rendering = self.rasterizer.render(
-            gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree
+            gaussians, target.camera, view.camera_from_model, sh_degree=sh_degree
         )
-        loss = photometric_loss(rendering.color, self._images[index], settings.ssim_weight)
+        loss = photometric_loss(rendering.color, target.image, settings.ssim_weight)
         value = loss.item()
         if not math.isfinite(value):
             raise TrainingError(

@@ -1,16 +1,20 @@
 """Training views: views with their photographs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera
+from fvs_engine.images.pixels import reduced_rgb, reduced_size
 from fvs_engine.views import View
 
 EXTENT_MARGIN = 1.1
+
+MIN_LONG_SIDE_PX = 64
+"""Smaller images say too little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,15 @@ class TrainingView(View[PinholeCamera]):
                 f"its camera needs uint8 {expected}.",
                 hint="Resize the image and its camera together.",
             )
+
+    def reduced(self, reduction: int) -> "TrainingView":
+        """The view with both sides divided by ``reduction``, but not below ``MIN_LONG_SIDE_PX``."""
+        long_side_px = max(self.camera.width, self.camera.height)
+        wanted_px = max(MIN_LONG_SIDE_PX, round(long_side_px / reduction))
+        size = reduced_size(self.camera.width, self.camera.height, wanted_px)
+        if size == (self.camera.width, self.camera.height):
+            return self
+        return replace(self, camera=self.camera.resized(*size), image=reduced_rgb(self.image, size))
 
 
 def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:

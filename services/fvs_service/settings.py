@@ -151,8 +151,8 @@ class WorkerSettings(Record):
     """Rasteriser: ``cpu``, ``cuda``, or ``auto``, which is ``cuda`` where a device is found."""
     long_side_px: int = Field(default=800, ge=64, le=8192)
     """Long side to which updates reduce training images."""
-    initial_iterations: _Iterations = 1_000
-    """Training iterations of a scene's first update."""
+    initial_iterations: _Iterations = 2_000
+    """Training iterations of a scene's first update; an eighth of them sees images of full size."""
     iterations_per_image: _Iterations = 100
     """Training iterations of later updates, per new image."""
     fine_iterations: _Iterations = 30_000

@@ -424,3 +424,20 @@ def test_removing_an_image_without_a_pose_keeps_the_training(
     assert scene.quarantined == {names[6]: "it kills"}
     scene.add([names[6]], Monitor(), removed=[names[6]])  # try it again
     assert scene.quarantined == {}
+
+
+def test_a_new_model_begins_on_reduced_images_and_a_grown_one_does_not(
+    tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
+) -> None:
+    settings = quick_settings(initial_iterations=16, coarse_to_fine=True)
+    scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    scene.add(FIRST, Monitor())
+    reduced: list[bool] = []
+    scene.train(Monitor(lambda _progress: reduced.append(scene.is_reduced)))
+    assert reduced == [True] * 13 + [False] * 3
+    scene.save()
+    resumed = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    resumed.add(["8.png"], Monitor())
+    assert not resumed.is_reduced
+    resumed.add([], Monitor(), removed=["8.png"])  # which retrains the model
+    assert resumed.is_reduced

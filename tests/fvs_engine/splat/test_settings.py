@@ -2,11 +2,11 @@ import pytest
 from pydantic import ValidationError
 
 from fvs_engine.splat.densification import is_due, reset_is_due
-from fvs_engine.splat.settings import PRESETS, LearningRates, TrainingSettings, memory_need_bytes
+from fvs_engine.splat.settings import PRESETS, LearningRates, Level, TrainingSettings, memory_need_bytes
 
 
-def test_presets_are_the_paper_s() -> None:
-    assert (PRESETS["coarse"].sh_degree, PRESETS["coarse"].iterations) == (0, 1_000)
+def test_presets() -> None:
+    assert (PRESETS["coarse"].sh_degree, PRESETS["coarse"].iterations) == (0, 2_000)
     assert (PRESETS["fine"].sh_degree, PRESETS["fine"].iterations) == (3, 30_000)
     assert PRESETS["fine"] == PRESETS["fine"].with_iterations(30_000)
 
@@ -37,3 +37,26 @@ def test_memory_need_grows_with_everything() -> None:
     assert memory_need_bytes(100_000, 0, 50, 960, 540) < base
     assert memory_need_bytes(100_000, 3, 51, 960, 540) == base + 3 * 960 * 540
     assert base > 4 * 59 * 4 * 100_000
+
+
+def test_a_coarse_run_ends_on_images_of_full_size() -> None:
+    settings = PRESETS["coarse"].with_iterations(800)
+    assert [settings.reduction_at(i) for i in (0, 399, 400, 599, 600, 699, 700, 799)] == [
+        *(8, 8, 4, 4),
+        *(2, 2, 1, 1),
+    ]
+    assert settings.work_until(800) == 400 / 8 + 200 / 4 + 100 / 2 + 100
+    assert settings.work_until(500) == 400 / 8 + 100 / 4
+    assert PRESETS["fine"].work_until(800) == 800
+
+
+def test_levels_that_do_not_refine_are_refused() -> None:
+    with pytest.raises(ValidationError, match="levels"):
+        TrainingSettings(
+            levels=(Level(until_iteration=5, reduction=2), Level(until_iteration=9, reduction=2))
+        )
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 7])
+def test_shortest_runs_have_levels(iterations: int) -> None:
+    assert PRESETS["coarse"].with_iterations(iterations).work_until(iterations) > 0

@@ -37,5 +37,4 @@ class JobMonitor(Monitor):
         if stage == progress.stage and time.monotonic() - when < _REPORT_EVERY_S:
             return
         self._reported = (progress.stage, time.monotonic())
-        share = progress.done / progress.total if progress.total else None
-        self._on_stage(StageProgress(stage=progress.stage, share=share))
+        self._on_stage(StageProgress(stage=progress.stage, share=progress.share))

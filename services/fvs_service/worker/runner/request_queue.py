@@ -71,8 +71,8 @@ class _Computation:
         self.share = 0.0
 
     def _on_progress(self, progress: Progress) -> None:
-        if progress.total and progress.stage != "compile":
-            self.share = progress.done / progress.total
+        if progress.share is not None and progress.stage != "compile":
+            self.share = progress.share
 
     def pass_on(self, asker: Asker, known: int) -> int:
         """Pass the results after the first ``known`` on to an asker; returns how many there are."""

@@ -106,17 +106,15 @@ class SceneJobs:
 
         A model renders worse shortly after densification, which the schedule puts halfway between these
         iterations. A model that is retrained from scratch is published once it has as many iterations as its
-        predecessor.
+        predecessor, on images of full size.
         """
         scene = self._scene
         updating = request.request.kind is JobKind.UPDATE
         if not updating or request.snapshot_id is None or scene is None:
             return
         every = scene.settings.iterations_per_view
-        if (
-            iteration >= self._start_iteration
-            and (iteration - scene.settings.initial_iterations) % every == 0
-        ):
+        caught_up = iteration >= self._start_iteration and not scene.is_reduced
+        if caught_up and (iteration - scene.settings.initial_iterations) % every == 0:
             self._states.publish(request.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
     def _update(
@@ -191,6 +189,7 @@ class SceneJobs:
                     long_side_px=choice.long_side_px,
                     initial_iterations=choice.initial_iterations,
                     iterations_per_view=choice.iterations_per_image,
+                    coarse_to_fine=True,
                     training=GROWING_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
                     sfm=self._sfm(request.camera),
                 ),
