@@ -51,8 +51,8 @@ def json_body(
 
         def checked() -> ModelT:
             require()
-            _require_json(request)
             _require_some(content)
+            _require_json(request)
             return parse(kind, content, limits)
 
         return await anyio.to_thread.run_sync(checked)
