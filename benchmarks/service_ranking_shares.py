@@ -76,7 +76,7 @@ _FUNCTIONS: tuple[tuple[Any, str, str], ...] = (
 
 @dataclass
 class _Block:
-    """A block whose time is taken; the times ``inside`` are those of blocks in it.
+    """A timed block; ``inside`` is the time of the blocks nested in it.
 
     ``times`` are those of its request: by the clock and of the processor, of each share.
     """

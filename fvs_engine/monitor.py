@@ -54,9 +54,13 @@ class Monitor:
         worked: float | None = None,
         **detail: float | int | str,
     ) -> None:
-        """Report that ``done`` units of ``stage`` are finished; for ``worked`` see ``Progress``."""
+        """Report that ``done`` units of ``stage`` are finished; ``worked`` as in ``Progress``."""
+        self.receive(Progress(stage, done, total, detail, worked))
+
+    def receive(self, progress: Progress) -> None:
+        """Handle one report; subclasses may forward or drop it."""
         if self._on_progress is not None:
-            self._on_progress(Progress(stage, done, total, detail, worked))
+            self._on_progress(progress)
 
     def pass_on(self, results: Sequence[object]) -> None:
         """Pass on a part of the results that is known before the end: the scores of some candidates."""

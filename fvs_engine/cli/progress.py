@@ -97,7 +97,7 @@ def _details(progress: Progress) -> str:
 
 
 def _rate(progress: Progress) -> float | int | str | None:
-    """The rate that the stage itself reports: its units may differ in their work."""
+    """The rate that the stage reports itself, if any."""
     return next((value for name, value in progress.detail.items() if name.endswith("_per_s")), None)
 
 
@@ -230,8 +230,8 @@ class LogDisplay(_StreamDisplay):
             seconds, done = now - self._began[0], progress.done - self._began[1]
             if seconds > 0 and done > 0:
                 line += f", {done / seconds:,.1f}/s"
-                if progress.share is not None and not ends:
-                    worked = progress.share - self._began[2]
+                worked = (progress.share or 0.0) - self._began[2]
+                if progress.share is not None and worked > 0 and not ends:
                     line += f", {(1 - progress.share) * seconds / worked:,.0f} s left"
             details = _details(progress)
             self._write(f"{line}, {details}" if details else line)

@@ -16,7 +16,7 @@ from fvs_engine.evaluate.trajectories import plot_trajectories
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.owned_folder import OwnedFolder, differences
 from fvs_engine.files.record import write_record
-from fvs_engine.monitor import Monitor
+from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset, split_test
 from fvs_engine.select.loop_folder import fingerprint
@@ -197,16 +197,8 @@ class _Quiet(Monitor):
         super().__init__()
         self._outer = outer
 
-    def report(
-        self,
-        stage: str,
-        done: int,
-        total: int | None = None,
-        *,
-        worked: float | None = None,
-        **detail: float | int | str,
-    ) -> None:
-        """See ``Monitor``; reports nothing."""
+    def receive(self, progress: Progress) -> None:
+        """See ``Monitor``; drops the report."""
 
     @property
     def cancelled(self) -> bool:

@@ -97,7 +97,7 @@ def _no_process(reason: str) -> NoProcessError:
 
 
 def end_child() -> None:
-    """End this thread's child, which holds 90 MB; the thread's next native job starts another one."""
+    """End this thread's SfM child, which holds 90 MB of memory; the next native job starts a new one."""
     if hasattr(_children, "child"):
         _children.child.end()
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from fvs_engine.errors import Cancelled
-from fvs_engine.monitor import Monitor
+from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
@@ -57,17 +57,9 @@ class SavingMonitor(Monitor):
         self._every_s = every_s
         self._saved = time.monotonic()
 
-    def report(
-        self,
-        stage: str,
-        done: int,
-        total: int | None = None,
-        *,
-        worked: float | None = None,
-        **detail: float | int | str,
-    ) -> None:
+    def receive(self, progress: Progress) -> None:
         """See ``Monitor``."""
-        self._outer.report(stage, done, total, worked=worked, **detail)
+        self._outer.receive(progress)
 
     def cancel(self) -> None:
         """See ``Monitor``."""

@@ -119,7 +119,7 @@ class TrainingSettings(Record):
         return next((level.reduction for level in self.levels if iteration < level.until_iteration), 1)
 
     def work_until(self, iteration: int) -> float:
-        """The work of the iterations before ``iteration``, in iterations on images of full size.
+        """The cost of the iterations before ``iteration``, in full-size iterations.
 
         An iteration takes time for its pixels and for its Gaussians: about in proportion to the side.
         """

@@ -191,7 +191,7 @@ class Retention(Record):
     idempotency_keys: _Number = 10_000
     """Number of idempotency keys that a tenant keeps."""
     idempotency_days: _Days = 2.0
-    """Number of days for which an idempotency key prevents that the same resource is created again."""
+    """Number of days for which an idempotency key is kept: a repeated request creates nothing new."""
 
 
 class _FilesOfEnvironment(EnvSettingsSource):

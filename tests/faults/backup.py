@@ -53,7 +53,7 @@ class Installation(ABC):
         self.back_up_commands, self.restore_commands = blocks[0], blocks[1:]
 
     def run(self, commands: str) -> None:
-        """Run documented commands; they must succeed, but for a doctor that only says what it would do."""
+        """Run documented commands; all must succeed, but ``fvs doctor`` may report findings (status 13)."""
         for command in commands.splitlines():
             line = self.here(command)
             print(f"  $ {line}", flush=True)

@@ -28,8 +28,8 @@ _FIRST_READ_BYTES = 16_384
 _DISCARDED_BYTES = 65_536
 """After its response a request may have so many bytes of its body left; else the connection closes."""
 _LEAVE_S = 1.0
-"""For which such a connection stays open: one that closes with unread bytes is reset, and many clients then
-lose the response."""
+"""How long such a connection stays open. Closing it with unread bytes resets it, and many clients then lose
+the response."""
 
 
 _HEAD = f"The head of the request has more than {MAX_HEAD_BYTES} bytes or {_MAX_HEADERS} headers."

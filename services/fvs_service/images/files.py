@@ -45,6 +45,6 @@ _FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))
 
 
 def with_original_names(sentence: str, images: Iterable[Image]) -> str:
-    """An engine message in which file names are replaced by the images' original names."""
+    """Replace file names in an engine message by the images' original names."""
     names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
     return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)

@@ -305,7 +305,7 @@ class LeasedScenes:
                 lock.release()
 
     def _lock_of(self, scene_id: str) -> threading.Lock:
-        """The scene's lock, which lives as long as somebody uses it."""
+        """The scene's lock; it is deleted when no thread holds it."""
         with self._lock:
             return self._scene_locks.setdefault(scene_id, threading.Lock())
 

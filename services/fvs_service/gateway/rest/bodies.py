@@ -28,7 +28,7 @@ candidates have 20,000."""
 _MAX_FIELDS = 64
 _BLOCK_BYTES = 262_144
 _SMALL_BYTES = 16_384
-"""Smaller bodies are read before the caller is known, and parsed beside others: both take next to nothing."""
+"""Smaller bodies are read before the caller is known, and parsed without a queue: both are cheap."""
 
 
 def json_body(
