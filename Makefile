@@ -1,7 +1,7 @@
 # make setup      .venv with everything (done by the others when needed)
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any: kermit in FVS_DATA, else a simulated courtyard)
-# make test       everything that CI checks: make test WORKERS=4 for more than two processes
+# make test       everything that CI checks: make test WORKERS=6 for more than three processes at once
 # make unit       the tests that start no process and read no photograph
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
 # make coverage   branch coverage of `make test`, with the processes that tests start
@@ -18,7 +18,8 @@ INSTALLED := $(VENV)/.installed
 FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
-WORKERS ?= 2
+# One more than the two cores: a third of the time the tests wait, for processes and deadlines.
+WORKERS ?= 3
 
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=

@@ -2,9 +2,10 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -181,6 +182,24 @@ def _blend(
         images.append(torch.cat([weights @ colors[order], weights.sum(-1, keepdim=True)], dim=-1))
     image = torch.stack(images)[None]
     return image[..., :-1], image[..., -1:]
+
+
+@pytest.fixture
+def fake_gsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A machine with a device, and the empty folder from which the test imports its own gsplat."""
+    package = tmp_path / "gsplat"
+    package.mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
+    installed = _forget_gsplat()
+    yield package
+    _forget_gsplat()
+    sys.modules.update(installed)
+
+
+def _forget_gsplat() -> dict[str, ModuleType]:
+    return {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] == "gsplat"}
 
 
 @pytest.fixture

@@ -4,8 +4,6 @@ In float32 the inverse of the screen covariance, which gsplat keeps,
 costs needles digits: up to 2e-4 of colour.
 """
 
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -81,18 +79,13 @@ def test_a_lower_degree_of_harmonics_ignores_the_rest(gsplat_in_torch, make_gaus
     assert not torch.allclose(one.color, gsplat_in_torch.render(gaussians, camera, pose).color, atol=1e-3)
 
 
-def test_a_kernel_library_that_does_not_load_is_not_a_missing_package(tmp_path, monkeypatch, capsys):
-    (tmp_path / "gsplat" / "cuda").mkdir(parents=True)
-    (tmp_path / "gsplat" / "__init__.py").write_text("")
-    (tmp_path / "gsplat" / "cuda" / "__init__.py").write_text("")
-    (tmp_path / "gsplat" / "cuda" / "_backend.py").write_text(
+def test_a_kernel_library_that_does_not_load_is_not_a_missing_package(fake_gsplat, capsys):
+    (fake_gsplat / "cuda").mkdir()
+    (fake_gsplat / "__init__.py").write_text("")
+    (fake_gsplat / "cuda" / "__init__.py").write_text("")
+    (fake_gsplat / "cuda" / "_backend.py").write_text(
         "print('Setting up CUDA')\nraise ImportError('gsplat_cuda.so: cannot open shared object file')"
     )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    for name in [name for name in sys.modules if name.split(".")[0] == "gsplat"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
     with pytest.raises(BackendUnavailableError, match=r"cannot be compiled here: gsplat_cuda\.so"):
         create_rasterizer("cuda")
     said = capsys.readouterr()

@@ -1,27 +1,12 @@
-import sys
-
 import pytest
-import torch
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.splat.raster import create_rasterizer
 
 
-@pytest.fixture
-def broken_gsplat(tmp_path, monkeypatch):
-    """A machine with a device and a gsplat whose kernels its compiler does not like."""
-    (tmp_path / "gsplat").mkdir()
+def test_kernels_that_do_not_compile_are_no_bug_of_ours(fake_gsplat, caplog):
     complaint = "raise RuntimeError('many lines\\nunsupported GNU version')"
-    (tmp_path / "gsplat" / "__init__.py").write_text(complaint)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    for name in [name for name in sys.modules if name.split(".")[0] == "gsplat"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
-
-
-@pytest.mark.usefixtures("broken_gsplat")
-def test_kernels_that_do_not_compile_are_no_bug_of_ours(caplog):
+    (fake_gsplat / "__init__.py").write_text(complaint)
     with pytest.raises(BackendUnavailableError, match="cannot be compiled here: unsupported GNU version"):
         create_rasterizer("cuda")
     assert not caplog.messages
