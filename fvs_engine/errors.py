@@ -45,13 +45,13 @@ class ReconstructionError(EngineError):
 
 
 class NativeJobError(ReconstructionError):
-    """A native job failed; ``crashed``: by itself, and not because somebody killed its process."""
+    """A native job failed; ``crashed``: by itself, not because its process was killed."""
 
     crashed = True
 
 
 class ProcessDiedError(NativeJobError):
-    """The process of a native job died; ``how`` says so in words."""
+    """The process of a native job died; ``how`` is its exit status or signal, in words."""
 
     code = "process-died"
 

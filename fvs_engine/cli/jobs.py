@@ -25,7 +25,7 @@ _SHOW_CURSOR = b"\x1b[?25h\n"
 
 _Result = TypeVar("_Result")
 Warn = Callable[[str], None]
-"""Shows the user a warning, a sentence."""
+"""Shows a warning, one sentence, to the user."""
 
 
 def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Result:

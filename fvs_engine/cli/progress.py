@@ -29,7 +29,7 @@ from fvs_engine.monitor import Progress
 _LOG_EVERY_S = 10.0
 _JSON_EVERY_S = 0.2
 _WIDE_COLUMNS = 110
-"""In a narrower terminal there is no room for a long bar and for details beside the times."""
+"""Terminal width from which a bar is long and has details beside the times."""
 
 _LABELS = {
     "images": "Checking photographs",

@@ -18,7 +18,7 @@ from fvs_engine.splat.trainer import torch_threads_for
 
 STAGE = "calibrate"
 _FEWEST = 3
-"""Two candidates are always in perfect order, or in perfect disorder."""
+"""Minimum number of candidates for a rank correlation: that of two is always +1 or −1."""
 
 
 def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> Calibration:

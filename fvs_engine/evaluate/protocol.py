@@ -16,7 +16,7 @@ class Protocol(Record):
     seed draws, or the ``farthest`` from one another, beginning with one that it draws. Then views are chosen
     one by one among the unvisited ones in ``reach`` of the current camera until ``budget`` are visited:
     ``all``; those within a ``radius`` of its centre, in the dataset's unit (None: as the loop derives it from
-    the dataset); or the ``nearest`` ones, so many. Quality is measured when the numbers in ``view_counts``
+    the dataset); or the ``nearest`` N views. Quality is measured when the numbers in ``view_counts``
     are reached, on every ``test_every``-th photograph by name, which no selector has access to.
 
     ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited photographs alone.

@@ -86,7 +86,7 @@ class Run(Record):
         return self.time_limit_s is not None and (time_limit_s is None or time_limit_s > self.time_limit_s)
 
     def at(self, visited: int) -> Evaluation | None:
-        """The evaluation after so many views, if there is one."""
+        """The evaluation after ``visited`` views; None without one."""
         return next((evaluation for evaluation in self.evaluations if evaluation.visited == visited), None)
 
 

@@ -22,7 +22,7 @@ _LIFT = 0.5
 _ELEVATION_DEG, _AZIMUTH_DEG = 28.0, 25.0
 """Direction of the orthographic projection."""
 _PANEL_WIDTH, _HEADER = 4.0, 0.45
-"""In inches."""
+"""Size of a panel and of its header in inches."""
 
 
 def plot_trajectories(

@@ -13,8 +13,8 @@ from fvs_engine.files.storage import storage_errors
 def private_folder(name: str) -> Path:
     """The folder ``name`` of this user: in XDG_RUNTIME_DIR if that is set, else in the temporary folder.
 
-    There another user may have made it first. Raises ``StorageError`` when it is not this user's, or cannot
-    be made. Others cannot even open its files: who opens a file can lock it.
+    In the temporary folder another user may have made it first. Raises ``StorageError`` when it is not this
+    user's, or cannot be made. Only this user can enter it, because anyone who can open a file can lock it.
     """
     runtime, user = os.environ.get("XDG_RUNTIME_DIR"), os.geteuid()
     folder = Path(runtime) / name if runtime else Path(tempfile.gettempdir()) / f"{name}-{user}"

@@ -21,7 +21,7 @@ MAX_SIDE_PX = 65_535
 _FOCAL_SHARES = (0.01, 100.0)
 """Focal lengths in long sides: fields of view from 179° to 0.6°, beyond those of any photograph."""
 _MAX_PARAMETER = 1e3
-"""Of distortion coefficients, and of principal points in long sides: a small crop may be far from it."""
+"""Bound on distortion coefficients, and on principal points in long sides: a small crop may lie far away."""
 
 CAMERA_MODELS: dict[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
@@ -129,7 +129,7 @@ class DistortedCamera:
 
     @cached_property
     def distortion(self) -> Distortion:
-        """The lens on the normalised image plane."""
+        """The distortion on the normalised image plane."""
         if self.model == "OPENCV_FISHEYE":
             return FisheyeDistortion(**self._coefficients)
         return RationalDistortion(**self._coefficients)

@@ -16,7 +16,7 @@ from fvs_engine.geometry.transforms import RigidTransform
 Array = NDArray[np.float64]
 
 _VERTICAL = 1e-7
-"""Length of the level part of a viewing direction under which it is vertical; in rad."""
+"""Horizontal length of a unit viewing direction below which it is vertical."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Rigid and similarity transforms between named frames.
 
-A variable's name says which frames it joins: ``world_from_camera`` takes camera coordinates to
+A variable's name gives the frames that it joins: ``world_from_camera`` takes camera coordinates to
 world coordinates. Composition reads like a chain: ``a_from_b @ b_from_c`` is ``a_from_c``.
 """
 

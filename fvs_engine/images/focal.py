@@ -16,7 +16,7 @@ _PIXEL_DIMENSIONS = (0xA002, 0xA003)
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 PLAUSIBLE_SHARE = (0.1, 20.0)
-"""Focal lengths outside this range, in long sides of the image, are no prior."""
+"""Focal lengths outside this range, in long sides of the image, are not used as a prior."""
 
 
 def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | None:

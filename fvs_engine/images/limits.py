@@ -52,7 +52,7 @@ class ImageLimits(Record):
     max_decoding_bytes: int = 10 * MAX_PIXELS
 
     def require(self, width_px: int, height_px: int, needed_bytes: int) -> None:
-        """Raise ``UnusableImageError`` for an image of this size that takes so much memory to decode."""
+        """Raise ``UnusableImageError`` if an image of this size and memory exceeds a limit."""
         size = f"{width_px}×{height_px} px"
         short, long = sorted((width_px, height_px))
         if short < self.min_side_px:

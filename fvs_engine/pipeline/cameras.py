@@ -66,7 +66,7 @@ def _find_undistorted(
 ) -> tuple[CameraSource, Reconstruction, SfmReport | None, Sequence[str]]:
     """The source of the cameras, the undistorted model, the report on the cameras, and warnings.
 
-    Images on which the undistortion dies are quarantined, and the cameras are found without them.
+    Images that crash the undistortion are quarantined, and the cameras are found without them.
     """
     quarantine = SfmFolder(workspace.sfm).quarantine
     while True:

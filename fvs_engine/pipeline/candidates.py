@@ -68,8 +68,8 @@ def read_candidates(
     """Read a candidates file: a JSON list of ``PoseInput`` and ``ViewInput``, or a transforms.json.
 
     ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
-    transforms.json the frames that are no views of the model become candidates; the views that both have
-    align it with the model, unless they are too few, lie on a line or contradict it.
+    transforms.json the frames that are not views of the model become candidates; the views that both have
+    align it with the model, unless they are too few, lie on a line or disagree with it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
     are not finite, quaternions that are not unit, names that occur twice, unknown views and empty lists.

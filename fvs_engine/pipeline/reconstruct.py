@@ -31,7 +31,7 @@ _LASTING = (
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
 Warn = Callable[[str], None]
-"""Shows the user a warning, a sentence."""
+"""Shows a warning, one sentence, to the user."""
 
 
 def reconstruct_folder(

@@ -13,7 +13,7 @@ from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.settings import PRESETS, TrainingSettings
 
 DEFAULT_BUDGET = 100
-"""The paper's."""
+"""The paper's budget."""
 
 
 class SelectionRequest(Record):

@@ -24,7 +24,7 @@ class PoseSource(Protocol):
 
     @property
     def quarantined(self) -> Mapping[str, str]:
-        """Images on which structure from motion dies, which it leaves out → the reasons."""
+        """Images that are left out because they crash structure from motion → the reasons."""
         ...
 
     def release(self, names: Collection[str]) -> None:

@@ -24,8 +24,8 @@ GROWING_TRAINING = TrainingSettings(
 """Training of a scene to which views may be added at any time.
 
 The positions' learning rate decays over the paper's 30,000 iterations, independent of the present views: with
-a shorter schedule new Gaussians would hardly move. Densification goes on as long as views are added
-(``SceneSettings.schedule`` says when). Opacities are not reset: the model is used after every addition.
+a shorter schedule new Gaussians would hardly move. Densification goes on as long as views are added (for its
+schedule see ``SceneSettings.schedule``). Opacities are not reset: the model is used after every addition.
 
 Measured on *bonsai*, known poses, 10 views and 10 more at 256 × 171 px, mean PSNR of every 8th view:
 20.7 dB; with a schedule of 5,000 iterations 20.4 dB (both with at most 25,000 Gaussians; with 60,000 it is

@@ -17,7 +17,7 @@ MIN_VIEWS = 2
 class SparsePoints:
     """A dataset's points with their tracks.
 
-    Observation i says that view ``observing_view[i]`` (an index into ``view_names``) saw point
+    In observation i, view ``observing_view[i]`` (an index into ``view_names``) saw point
     ``observed_point[i]`` (an index into ``cloud``); no pair occurs twice.
     """
 

@@ -1,7 +1,7 @@
-"""Search for the image that kills a native job, by running the job on parts of its images.
+"""Search for the image that crashes a native job, by running the job on parts of its images.
 
-A job may die without any image being at fault: memory ran out, or somebody killed its process. So an image
-is the culprit only if the job dies on it again and again, and not on another one.
+A job may also fail through no fault of an image: memory ran out, or its process was killed. So an image is
+the culprit only if it crashes the job in every run, and another image does not.
 """
 
 import time
@@ -13,14 +13,14 @@ from fvs_engine.errors import NativeJobError
 Item = TypeVar("Item")
 
 _MOST_TOGETHER = 8
-"""The job is run without each one of so many items that kill it only together."""
+"""Maximum size of a group, crashing the job only together, of which each item is left out in turn."""
 _CRASHES = 2
 _KILLS = 3
-"""Times that the job must die again on the culprit: more often when somebody else may have killed it."""
+"""Further runs that the culprit must crash: more when its process may have been killed from outside."""
 _CONTROLS = 2
 _SEARCH_S = 600.0
 _SEARCH_SHARE = 4.0
-"""The search ends after this time, or this multiple of the time until the job died, whichever is longer."""
+"""The search ends after this time, or this multiple of the time to the crash, whichever is longer."""
 
 
 class _OutOfTimeError(Exception):
@@ -30,7 +30,7 @@ class _OutOfTimeError(Exception):
 def run_or_accuse(
     run: Callable[[Sequence[Item]], object], items: Sequence[Item], controls: Sequence[Item] = ()
 ) -> tuple[Item, NativeJobError] | None:
-    """Run a native job on ``items``; None when it has succeeded, else the culprit and how the job died.
+    """Run a native job on ``items``; None when it has succeeded, else the culprit and the error of the crash.
 
     ``run`` may be called again, also with a part of the items, but with no item before those that precede it:
     COLMAP numbers images as they arrive, and the numbers affect the last digits of a model. ``controls`` are
@@ -45,7 +45,7 @@ def run_or_accuse(
         search = _Search(run, error, time.monotonic() + patience_s)
     else:
         return None
-    if not search.dies(items):  # somebody had killed it once
+    if not search.crashes(items):  # its process was killed once
         return None
     try:
         culprit = search.culprit(items, controls)
@@ -64,8 +64,8 @@ class _Search(Generic[Item]):
         self._run = run
         self._until = until
 
-    def dies(self, items: Sequence[Item]) -> bool:
-        """Whether the job dies on these items; it lives on none."""
+    def crashes(self, items: Sequence[Item]) -> bool:
+        """Whether the job crashes on these items; it always succeeds on an empty list."""
         if not items:
             return False
         if time.monotonic() > self._until:
@@ -78,39 +78,43 @@ class _Search(Generic[Item]):
         return False
 
     def culprit(self, items: Sequence[Item], controls: Sequence[Item]) -> Item | None:
-        """The item on which alone the job dies; of some that kill it only together, the last one."""
+        """The item that alone crashes the job; of several that crash it only together, the last one."""
         group = self._smallest_group(items)
         if len(group) > _MOST_TOGETHER:
             return None
-        suspect = next((item for item in reversed(group) if not self.dies(_without(group, item))), None)
-        if suspect is not None and self._confirmed(group) and self._innocent_live(items, controls, suspect):
+        suspect = next((item for item in reversed(group) if not self.crashes(_without(group, item))), None)
+        if (
+            suspect is not None
+            and self._confirmed(group)
+            and self._innocent_succeed(items, controls, suspect)
+        ):
             return suspect
         return None
 
     def _smallest_group(self, items: Sequence[Item]) -> Sequence[Item]:
-        """Items that kill the job although neither half of them does."""
+        """Items that crash the job although neither half of them does."""
         group = items
         while len(group) > 1:
             half = len(group) // 2
             later, earlier = group[half:], group[:half]
-            if self.dies(earlier):
+            if self.crashes(earlier):
                 group = earlier
-            elif self.dies(later):
+            elif self.crashes(later):
                 group = later
             else:
                 break
         return group
 
     def _confirmed(self, group: Sequence[Item]) -> bool:
-        return all(self.dies(group) for _ in range(_CRASHES if self.error.crashed else _KILLS))
+        return all(self.crashes(group) for _ in range(_CRASHES if self.error.crashed else _KILLS))
 
-    def _innocent_live(self, items: Sequence[Item], controls: Sequence[Item], suspect: Item) -> bool:
-        """Whether the job lives on another item, so that the fault is not the machine's."""
+    def _innocent_succeed(self, items: Sequence[Item], controls: Sequence[Item], suspect: Item) -> bool:
+        """Whether the job succeeds on another item, so that the fault is not the machine's."""
         error = self.error
         others = [*controls, *(item for item in items if item != suspect)][:_CONTROLS]
-        lives = any(not self.dies([other]) for other in others) if others else error.crashed
+        succeeds = any(not self.crashes([other]) for other in others) if others else error.crashed
         self.error = error
-        return lives
+        return succeeds
 
 
 def _without(items: Sequence[Item], left_out: Item) -> list[Item]:

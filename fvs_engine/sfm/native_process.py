@@ -30,7 +30,7 @@ _ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # a process with threads must not be forked
 }
 _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
-"""How a process ends that somebody else ends: a user, the system when memory runs out."""
+"""Exit statuses of a process that was killed: by a user, or by the system when memory runs out."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 
@@ -81,7 +81,7 @@ def run_native(
 def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
     """The error for a child that ended with ``status`` (minus the signal that ended it) and no result."""
     if status in _KILLED:
-        hint = f"Somebody killed it, or memory ran out: use fewer or smaller images. See {log_file}."
+        hint = f"It was killed, or memory ran out: use fewer or smaller images. See {log_file}."
     else:
         hint = f"pycolmap crashed. Its last output is in {log_file}."
     how = f"exit status {status}" if status >= 0 else f"signal {signal.Signals(-status).name}"

@@ -1,4 +1,4 @@
-"""The quarantined images of a folder: pycolmap dies on them, so no further job gets them."""
+"""The quarantined images of a folder: they crash pycolmap, so no further job gets them."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from fvs_engine.records import Record
 
 
 class CulpritError(ReconstructionError):
-    """A native job dies on the image ``name``; ``reason`` says in which stage, and how."""
+    """The image ``name`` crashes a native job; ``reason`` names the stage and the cause."""
 
     def __init__(self, name: str, reason: str) -> None:
         super().__init__(f"{name} cannot be used: {reason}", hint="Leave it out.")
@@ -20,7 +20,7 @@ class CulpritError(ReconstructionError):
 
     @classmethod
     def of(cls, name: str, error: NativeJobError) -> "CulpritError":
-        """For the image on which a job died with ``error`` again and again."""
+        """For the image that crashed a job with ``error`` in every run."""
         return cls(name, f"{error.message} It does so whenever it gets this image.")
 
 

@@ -79,31 +79,31 @@ class GrowthSettings(Record):
     """How images are added to a reconstruction; ``reconstruct`` does not use these."""
 
     neighbours_in_order: int = Field(default=3, ge=0)
-    """Images on either side in capture order (sorted names) that a new one is matched with."""
+    """Number of images on either side in capture order (sorted names) that a new one is matched with."""
 
     neighbours_recent: int = Field(default=2, ge=0)
-    """The last added images, taken nearby by a moving vehicle, that a new one is matched with."""
+    """Number of last added images, taken nearby by a moving vehicle, that a new one is matched with."""
 
     neighbours_by_similarity: int = Field(default=10, ge=1)
-    """Most similar images that a new one is matched with."""
+    """Number of most similar images that a new one is matched with."""
 
     neighbours_in_space: int = Field(default=8, ge=0)
-    """Images near to the best matched ones that a new one is matched with after that."""
+    """Number of images near to the best matched ones that a new one is matched with after that."""
 
     min_image_support: float = Field(default=0.75, ge=0, le=1)
     """Share of an image's verified matches that its pose must explain for the image to be registered."""
 
     adjust_every: float = Field(default=0.1, gt=0)
-    """Global bundle adjustment follows when the images, or the points, grew by this share."""
+    """Global bundle adjustment follows when the number of images or points has grown by this share."""
 
     remap_every: float = Field(default=0.25, gt=0)
-    """The images grow by at least this share between two re-maps."""
+    """Minimum growth of the number of images between two re-maps, as a share."""
 
     max_support_loss: float = Field(default=0.03, gt=0)
-    """Loss of match support since the last re-map from which the next is due."""
+    """Loss of match support since the last re-map at which the next one is due."""
 
     max_unregistered: float = Field(default=0.1, gt=0)
-    """Unregistered images that match registered ones, in shares of those, from which a re-map is due."""
+    """A re-map is due when unregistered images that match registered ones are this share of those."""
 
 
 class SfmSettings(Record):

@@ -91,7 +91,7 @@ class Stages:
     def open(self, image_dir: Path, image_names: Sequence[str], min_images: int) -> list[str]:
         """Check the input and the folder; returns the image names.
 
-        Artefacts of other images or settings are deleted as far as they depend on them: when images are
+        Results of other images or settings are deleted as far as they depend on them: when images are
         added, features and matches are kept; when only the gate changes, the mappers' models are kept, too.
         """
         names = list(dict.fromkeys(image_names))
@@ -171,7 +171,7 @@ class Stages:
         """Run a native job on ``items``, images or pairs of them; its result.
 
         ``arguments`` are those of the job on a part of the items, which may run several times. Raises
-        ``CulpritError`` when it dies on a single item, whose image is ``image_of`` it (see ``culprit``).
+        ``CulpritError`` when a single item crashes it, whose image is ``image_of`` it (see ``culprit``).
         """
         results = []
 

@@ -12,7 +12,7 @@ from fvs_engine.simulate.world import World
 Array = NDArray[np.float64]
 
 RAYS_PER_SIDE = 3
-"""Rays per pixel and direction: what keeps far textures from sparkling."""
+"""Rays per pixel and direction: enough that distant textures do not alias."""
 
 _SHARE = 1.0 / RAYS_PER_SIDE**2
 _NEAREST = 1e-6

@@ -53,7 +53,7 @@ def read_ply(path: Path) -> Gaussians:
     """Read Gaussians of any degree up to 3.
 
     Raises ``InvalidInputError`` naming what is wrong with the file: not a PLY, a property that is
-    missing, a number of harmonics that is no degree, or a value that is not finite.
+    missing, a number of harmonics that fits no degree, or a value that is not finite.
     """
     try:
         vertices = PlyData.read(str(path))["vertex"].data

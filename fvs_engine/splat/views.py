@@ -14,7 +14,7 @@ from fvs_engine.views import View
 EXTENT_MARGIN = 1.1
 
 MIN_LONG_SIDE_PX = 64
-"""Smaller images say too little."""
+"""Images are not reduced below this long side: they lose too much detail."""
 
 
 @dataclass(frozen=True, eq=False)

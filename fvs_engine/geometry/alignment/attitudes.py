@@ -1,7 +1,7 @@
 """The rotation between model and world from the attitudes that gimbals and compasses report.
 
-Pitch and roll are measured against gravity, and are good to a degree whatever the place; yaw is a compass
-bearing, which iron nearby turns by tens of degrees. So they are two kinds of evidence, and either may be
+Pitch and roll are measured against gravity, and are accurate to a degree everywhere; yaw is a compass
+bearing, which iron nearby deflects by tens of degrees. So they are two kinds of evidence, and either may be
 missing, from some cameras or from all.
 """
 
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 _MIN_CAMERAS = 2
 _DOWN_SCATTER_DEG = 10.0
 _HEADING_SCATTER_DEG = 15.0
-"""Angles from the middle one within which reports agree; more than half must."""
+"""Largest angle from the median report at which another one agrees with it; more than half must agree."""
 _MIN_HORIZONTAL = 0.3
-"""Horizontal share of a viewing direction from which on it has a heading."""
+"""Minimum horizontal share of a viewing direction that has a heading."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Attitude:
 def model_down(
     model_from_cameras: Sequence[RigidTransform], attitudes: Sequence[Attitude | None]
 ) -> Array | None:
-    """The direction of gravity [3] in the model frame; None when too few report it, or they contradict."""
+    """The direction of gravity [3] in the model frame; None without enough reports that agree."""
     downs = [
         camera.rotation @ _level(attitude).T @ np.array([0.0, 0.0, -1.0])
         for camera, attitude in zip(model_from_cameras, attitudes, strict=True)
@@ -54,11 +54,11 @@ def model_down(
 
 @dataclass(frozen=True, eq=False)
 class Headings:
-    """The yaws of cameras: where they look, and should look.
+    """The headings of cameras in the model, and the yaws that they report.
 
-    Of cameras with a pitch ``world_from_model`` [K, 3, 3], as their attitude has it, so that those that look
-    straight down have a heading too; of others the viewing direction ``forward`` [L, 3] in the model frame,
-    and ``yaw_rad`` [L].
+    A camera with a pitch has a ``world_from_model`` [K, 3, 3] computed from its attitude, so that one that
+    looks straight down has a heading too. The others have a viewing direction ``forward`` [L, 3] in the model
+    frame and a ``yaw_rad`` [L].
     """
 
     world_from_model: Array
@@ -83,9 +83,9 @@ class Headings:
         )
 
     def error_rad(self, world_from_model: Array) -> float | None:
-        """The turn about z (up) that brings the cameras to their yaws; None as ``model_down``."""
+        """The rotation about z (up) from the cameras' headings to their yaws; None as ``model_down``."""
         off = self.world_from_model @ world_from_model.T
-        # The twist about z of a rotation (its swing is not a heading's matter).
+        # The twist about z of a rotation (its swing does not affect a heading).
         twists = np.arctan2(off[:, 1, 0] - off[:, 0, 1], off[:, 0, 0] + off[:, 1, 1])
         looks = self.forward @ world_from_model.T
         level = np.hypot(looks[:, 0], looks[:, 1]) >= _MIN_HORIZONTAL
@@ -103,7 +103,7 @@ def _level(attitude: Attitude) -> Array:
 
 
 def _agreeing(angles_rad: Array, scatter_deg: float) -> NDArray[np.bool_] | None:
-    """Those near the one in the middle of the others, by their angles [N, N]; None unless most are."""
+    """The reports that agree with the median one, by the angles [N, N] between them; None unless most do."""
     middle = int(np.argmin(np.median(angles_rad, axis=1)))
     near = angles_rad[middle] <= np.deg2rad(scatter_deg)
     return np.asarray(near) if near.sum() >= max(_MIN_CAMERAS, len(near) // 2 + 1) else None

@@ -22,10 +22,10 @@ from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 Array = NDArray[np.float64]
 
 _MAX_MISFIT = 0.25
-"""RMS distance of aligned centres in shares of their spread: more than that of a plain GPS track."""
+"""Largest RMS distance of aligned centres in shares of their spread: more than that of a plain GPS track."""
 
 _MAX_ATTITUDE_DEG = 20.0
-"""Median angle between aligned attitudes: above a gimbal's error, below that of any wrong axis."""
+"""Largest median angle between aligned attitudes: above a gimbal's error, below that of a wrong axis."""
 
 _MANY = 10
 """From this number of views on, outliers are also defined by their residuals."""

@@ -16,10 +16,10 @@ from fvs_engine.geometry.transforms import SimilarityTransform
 Array = NDArray[np.float64]
 
 _COINCIDENT = 1e-9
-"""Spread over magnitude under which points count as one point."""
+"""Ratio of spread to magnitude below which points count as one point."""
 
 _MIN_WIDTH_RATIO = 0.01
-"""Width over length of a track under which it counts as a line."""
+"""Ratio of width to length below which a track counts as a line."""
 
 _MAX_ROLL_DEG = 5.0
 """Uncertainty of the rotation about the track's own axis above which an alignment is ill-conditioned."""

@@ -20,18 +20,18 @@ _YAW_RAD = np.deg2rad(5.0)
 _MAX_GRAVITY_ERROR_RAD = np.deg2rad(8.0)
 """Largest angle to gravity after the fit; beyond it the attitudes contradict the positions."""
 _MAX_YAW_ERROR_RAD = np.deg2rad(15.0)
-"""Heading error from which on a compass is disturbed."""
+"""Largest heading error of an undisturbed compass."""
 _MAX_MISFIT = 2.0
-"""RMS distance of the positions with attitudes, over that without, from which on these contradict."""
+"""Ratio of the RMS with attitudes to that without, above which the attitudes contradict the positions."""
 _MIN_NOISE_M = 0.02
-"""Standard error of positions, at the least: that of a receiver with corrections."""
+"""Minimum standard error of positions: that of a receiver with corrections."""
 _MAX_UNCERTAINTY_RAD = np.deg2rad(5.0)
 _MOST_ATTITUDES = 300
-"""More say nothing more."""
+"""Maximum number of attitudes in a fit: more add no information."""
 _STARTS = 6
-"""Turns about the track from which a fit begins."""
+"""Number of rotations about the track from which a fit is started."""
 _MAX_OFF = 4.0
-"""Distance from its position, in standard errors of one coordinate, from which on a camera is an outlier."""
+"""A camera farther than this from its position, in standard errors of one coordinate, is an outlier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def georeference(
     rotation = _with_attitudes(track, track.turns(report.transform.rotation), reports)
     if rotation is None:
         return found
-    # Without the attitudes a line fits half of its positions too well, and good ones seemed wrong.
+    # Without attitudes the free rotation overfits half of the positions, and good ones look like outliers.
     off = track.placed(rotation).apply(centres) - world_positions
     noise = max(1.4826 * float(np.median(np.abs(off))), _MIN_NOISE_M)
     near = np.linalg.norm(off, axis=1) <= _MAX_OFF * noise
@@ -118,7 +118,7 @@ class _Track:
         return float(np.sqrt((self.misses(world_from_model) ** 2).sum(axis=1).mean()))
 
     def turns(self, rotation: Array) -> list[Array]:
-        """The rotation with turns about the track, of which the positions say nothing."""
+        """The rotation, also turned about the track, which the positions leave open."""
         axis = np.linalg.svd(self.positions - self.positions.mean(axis=0))[2][0]
         angles = np.arange(_STARTS) * (2.0 * np.pi / _STARTS)
         return [matrix_from_rotation_vector(angle * axis) @ rotation for angle in angles]
@@ -126,14 +126,14 @@ class _Track:
 
 @dataclass(frozen=True, eq=False)
 class _Reports:
-    """What the cameras' attitudes say: the direction of gravity in the model, if known, and headings."""
+    """What the cameras' attitudes determine: the direction of gravity in the model, and headings."""
 
     down: Array | None
     headings: Headings
 
 
 def _with_attitudes(track: _Track, starts: Sequence[Array], reports: _Reports) -> Array | None:
-    """The rotation that positions and attitudes determine; None when they contradict or leave it open."""
+    """The rotation that positions and attitudes determine; None when they leave it open or disagree."""
     down, headings = reports.down, reports.headings
     rotation, uncertainty = (starts[0], np.inf) if down is None else _fit(track, starts, down, None)
     error = headings.error_rad(rotation)

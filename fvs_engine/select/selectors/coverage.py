@@ -15,7 +15,7 @@ from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color
 from fvs_engine.views import PinholeView
 
 SEEN_PX = 0.5
-"""Sum of blending weights, px, from which on a Gaussian counts as seen in a visited view."""
+"""Minimum sum of blending weights, in px, of a Gaussian that counts as seen in a visited view."""
 
 
 @dataclass(frozen=True)

@@ -65,10 +65,10 @@ def reconstruct(
     ``evidence``. ``positions``: position priors, by default the GPS positions in the images' EXIF; they
     move no camera, but a model that contradicts them is rejected.
 
-    Images on which pycolmap dies are quarantined: the report names them, and no later call uses them.
+    Images that crash pycolmap are quarantined: the report names them, and no later call uses them.
 
     Raises ``NoImagesError`` for fewer than two images, ``ReconstructionError`` when the images do not support
-    a model (and says what to do), ``Cancelled``.
+    a model (its hint is the remedy), ``Cancelled``.
     """
     folder = SfmFolder(out_dir)
     while True:

@@ -20,7 +20,7 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
 
     ``out_dir`` gets ``sparse`` (a COLMAP model with pinhole cameras) and ``images`` (the same names); it
     appears when it is whole, and an existing one is kept. Progress is stage ``undistort``.
-    Raises ``StorageError`` for a damaged model, ``CulpritError`` when it dies on a single image,
+    Raises ``StorageError`` for a damaged model, ``CulpritError`` when a single image crashes it,
     ``ReconstructionError``, ``Cancelled``.
     """
     sparse = out_dir / "sparse"

@@ -54,13 +54,13 @@ def _is_text(file: Path) -> bool:
 
 
 def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
-    """Whether the file ends after as many records as its head says."""
+    """Whether the file ends after the number of records that its header declares."""
     try:
         (count,) = _COUNT.unpack_from(content)
         offset = _COUNT.size
         for _ in range(count):
             offset = after(content, offset)
-    except (struct.error, ValueError, OverflowError):  # a field extends beyond the end; a name is no text
+    except (struct.error, ValueError, OverflowError):  # a field extends beyond the end; a name is not text
         return False
     return offset == len(content)
 

@@ -133,7 +133,7 @@ def _camera_from_model(file: Path, name: str, frame: Mapping[str, Any]) -> Rigid
     try:
         matrix = np.asarray(frame.get("transform_matrix"), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidInputError(f"The transform_matrix of {name} in {file} is no matrix.") from error
+        raise InvalidInputError(f"The transform_matrix of {name} in {file} is not a matrix.") from error
     if matrix.shape not in {(4, 4), (3, 4)}:
         raise InvalidInputError(f"The transform_matrix of {name} in {file} is not 4×4.")
     if not np.isfinite(matrix).all():
@@ -149,7 +149,7 @@ def _image_size(path: Path) -> tuple[int, int]:
     try:
         with Image.open(path) as photograph:
             return photograph.size
-    except OSError as error:  # what Pillow raises for no image derives from it
+    except OSError as error:  # Pillow's error for a file that is not an image derives from it
         raise InvalidInputError(
             f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model."
         ) from error
@@ -160,7 +160,7 @@ def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
     if (width is None or height is None) and image is not None:
         width, height = _image_size(image)
     if width is None or height is None:
-        raise InvalidInputError(f"{file} does not say how large its images are.", hint="Add w and h in px.")
+        raise InvalidInputError(f"{file} has no image size.", hint="Add w and h in px.")
     fx = _number(file, entry, "fl_x") or _focal(width, _number(file, entry, "camera_angle_x"))
     if fx is None:
         raise InvalidInputError(f"{file} has no focal length.", hint="Add fl_x (px) or camera_angle_x (rad).")
@@ -182,7 +182,7 @@ def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
 
 
 def _focal(size: float, angle_rad: float | None) -> float | None:
-    """From the field of view; an angle that is none gives no camera."""
+    """From the field of view, None without one; raises ``InvalidInputError`` for an impossible angle."""
     if angle_rad is None:
         return None
     if not 0 < angle_rad < math.pi:
@@ -197,6 +197,6 @@ def _number(file: Path, entry: Mapping[str, Any], key: str) -> float | None:
     try:
         if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
             return float(value)
-    except OverflowError:  # an integer beyond the floats
+    except OverflowError:  # an integer beyond the range of floats
         pass
     raise InvalidInputError(f"{key} in {file} is {str(value)[:40]}, not a finite number.")

@@ -33,7 +33,9 @@ def read_intrinsics(file: Path) -> KnownIntrinsics:
     except (json.JSONDecodeError, RecursionError) as error:
         raise InvalidInputError(f"{file} is not JSON: {error}.", hint=_HINT) from error
     except ValidationError as error:
-        raise InvalidInputError(f"{file} is no camera: {first_error(error)}.", hint=_HINT) from error
+        raise InvalidInputError(
+            f"{file} does not describe a camera: {first_error(error)}.", hint=_HINT
+        ) from error
     except InvalidInputError as error:
         raise InvalidInputError(f"{file}: {error.message}", hint=error.hint or _HINT) from error
 

@@ -33,7 +33,7 @@ def match_features(stages: Stages, names: Sequence[str]) -> None:
 def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
     """Match these pairs of image names; pairs that are done are skipped.
 
-    The first of a pair on which the job dies is the one that is quarantined.
+    Of a pair that crashes the job the first image is quarantined.
     """
     _match(stages, pairs, image_ids(stages.folder.database), listed=True)
 

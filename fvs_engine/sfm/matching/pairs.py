@@ -9,13 +9,13 @@ from scipy.spatial import cKDTree
 Pair = tuple[int, int]
 
 _IN_ORDER = 8
-"""Following images that each one is matched with; further ones at distances 2^k after that."""
+"""Number of following images that each one is matched with; further ones at distances 2^k after that."""
 
 _IN_SPACE = 12
-"""Nearest images by GPS that each one is matched with."""
+"""Number of nearest images by GPS that each one is matched with."""
 
 _BY_SIMILARITY = 12
-"""Most similar images that each one is matched with."""
+"""Number of most similar images that each one is matched with."""
 
 
 def exhaustive_pairs(count: int) -> list[Pair]:

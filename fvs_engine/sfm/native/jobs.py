@@ -170,7 +170,7 @@ def triangulate(
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
     options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
-    if model.num_reg_images() > 1:  # the search for a deadly image tries single ones
+    if model.num_reg_images() > 1:  # the search for the crashing image tries single ones
         # The database has cameras of its own for these images, often of another model; COLMAP needs equal
         # ones.
         with tempfile.TemporaryDirectory() as scratch:

@@ -115,7 +115,7 @@ def _radii_px(meta: Mapping[str, Tensor], camera: PinholeCamera) -> Tensor:
 
 
 class _ScreenMeans:
-    """The projected centres of the one camera, whose ``grad`` is [N, 2] as the interface says."""
+    """The projected centres of the one camera, whose ``grad`` is [N, 2] as the interface requires."""
 
     def __init__(self, batched: Tensor) -> None:
         self._batched = batched

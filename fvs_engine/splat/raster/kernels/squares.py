@@ -5,8 +5,8 @@ for the channel c of a pixel, the derivative with respect to anything of a splat
 
     flow_c · φ(s, q),    flow_c = alpha · ∂C_c/∂alpha,
 
-where s and q say where the pixel lies in the splat's ellipse (exponent 8 (s² + q²)) and φ is a polynomial of
-degree 2 that is known before any pixel is seen. So fifteen moments Σ (flow_r² + flow_g² + flow_b²) sⁱ qʲ,
+where s and q are the pixel's coordinates in the splat's ellipse (exponent 8 (s² + q²)) and φ is a polynomial
+of degree 2 that is known before any pixel is seen. So fifteen moments Σ (flow_r² + flow_g² + flow_b²) sⁱ qʲ,
 i + j ≤ 4, hold all squares of all parameters, mixed terms included. Its structure, and why that is fast, are
 those of ``blending``.
 """

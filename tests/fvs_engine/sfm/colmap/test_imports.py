@@ -83,7 +83,7 @@ def test_what_is_no_image_is_named(tmp_path: Path):
         ({**HEAD, "fl_x": math.inf, "frames": [frame("a.jpg")]}, "fl_x.*not a finite"),
         ({**HEAD, "frames": [frame("a.jpg"), frame("a.jpg")]}, "more than one"),
         ({"w": 640, "h": 480, "frames": [frame("a.jpg")]}, "focal length"),
-        ({"fl_x": 700.0, "frames": [frame("a.jpg")]}, "how large"),
+        ({"fl_x": 700.0, "frames": [frame("a.jpg")]}, "no image size"),
         (
             {**HEAD, "frames": [{"file_path": "a.jpg", "transform_matrix": (2 * np.eye(4)).tolist()}]},
             r"a\.jpg",
