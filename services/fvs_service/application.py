@@ -97,9 +97,10 @@ def open_storage(settings: Settings, tracing: Tracing | None = None) -> Iterator
 
 
 def _require_room_for_rankings(settings: Settings) -> None:
-    """Raise ``OutOfSpaceError`` when the disk has come to half of its reserve.
+    """Raise ``OutOfSpaceError`` when free disk space has fallen to half of the reserve.
 
-    A mission goes on with rankings when uploads are refused; the other half is for what ends and is deleted.
+    A mission continues with rankings when uploads are refused; the other half is for jobs that end and for
+    deletions.
     """
     if settings.on_one_machine:
         require_room(settings.root, 0, settings.reserve_bytes // 2)

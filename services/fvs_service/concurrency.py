@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from fvs_service.errors import LimitExceededError
 
 _WEIGHT = 0.3
-"""Of the newest duration in the moving average."""
+"""Weight of the newest duration in the moving average."""
 _LONGEST_WAIT_S = 60.0
 
 
@@ -28,7 +28,7 @@ class ConcurrencyLimit:
 
     @contextmanager
     def slot(self, tenant_id: str) -> Iterator[None]:
-        """Occupy one of the tenant's slots for the block; raises ``LimitExceededError`` when none is free."""
+        """Occupy one of the tenant's slots during the block; raises ``LimitExceededError`` without one."""
         operation, started = object(), time.monotonic()
         with self._lock:
             theirs = self._started[tenant_id]

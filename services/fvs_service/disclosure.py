@@ -1,11 +1,11 @@
-"""What messages tell clients of the machine: nothing of its folders."""
+"""Strip folder paths from messages sent to clients."""
 
 import re
 
 _QUOTED = re.compile(r"""(['"`])/(?:[^'"`\n]*/)?([^'"`/\n]*)/?\1""")
 _PLAIN = re.compile(r"(?<![\w:/.~-])(?!/v1/|/openapi)/(?:[^\s'\"`,;()]*/)?([^\s'\"`,;()/]+)/?")
 _REST = re.compile(r"(?<![\w:/.~-])(?!v1/)(?:[^\s'\"`,;():/]+/){2,}([^\s'\"`,;()/]+)")
-"""What is left of a path with spaces that is not quoted."""
+"""The rest of an unquoted path with spaces."""
 
 
 def without_paths(sentence: str) -> str:

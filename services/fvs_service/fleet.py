@@ -14,15 +14,15 @@ from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
 HEARTBEAT_S = 3.0
 """How often a worker sends a heartbeat."""
 _SILENT_S = 4 * HEARTBEAT_S
-"""A worker without a heartbeat for this long is not alive: callers are told so, and nothing is expected of
-it. It may only be frozen, so its jobs stay its own."""
+"""A worker without a heartbeat for this long is reported as not alive, and nothing is expected of it.
+It may only be frozen, so it keeps its jobs."""
 MISSED_LEASES = 3
-"""A worker is dead after so many lease durations without a heartbeat, and others take over its jobs: its
-supervisor would have restarted it long before."""
+"""Number of lease durations without a heartbeat after which a worker is dead and others take over its jobs:
+its supervisor would have restarted it long before."""
 
 
 class WorkerStatus(Model):
-    """A worker: whether it lives, and what it has loaded."""
+    """A worker: whether it is alive, and what it has loaded."""
 
     id: str
     alive: bool

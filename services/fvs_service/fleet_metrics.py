@@ -20,7 +20,7 @@ class FleetCollector(Collector):
         self._root = root
 
     def describe(self) -> Iterator[Metric]:
-        """Nothing: the names need no reading of the database."""
+        """Nothing, so that registering the collector does not read the database."""
         return iter(())
 
     def collect(self) -> Iterator[Metric]:

@@ -47,53 +47,53 @@ class Limits(Record):
     """Limits per request, scene and tenant; published by ``GET /v1/capabilities``."""
 
     image_bytes: int = Field(default=64 * MEGABYTE, ge=1, le=100 * GIGABYTE)
-    """Largest image file."""
+    """Maximum size of an image file."""
     image_pixels: int = Field(default=128_000_000, ge=1, le=MAX_PIXELS)
-    """Most pixels of an image."""
+    """Maximum number of pixels per image."""
     image_min_side_px: int = Field(default=MIN_SIDE_PX, ge=1, le=MAX_SIDE_PX)
-    """Shortest side that an image may have."""
+    """Minimum length of an image's shorter side."""
     image_max_side_px: int = Field(default=MAX_SIDE_PX, ge=1, le=MAX_PIXELS)
-    """Longest side that an image may have; pycolmap crashes on extreme ones."""
+    """Maximum length of an image's longer side; extreme ones crash pycolmap."""
     image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1, le=MAX_PIXELS)
-    """Largest ratio of the long side of an image to its short side."""
+    """Maximum ratio of an image's longer side to its shorter one."""
     image_decoding_bytes: _Bytes = 1024 * MEGABYTE
-    """Most memory that decoding an image may take, estimated from its header."""
+    """Maximum memory for decoding an image, estimated from its header."""
     multipart_files: int = Field(default=200, ge=1, le=100_000)
-    """Most files in a form."""
+    """Maximum number of files in a form."""
     multipart_bytes: _Bytes = 1024 * MEGABYTE
-    """Largest form."""
+    """Maximum size of a form."""
     json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * MEGABYTE)
-    """Largest JSON body or gRPC message with a list. Those without a list may have 64 KiB."""
+    """Maximum size of a JSON body or gRPC message with a list. Those without a list may have 64 KiB."""
     digests_per_check: int = Field(default=10_000, ge=1, le=1_000_000)
-    """Most digests in an ``images:check`` request."""
+    """Maximum number of digests in an ``images:check`` request."""
     images_per_scene: int = Field(default=10_000, ge=1, le=1_000_000)
-    """Most images of a scene."""
+    """Maximum number of images per scene."""
     scenes_per_tenant: _Number = 1_000
-    """Most scenes of a tenant."""
+    """Maximum number of scenes per tenant."""
     open_jobs_per_tenant: _Number = 32
-    """Most jobs of a tenant that are queued or running."""
+    """Maximum number of queued and running jobs per tenant."""
     running_jobs_per_tenant: _Number = 8
-    """Most jobs of a tenant that run at once, on all workers together. The others wait."""
+    """Maximum number of jobs per tenant that run at once, on all workers together. The others wait."""
     open_uploads_per_tenant: _Few = 32
-    """Most uploads of a tenant at once, per gateway (see ``upload_place_s``)."""
+    """Maximum number of concurrent uploads per tenant and gateway (see ``upload_place_s``)."""
     rankings_at_once_per_tenant: _Few = 64
-    """Most ranking requests of a tenant at once, per gateway."""
+    """Maximum number of concurrent ranking requests per tenant and gateway."""
     rankings_queued_per_scene: _Few = 64
-    """Most different rankings and renders that wait for one scene."""
+    """Maximum number of different rankings and renders that wait for one scene."""
     rankings_queued_per_key: _Few = 32
-    """Most different rankings and renders of one API key that wait for one scene."""
+    """Maximum number of different rankings and renders of one API key that wait for one scene."""
     ranking_timeout_s: float = Field(default=180.0, ge=1e-3, le=86_400)
-    """Longest time that a client can wait for a ranking, and the default (``X-Timeout-S``)."""
+    """Maximum time that a client waits for a ranking, and its default (``X-Timeout-S``)."""
     refusals_per_key: _Number = 120
-    """Requests of one API key that may be refused as wrong (400, 413, 415, 422) within a minute, per gateway.
-    After that the key is on hold: its requests with a body are answered 429, until a minute after the first
-    of them."""
+    """Number of requests of one API key that may be refused as wrong (400, 413, 415, 422) within a minute,
+    per gateway. After that the key is on hold: its requests with a body are answered 429, until a minute
+    after the first of them."""
     event_streams_per_tenant: _Few = 64
-    """Most event streams of a tenant at once, per gateway."""
+    """Maximum number of concurrent event streams per tenant and gateway."""
     candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
-    """Most candidates in a ranking."""
+    """Maximum number of candidates per ranking."""
     page_items: int = Field(default=1_000, ge=1, le=100_000)
-    """Most items on a page of a list."""
+    """Maximum number of items on a page of a list."""
 
     @property
     def of_images(self) -> ImageLimits:
@@ -126,16 +126,16 @@ class WorkerSettings(Record):
     """The share of the machine that workers use, and the defaults of jobs."""
 
     count: _Processes = 1
-    """Workers on this machine (``--workers``): one per GPU, or one on a CPU."""
+    """Number of workers (``--workers``). They share one GPU; further GPUs need an ``fvs serve`` each."""
     address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
     """Name or address at which gateways and other workers reach this machine. Its runners listen there."""
     work: Literal["all", "sfm", "training"] = "all"
     """Kind of work that the workers do: structure from motion (``sfm``), ``training``, or ``all``."""
     jobs_at_once: _Processes = 1
-    """Most jobs that one worker runs at once."""
+    """Maximum number of jobs that one worker runs at once."""
     trainings_per_gpu: _Processes = 1
-    """Most jobs that train on one GPU at once, of all workers that share it. Others register images
-    meanwhile, or wait."""
+    """Maximum number of jobs that train on one GPU at once, of all workers that share it. Others register
+    images meanwhile, or wait."""
     turn_s: _Seconds = 30.0
     """After this time a job makes room for a waiting job that is preferred."""
     memory_bytes: _Bytes | None = None
@@ -158,7 +158,7 @@ class WorkerSettings(Record):
     fine_iterations: _Iterations = 30_000
     """Training iterations of fine models."""
     max_gaussians: _Gaussians = 100_000
-    """Most Gaussians of a model that an update trains."""
+    """Maximum number of Gaussians in a model that updates train."""
     fine_max_gaussians: _Gaussians = 1_000_000
     """Maximum number of Gaussians in a fine model."""
     queue_poll_s: _Seconds = 5.0
@@ -251,11 +251,11 @@ class Settings(BaseSettings):
     event_heartbeat_s: _Seconds = 15.0
     """Interval at which an event stream without events sends a comment, so that proxies do not close it."""
     upload_idle_s: _Seconds = 30.0
-    """Longest wait for the headers of a request, or for the next bytes of its body."""
+    """Maximum wait for the headers of a request, or for the next bytes of its body."""
     upload_grace_s: _Seconds = 30.0
     """Time for which the body of a request may be slower than ``upload_bytes_per_s``, in all."""
     upload_bytes_per_s: float = Field(default=500.0, ge=1e-3, le=GIGABYTE)
-    """Slowest speed at which the body of a request may arrive after the grace period."""
+    """Minimum speed at which the body of a request must arrive after the grace period."""
     upload_place_s: _Seconds = 300.0
     """When all upload places of a tenant are taken, a new upload ends the slowest one that is older than
     this, or than ``upload_grace_s`` if its key has more uploads than the new one's."""
@@ -270,9 +270,9 @@ class Settings(BaseSettings):
     inspectors: _Processes = 2
     """Processes that decode uploaded images."""
     inspection_s: _Seconds = 60.0
-    """Most processor time that inspecting an image may take."""
+    """Maximum processor time for inspecting an image."""
     inspection_bytes: int = Field(default=2048 * MEGABYTE, ge=64 * MEGABYTE, le=1_000_000 * GIGABYTE)
-    """Most memory of an inspector; at least twice ``image_decoding_bytes``."""
+    """Maximum memory of an inspector; at least twice ``image_decoding_bytes``."""
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()

@@ -70,7 +70,7 @@ class Tracing:
     def of_environment(cls, process: str) -> Self:
         """Spans for the collector that the environment names; OTEL_SERVICE_NAME is ``process`` by default.
 
-        Without the extra ``fvs[otel]`` there are none, and a warning says so.
+        Without the extra ``fvs[otel]`` there are none, and a warning is logged.
         """
         named = next((name for name in _ENDPOINTS if os.environ.get(name)), None)
         if named is None or os.environ.get("OTEL_SDK_DISABLED", "").strip().lower() == "true":

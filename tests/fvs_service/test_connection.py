@@ -122,8 +122,8 @@ def test_heads_and_lines_of_requests_have_limits(connection: socket.socket, head
     ("sent", "reason"),
     [
         (b"GET / HTTP/1.1\r\na: " + b"b" * 40_000 + b"\r\n\r\n", "more than 32768 bytes or 100 headers"),
-        (b"\x16\x03\x01\x02\x00\x01\x00", "no HTTP/1.1 request"),
-        (b"GET / SMTP\r\n\r\n", "no HTTP/1.1 request"),
+        (b"\x16\x03\x01\x02\x00\x01\x00", "not an HTTP/1.1 request"),
+        (b"GET / SMTP\r\n\r\n", "not an HTTP/1.1 request"),
     ],
     ids=["head", "TLS", "another protocol"],
 )

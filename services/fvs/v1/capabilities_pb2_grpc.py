@@ -26,7 +26,7 @@ if _version_not_supported:
 
 
 class CapabilityServiceStub:
-    """Says what the service can do.
+    """Describes what the service can do.
     """
 
     def __init__(self, channel):
@@ -43,7 +43,7 @@ class CapabilityServiceStub:
 
 
 class CapabilityServiceServicer:
-    """Says what the service can do.
+    """Describes what the service can do.
     """
 
     def GetCapabilities(self, request, context):
@@ -70,7 +70,7 @@ def add_CapabilityServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class CapabilityService:
-    """Says what the service can do.
+    """Describes what the service can do.
     """
 
     @staticmethod

@@ -107,7 +107,7 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def DeleteScene(self, request, context):
-        """Delete a scene with all that it has, for good; its running jobs stop.
+        """Permanently delete a scene and everything in it; its running jobs stop.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

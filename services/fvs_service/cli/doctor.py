@@ -1,4 +1,4 @@
-"""``fvs doctor``: says what is wrong with a deployment, and finds what crashes and restored backups leave."""
+"""``fvs doctor``: reports faults of a deployment, and what crashes and restored backups leave behind."""
 
 import contextlib
 from datetime import timedelta

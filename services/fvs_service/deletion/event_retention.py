@@ -17,15 +17,15 @@ _OLDEST_LOOKED_AT = 1_000
 class EventRetention:
     """Deletes old events, and the oldest events of scenes that have too many; the newest event stays.
 
-    A scene remembers its last deleted event, so that a stream from before it says what it lacks. The last
-    event of a deleted scene goes with the scene's other traces (see ``storage.removals``).
+    A scene remembers its last deleted event, so that a stream that resumes before it reports the gap. The
+    last event of a deleted scene goes with the scene's other traces (see ``storage.removals``).
     """
 
     def __init__(self, database: Database, retention: Retention) -> None:
         self._database = database
         self._most, self._days = retention.events, retention.event_days
         self._seen = 0
-        """Scenes without newer events than this have not got too many since."""
+        """Scenes without an event after this number cannot have exceeded their limit since."""
 
     def apply(self) -> int:
         """Delete what is not kept any longer; returns the number of events."""
@@ -68,7 +68,7 @@ class EventRetention:
             return count
 
     def _last_beyond_number(self, session: Session, scene_id: str) -> int:
-        """The newest event that the number of newer ones excludes; 0 without one."""
+        """The number of the newest event beyond the limit; 0 when there is none."""
         if self._most is None:
             return 0
         newest_first = select(EventRow.number).where(EventRow.scene_id == scene_id)

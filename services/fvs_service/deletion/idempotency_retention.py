@@ -18,7 +18,7 @@ class IdempotencyRetention:
         self._database = database
         self._most, self._age = retention.idempotency_keys, timedelta(days=retention.idempotency_days)
         self._seen: datetime | None = None
-        """Tenants without newer keys than this have not got too many since."""
+        """Tenants without a key after this time cannot have exceeded their limit since."""
 
     def apply(self) -> int:
         """Forget what is not kept any longer; returns the number of keys."""

@@ -25,7 +25,7 @@ class JobRetention:
         self._database = database
         self._most, self._days = retention.jobs, retention.job_days
         self._seen = ""
-        """Scenes without newer jobs than this have not got too many since."""
+        """Scenes without a job after this one cannot have exceeded their limit since."""
 
     def apply(self) -> int:
         """Delete what is not kept any longer; returns the number of jobs."""
@@ -71,7 +71,7 @@ class JobRetention:
         return len(jobs)
 
     def _beyond(self, session: Session, scene_id: str) -> list[ColumnElement[bool]]:
-        """The limits that a job may be beyond."""
+        """The conditions of which each puts a job beyond a limit."""
         beyond = []
         if self._most is not None:
             newest_first = select(JobRow.id).where(JobRow.scene_id == scene_id).order_by(JobRow.id.desc())

@@ -19,7 +19,7 @@ _SKEW_S = 5.0
 
 @dataclass(frozen=True)
 class Trouble:
-    """Something that only an operator can mend; while it lasts, blobs cannot be examined if ``serious``."""
+    """A fault that only an operator can mend; while a ``serious`` one lasts, blobs cannot be examined."""
 
     what: str
     hint: str

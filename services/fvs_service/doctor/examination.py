@@ -27,7 +27,7 @@ def examine(storage: Storage, grace: timedelta) -> Iterator[Finding]:
 
 
 def jobs_of_no_worker(storage: Storage) -> Iterator[Finding]:
-    """Jobs that were taken by workers which are gone without anybody having noticed."""
+    """Unfinished jobs of workers that are no longer registered."""
     states = [state.value for state in JobState if not state.ended]
     query = select(JobRow.worker_id, func.count()).where(
         JobRow.worker_id.is_not(None), JobRow.worker_id.not_in(select(WorkerRow.id)), JobRow.state.in_(states)

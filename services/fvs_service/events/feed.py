@@ -1,6 +1,6 @@
 """Streams of events: one query of the database serves all streams of this process.
 
-It is asked when a notification says that there are new events, and now and then without one.
+It runs when a notification announces new events, and at intervals without one.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from fvs_service.storage.database import Database
 
 _BATCH = 256
 _SPACING_S = 0.02
-"""Many notifications in a short time are one query."""
+"""Minimum time between two queries, so that many notifications in a short time cause one query."""
 _AFTER_ERROR_S = 1.0
 _Result = TypeVar("_Result")
 

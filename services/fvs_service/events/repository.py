@@ -20,8 +20,8 @@ def publish(
 ) -> None:
     """Add an event; it is streamed once the transaction of ``session`` is committed.
 
-    It gets its number at the very end, one transaction after the other: who has read an event has read all
-    with smaller numbers.
+    It gets its number at the very end, one transaction after the other: a reader that has seen an event has
+    seen every earlier one.
     """
     announce(session, Topic.EVENTS)
     if _PUBLISHED not in session.info:
@@ -47,7 +47,7 @@ def _number(session: Session) -> None:
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:
     """The events of a scene after ``number``, the oldest first.
 
-    Where the retention has deleted some of them, the first one says so.
+    Where the retention has deleted some of them, the first one reports the gap.
     """
     last_deleted = session.scalar(select(SceneRow.last_deleted_event).where(SceneRow.id == scene_id)) or 0
     if number < last_deleted:

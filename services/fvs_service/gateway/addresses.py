@@ -1,4 +1,4 @@
-"""Where a gateway listens, as it tells its supervisor."""
+"""Where a gateway listens, which it reports to its supervisor."""
 
 from urllib.parse import urlsplit
 

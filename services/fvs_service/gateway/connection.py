@@ -17,19 +17,19 @@ from fvs_service.gateway.rest.problems import MEDIA_TYPE, problem_of
 from fvs_service.ids import new_id
 
 MAX_HEAD_BYTES = 32_768
-"""The request line and all headers."""
+"""Maximum size of the request line and all headers."""
 _MAX_HEADERS = 100
 _MAX_PIPELINED = 8
 _SMALL_PIECE_BYTES, _FREE_PIECES = 64, 256
 """A body may have this many pieces of any size; all of its pieces must then be larger on average."""
 _READ_BYTES = 262_144
 _FIRST_READ_BYTES = 16_384
-"""While nobody wants the body."""
+"""Bytes read at once before the application asks for the body."""
 _DISCARDED_BYTES = 65_536
-"""After its response a request may have so many bytes of its body left; else the connection closes."""
+"""If more bytes of a body are unread after the response, the connection closes."""
 _LEAVE_S = 1.0
-"""How long such a connection stays open. Closing it with unread bytes resets it, and many clients then lose
-the response."""
+"""Time for which such a connection stays open. Closing it with unread bytes resets it, and many clients
+then lose the response."""
 
 
 _HEAD = f"The head of the request has more than {MAX_HEAD_BYTES} bytes or {_MAX_HEADERS} headers."
@@ -42,7 +42,7 @@ class _LimitError(Exception):
 
 
 def _refusal(message: str) -> bytes:
-    """The response to what is no request, or has exceeded a limit before there is a request to respond to."""
+    """Response to data that is not a request or exceeds a limit before a request is parsed."""
     request_id = new_id("req")
     error = MalformedRequestError(message, hint="Send an HTTP/1.1 request within these limits.")
     document = problem_of(error, request_id).model_dump_json().encode()
@@ -152,7 +152,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
                 return
             answering = self.cycle is not None and self.cycle.response_started
             if not answering or self.cycle.response_complete:  # else it would go into that response
-                self.transport.write(_refusal(self._exceeded or "The bytes are no HTTP/1.1 request."))
+                self.transport.write(_refusal(self._exceeded or "The data is not an HTTP/1.1 request."))
             self.transport.close()
 
         def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
@@ -176,7 +176,7 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
             super()._start_asgi_task(cycle, leaving_body)
 
         def _waits_for_app(self) -> bool:
-            """Whether the app may not want the body; reading goes on when it receives or has responded."""
+            """Whether the application has not asked for the body yet; it is read once it does or responds."""
             cycle = self.cycle
             unread = cycle is not None and cycle.more_body and not cycle.response_complete
             return unread and not self._body_wanted

@@ -35,7 +35,7 @@ class LoopLag:
             self._lag.observe(max(0.0, time.monotonic() - due))
 
     async def _idle(self) -> float | None:
-        """Wait for a request, or five seconds; returns when they were over, None when it came first."""
+        """Wait up to five seconds for a request; returns when they were due to end, None after a request."""
         self._handled.clear()
         due = time.monotonic() + _IDLE_EVERY_S
         try:

@@ -9,7 +9,7 @@ from fvs_service.fleet import WorkerStatus, workers_of
 
 
 def require_ready(app: Application, workers: int = 0) -> None:
-    """Raise unless the gateway can store images and so many workers are alive.
+    """Raise unless the gateway can store images and at least ``workers`` workers are alive.
 
     Raises ``UnavailableError`` and ``OutOfSpaceError``.
     """
@@ -31,6 +31,6 @@ def _require_workers(known: Sequence[WorkerStatus], least: int) -> None:
     raise UnavailableError(
         f"{alive} of {least} required workers are alive."
         + (f" No heartbeat from {silent}." if silent else ""),
-        hint="The log of fvs serve says why workers end.",
+        hint="The log of fvs serve shows why workers end.",
         retry_after_s=5,
     )

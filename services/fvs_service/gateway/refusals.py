@@ -39,7 +39,7 @@ class Refusals:
         self._wrong: dict[bytes, tuple[float, UnauthenticatedError]] = {}
 
     def check(self, key: str, *, with_body: bool) -> None:
-        """Raise ``UnauthenticatedError`` for a key that was wrong a moment ago.
+        """Raise ``UnauthenticatedError`` for a key that was found to be wrong within the last minute.
 
         Raises ``LimitExceededError`` for a request ``with_body`` while the key is on hold.
         """
@@ -85,7 +85,7 @@ class Refusals:
             del self._wrong[next(iter(self._wrong))]
 
     def _left_s(self, digest: bytes, now: float) -> float:
-        """For how long the key is still on hold."""
+        """Time left until the key is no longer on hold."""
         times = self._times.get(digest)
         return 0.0 if times is None or len(times) < self._limit else times[0] + _WINDOW_S - now
 

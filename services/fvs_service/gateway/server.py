@@ -26,7 +26,7 @@ from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.settings import Settings
 
 _STOP_WITHIN_S = 1
-"""Calls, then requests that take longer are given up; the supervisor's patience is longer than both."""
+"""Calls that take longer are abandoned, then requests; the supervisor waits longer than both times."""
 _UNREAD_MS = 120_000
 _INSPECTORS_S = 1.0
 """Interval at which pebble checks for dead and overdue inspectors; its default of 0.1 s is a load."""

@@ -1,7 +1,7 @@
 """Work that the end of a request does not interrupt.
 
-Cancelling a task that waits for a thread does not end the thread: it goes on with files that nobody has any
-longer.
+Cancelling a task that waits for a thread does not end the thread: it goes on with files that have no owner
+any longer.
 """
 
 import asyncio

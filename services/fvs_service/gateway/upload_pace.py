@@ -16,7 +16,7 @@ class UploadPace:
 
     It begins with the grace period. Waiting uses it up, each byte restores the time that a body of the least
     allowed speed takes for it, and it never exceeds the grace period: a fast start does not pay for a slow
-    rest. Only the client's time counts, not that in which nobody asks for more.
+    rest. Only the client's time counts, not that in which no more bytes are asked for.
     """
 
     def __init__(self, settings: Settings) -> None:

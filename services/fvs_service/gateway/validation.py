@@ -10,7 +10,7 @@ from fvs_service.errors import FieldError, InvalidRequestError
 
 _MAX_FIELDS = 16
 _MAX_CHARACTERS = 300
-"""Of a field's name and of a message: both may repeat what was sent."""
+"""Maximum length of a field's name and of a message: both may repeat what was sent."""
 _VALIDATOR = "Value error, "
 """Pydantic's prefix of the messages of our validators."""
 _MESSAGES = {"extra_forbidden": "there is no such field", "missing": "it is missing"}
@@ -24,7 +24,7 @@ def invalid_request(error: RequestValidationError) -> InvalidRequestError:
 
 
 def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> InvalidRequestError:
-    """The error for a ``body`` that does not fit its model; ``hint`` says where the model is described."""
+    """The error for a ``body`` that does not fit its model; ``hint`` names the description of the model."""
     found = error.errors(include_url=False, include_context=False, include_input=False)[:_MAX_FIELDS]
     return _error(
         (

@@ -1,6 +1,6 @@
 """The operations that take images out of a scene's next model, and put them back.
 
-*Excluded* images are left out on request, *quarantined* ones because structure from motion dies on them; the
+*Excluded* images are left out on request, *quarantined* ones because they crash structure from motion; the
 next update makes a model without them. Deleted images are gone, with their bytes.
 """
 

@@ -36,7 +36,7 @@ class FairTurns:
 
     @asynccontextmanager
     async def turn(self, principal: Principal) -> AsyncIterator[None]:
-        """Wait for a turn; it lasts for the block."""
+        """Wait for a turn, which lasts until the end of the block."""
         who = _Waiting(principal.tenant_id, principal.key_id, asyncio.get_running_loop().create_future())
         self._waiting.append(who)
         self._give()

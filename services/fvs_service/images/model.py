@@ -50,7 +50,7 @@ class Registration(StrEnum):
     EXCLUDED = "excluded"
     """Left out on request; the next update makes a model without it."""
     QUARANTINED = "quarantined"
-    """Left out because structure from motion dies on it; `reason` says how."""
+    """Left out because it crashes structure from motion; `reason` names the stage and the cause."""
 
     @property
     def left_out(self) -> bool:

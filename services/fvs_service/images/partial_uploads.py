@@ -1,8 +1,8 @@
 """Partial uploads: the bytes of a broken upload are kept for a while, and another upload can resume them.
 
-A partial upload is a file whose name says whose it is and what it is a part of; its length is the offset to
-resume at, and its time of change the beginning of its last hour. Each belongs to a tenant. Resuming takes the
-file away, so that only one upload at a time continues it.
+A partial upload is a file whose name has the tenant, the scene and the image; its length is the offset to
+resume at, and the time that it is kept counts from its last change. Each belongs to a tenant. Resuming takes
+the file away, so that only one upload at a time continues it.
 """
 
 import asyncio
@@ -40,9 +40,9 @@ class Upload(Model):
     digest: Digest
     size_bytes: Count
     offset_bytes: Count
-    """So many bytes have arrived."""
+    """Number of bytes received."""
     expires_at: Timestamp
-    """When it is forgotten unless more arrives."""
+    """When it is deleted unless more bytes arrive."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class PartialUploads:
             arrived = 0
         raise ConflictError(
             f"{arrived} bytes of the image have arrived, not {new.offset_bytes}.",
-            hint="GetUpload says where to resume; when it finds none, send the image from its first byte.",
+            hint="GetUpload returns the offset to resume at; if it finds none, send the whole image.",
         )
 
     def keep(self, tenant_id: str, new: NewUpload, part: Path) -> None:

@@ -90,7 +90,7 @@ class Receiver:
 
     @property
     def size_bytes(self) -> int:
-        """So many bytes have been written."""
+        """Number of bytes written."""
         return self._size
 
     def part(self) -> Path:

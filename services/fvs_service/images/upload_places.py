@@ -22,7 +22,7 @@ class Arrival(Protocol):
 
     @property
     def received_bytes(self) -> int:
-        """So many bytes have arrived."""
+        """Number of bytes received."""
 
 
 @dataclass(eq=False)
@@ -78,7 +78,7 @@ class UploadPlace:
 
     @property
     def left_s(self) -> float:
-        """When the upload should end at its average speed; infinite when its size is unknown."""
+        """Time until the upload ends at its average speed; infinite when its size is unknown."""
         if not self.arriving:
             return 0.0
         if self.expected_bytes is None or not self.arrival.received_bytes:
@@ -101,7 +101,7 @@ class UploadPlaces:
     def place(
         self, principal: Principal, arrival: Arrival, expected_bytes: int | None
     ) -> Iterator[UploadPlace]:
-        """A place for the block; raises ``LimitExceededError`` when all are held and none can be taken.
+        """Hold an upload place for the duration of the block; raises ``LimitExceededError`` without one.
 
         ``expected_bytes`` is the declared size of the body, None without one.
         """
@@ -129,7 +129,7 @@ class UploadPlaces:
         slowest.take()
 
     def _kept_s(self, theirs: Sequence[UploadPlace], principal: Principal) -> dict[UploadPlace, float]:
-        """For how long each place is safe from the principal."""
+        """Time for which each place cannot yet be taken by the principal."""
         held = Counter(place.principal.key_id for place in theirs)
         fewer = held[principal.key_id] + 1
         return {

@@ -82,14 +82,14 @@ class WaitReason(StrEnum):
     DISK = "disk"
     """The workers' disks are full up to the reserve."""
     NO_WORKER = "no-worker"
-    """No worker lives."""
+    """No worker is alive."""
 
 
 class Waiting(Model):
     """Why a job does not run now, and when it may: it is queued, or pauses for others."""
 
     place: Count
-    """Its place in the line of all jobs that wait; the first is 1."""
+    """Its position in the queue of all waiting jobs; the first is 1."""
     reason: WaitReason
     message: str
     """The reason as a sentence."""
@@ -107,7 +107,7 @@ class Job(Model):
     state: JobState
     stage: str | None
     progress: Annotated[Number, Field(ge=0, le=1)]
-    """Of the whole job, in [0, 1]; never decreases within an attempt."""
+    """Progress of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None
     """An estimate of the time that it still has to run."""
     waiting: Waiting | None = None

@@ -6,7 +6,7 @@ a job that has begun before one that has not, then to the scene whose last turn 
 whose turn has lasted ``turn_ms`` makes room for a job that the order prefers, and waits for its next turn.
 So nobody starves: a waiting tenant gets a turn after at most one turn of each other tenant, and a fine model
 that has waited for ``_PATIENCE`` turns counts as an update. Where workers do one kind of work, each kind has
-a line of its own; a fine model lets an update of its scene go first whichever line that is in.
+a queue of its own; a fine model lets an update of its scene go first whichever queue that is in.
 
 Everything here is a function of the open jobs; the database is in ``jobs.queue``.
 """
@@ -28,11 +28,11 @@ _SETTLED_MS = 1_000
 
 @dataclass(frozen=True)
 class OpenJob:
-    """What the order depends on of a job that is queued or running; times are the database's.
+    """The properties of a queued or running job that the order depends on; times are the database's.
 
     ``worker_id`` is the worker whose turn it is in, None while it waits. ``obstacle`` is what the last worker
-    lacked, which is tried again from ``not_before_ms`` on. ``served_ms``: when its scene's last turn began;
-    ``begun``: it had a turn. ``work`` is what it needs next, ``worker_does`` what its worker does.
+    lacked, which is not tried again before ``not_before_ms``. ``served_ms``: when its scene's last turn
+    began; ``begun``: it had a turn. ``work`` is what it needs next, ``worker_does`` what its worker does.
     """
 
     id: str
@@ -53,7 +53,7 @@ class OpenJob:
 
 @dataclass(frozen=True)
 class Place:
-    """A waiting job's place in the line, the first is 1; ``obstacle`` is None when it can have a turn now."""
+    """A waiting job's position in the queue, from 1; ``obstacle`` is None when it can have a turn now."""
 
     job: OpenJob
     number: int
@@ -64,8 +64,9 @@ class Place:
 class Order:
     """The order of all open ``jobs`` at ``now_ms``.
 
-    ``tenants_served_ms``: when each tenant's last turn began. ``limit``: the most jobs of a tenant in a turn.
-    ``does``: the work whose line this is; ``workers_do``: what the workers that live do, all together.
+    ``tenants_served_ms``: when each tenant's last turn began. ``limit``: maximum number of jobs of a tenant
+    in a turn. ``does``: the kinds of work that this is the queue for; ``workers_do``: those that all live
+    workers do together.
     """
 
     jobs: Sequence[OpenJob]
@@ -83,7 +84,7 @@ class Order:
 
     @cached_property
     def line(self) -> tuple[Place, ...]:
-        """The jobs that wait for this work, those that are next first."""
+        """The jobs that wait for this work, the next one first."""
         by_tenant: defaultdict[str, list[OpenJob]] = defaultdict(list)
         for job in self.jobs:
             if job.worker_id is None and job.work in self.does:
@@ -141,7 +142,7 @@ class Order:
         return useful and bool(rivals) and max(rivals, key=self._expendable).id == job.id
 
     def _expendable(self, job: OpenJob) -> tuple[int, bool, int, str]:
-        """Of several jobs that could make room the greatest does."""
+        """Sort key: of several jobs that could make room the one with the greatest does."""
         return self._turns[job.tenant_id], job.kind is JobKind.FINE, -job.taken_at_ms, job.id
 
     def _updates_for(self, work: frozenset[Work]) -> Iterator[OpenJob]:
@@ -152,7 +153,7 @@ class Order:
 
     @cached_property
     def _scenes_of_other_lines(self) -> frozenset[str]:
-        """The scenes with an update that waits for other workers than those of this line."""
+        """The scenes with an update that waits for workers other than those of this queue."""
         return frozenset(update.scene_id for update in self._updates_for(self.workers_do - self.does))
 
     @cached_property
@@ -169,7 +170,7 @@ class Order:
         return blocked, not job.cancel_requested, self._rank(job), not job.begun, job.served_ms, job.id
 
     def _rank(self, job: OpenJob) -> int:
-        """0 before 1: fine models let updates go first, but not for ever."""
+        """0 before 1: fine models let updates go first, but not forever."""
         return int(job.kind is JobKind.FINE and not self._waited_long(job, self.now_ms))
 
     def _waited_long(self, job: OpenJob, until_ms: int) -> bool:

@@ -120,7 +120,7 @@ class JobQueue:
         return self._order(session, ALL_WORK)
 
     def _order(self, session: Session, does: frozenset[Work]) -> Order:
-        """The order of all open jobs, with the line of those that wait for these kinds of work."""
+        """The order of all open jobs, with the queue of those that wait for these kinds of work."""
         served = (
             select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
             .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(_OPEN))))

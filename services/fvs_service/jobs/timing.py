@@ -1,4 +1,4 @@
-"""How long the stages of jobs take, learned from the service's own finished jobs."""
+"""How long the stages of jobs take, estimated from the service's own finished jobs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
@@ -89,4 +89,4 @@ _WORK: Mapping[str, Callable[[JobSize], float]] = {
     "localisation": lambda size: float(size.new),
     "train": lambda size: size.iterations * size.train_megapixels,
 }
-"""What the time of a stage is proportional to; the number of images, if nothing is said."""
+"""What the time of a stage is proportional to; for stages not listed, the number of images."""

@@ -1,4 +1,4 @@
-"""Why jobs wait, and for how long: what the queue and the workers say of those that are not in a turn."""
+"""Why jobs that are not in a turn wait, and for how long: derived from the queue and the workers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from fvs_service.jobs.work import Work, work_of
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 _RECENT = 20
-"""So many jobs that have ended say how long a job takes."""
+"""Number of recent finished jobs used to estimate a job's duration."""
 
 _MESSAGES = {
     WaitReason.SCENE: "Another job of the scene goes first; updates go before fine models.",
@@ -35,9 +35,10 @@ _BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
 
 @dataclass(frozen=True)
 class Workers:
-    """The workers that live and do what a job needs next: how many jobs they run at once.
+    """The live workers that do what a job needs next: the number of jobs that they run at once.
 
-    All of them, and those with room for any; ``others``: whether there are workers that do something else.
+    ``slots`` counts those of all of them, ``slots_with_room`` those of workers whose disk is not full;
+    ``others``: whether there are workers that do something else.
     """
 
     slots: int
@@ -46,7 +47,7 @@ class Workers:
 
 
 def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tuple[Job, ...]:
-    """The jobs, those that wait with the reason."""
+    """The jobs; those that wait have the reason."""
     if all(job.state.ended for job in jobs):
         return tuple(jobs)
     order = queue.order(session)
@@ -64,7 +65,7 @@ def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tupl
 def why_it_waits(
     place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
 ) -> Waiting:
-    """The reason for a place in the line; ``usual_s`` is how long jobs take."""
+    """Why the job at this position waits; ``usual_s`` is the usual duration of a job by kind."""
     if workers.slots == 0:
         reason = WaitReason.NO_WORKER
         message = _NO_WORKER_OF[place.job.work] if workers.others else _MESSAGES[reason]

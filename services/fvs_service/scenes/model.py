@@ -93,19 +93,19 @@ class Policy(Model):
 
 
 class Retention(Model):
-    """How long snapshots and rankings are kept; numbers that are null are the service's.
+    """How long snapshots and rankings are kept; null means the service's setting.
 
     A scene's current snapshot, its newest of each kind, and pinned ones always stay.
     """
 
     snapshots: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
-    """Keep so many snapshots, the newest ones."""
+    """Number of newest snapshots to keep."""
     snapshot_days: Days | None = None
-    """Keep snapshots so long."""
+    """Maximum age of snapshots."""
     rankings: Annotated[int, Field(strict=True, ge=1, le=1_000_000), WHOLE] | None = None
-    """Keep so many rankings, the newest ones."""
+    """Number of newest rankings to keep."""
     ranking_days: Days | None = None
-    """Keep rankings so long."""
+    """Maximum age of rankings."""
 
 
 class SceneRequest(Model):
@@ -200,7 +200,7 @@ class ImageCounts(Model):
     excluded: Count = 0
     """Accepted, and left out on request."""
     quarantined: Count = 0
-    """Accepted, and left out because structure from motion dies on them."""
+    """Accepted, and left out because they crash structure from motion."""
 
     @property
     def usable(self) -> int:
@@ -222,7 +222,7 @@ class Scene(Model):
     images: ImageCounts
     snapshot_id: str | None
     alignment: Alignment | None
-    """Of the latest snapshot."""
+    """The alignment of the latest snapshot."""
     created_at: Timestamp
 
 

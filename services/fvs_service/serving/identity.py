@@ -11,10 +11,10 @@ _FILE = "machine"
 
 
 def machine_name(root: Path) -> str:
-    """The name that is kept in ``root``; at first made of the host's name and a random part.
+    """The machine name stored in ``root``, generated on first use from the host name and a random suffix.
 
-    Two machines with one name would take each other's leases, so the random part is not left out, and the
-    name does not follow the host's when that changes.
+    Two machines with one name would take each other's leases, hence the suffix. The name stays when the
+    host name changes.
     """
     file = root / _FILE
     try:

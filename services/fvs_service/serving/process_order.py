@@ -1,4 +1,4 @@
-"""What a supervisor tells the processes that it starts."""
+"""The order that a supervisor gives to a process that it starts."""
 
 from fvs_engine.records import Record
 from fvs_service.settings import Settings

@@ -33,7 +33,7 @@ from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
 _LOOK_S = 5.0
-"""Dead children are found by SIGCHLD, and after this time also without."""
+"""Interval at which the supervisor looks for dead children without a SIGCHLD, too."""
 _START_S = 60.0
 _STOP_S = 3.5
 """How long children may take to end by themselves; they are killed after it."""
@@ -66,7 +66,7 @@ class Role(StrEnum):
 
 
 class Supervisor:
-    """Runs the service, or its part on this machine, until ``signals`` has one."""
+    """Runs the service, or its part on this machine, until a signal arrives."""
 
     def __init__(
         self, settings: Settings, signals: StopSignals, *, log_json: bool, role: Role = Role.ALL

@@ -62,7 +62,7 @@ class Snapshot(Model):
     alignment: Alignment
     artifacts: tuple[Artifact, ...]
     pinned: bool = False
-    """Whether retention keeps it for ever."""
+    """Whether it is pinned: retention never deletes it."""
     created_at: Timestamp
 
 

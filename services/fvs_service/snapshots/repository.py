@@ -55,7 +55,7 @@ def find_snapshot(session: Session, snapshot_id: str) -> Snapshot:
 
 
 def pin(session: Session, snapshot_id: str, *, pinned: bool) -> None:
-    """Have retention keep a snapshot, or not."""
+    """Pin or unpin a snapshot."""
     session.execute(update(SnapshotRow).where(SnapshotRow.id == snapshot_id).values(pinned=pinned))
 
 

@@ -100,7 +100,7 @@ class Snapshots:
         return SnapshotCameras.model_validate_json(self._blobs.read(_key(snapshot, CAMERAS)))
 
     def change(self, principal: Principal, snapshot_id: str, change: SnapshotChange) -> Snapshot:
-        """Pin a snapshot, or no longer; raises ``NotFoundError``."""
+        """Pin or unpin a snapshot; raises ``NotFoundError``."""
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
             lock_scene(session, repository.snapshot_of(session, principal, snapshot_id).scene_id)

@@ -65,7 +65,7 @@ class Blobs:
         return self._folder is None
 
     def check(self) -> None:
-        """Raise ``StorageUnavailableError`` when the store cannot be used; it says why."""
+        """Raise ``StorageUnavailableError`` with the reason, when the store cannot be used."""
         with _reachable():  # listing is the only request that tells a missing bucket from a missing blob
             next(iter(obstore.list(self._store, "scenes/", chunk_size=1)), None)
 
@@ -258,7 +258,7 @@ def _reachable() -> Iterator[None]:
             ) from error
         raise StorageUnavailableError(
             "The object store cannot be reached.",
-            hint="Try again soon. If the error persists, run fvs doctor, which says why.",
+            hint="Try again soon. If the error persists, run fvs doctor, which reports the cause.",
             retry_after_s=5,
         ) from error
 

@@ -172,7 +172,7 @@ def _reachable() -> Iterator[None]:
             raise OutOfSpaceError("The database's disk is full.", hint="Free some space.") from error
         raise StorageUnavailableError(
             "The database cannot be reached.",
-            hint="Try again soon. If the error persists, run fvs doctor, which says why.",
+            hint="Try again soon. If the error persists, run fvs doctor, which reports the cause.",
             retry_after_s=5,
         ) from error
 

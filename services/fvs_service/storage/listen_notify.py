@@ -51,10 +51,10 @@ class Listener:
     def _receive(self, connection: Connection) -> None:
         connection.detach()  # the pool gets another one
         driver: Any = connection.connection.dbapi_connection
-        driver.autocommit = True  # who is in a transaction hears nothing
+        driver.autocommit = True  # a connection inside a transaction receives no notifications
         for channel in self._callbacks:
             driver.execute(f"LISTEN {channel}")
-        for callback in self._callbacks.values():  # for what was not heard before
+        for callback in self._callbacks.values():  # for notifications missed before LISTEN
             callback()
         while not self._closed.is_set():
             for received in driver.notifies(timeout=_LOOK_S, stop_after=1):

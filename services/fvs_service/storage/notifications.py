@@ -50,9 +50,9 @@ def announce(session: Session, topic: Topic) -> None:
 
 
 def subscribe(engine: Engine, callbacks: Mapping[Topic, Callable[[], object]]) -> Subscription:
-    """Call back for each notification of the topics; several in a short time may become one.
+    """Call back for each notification of the topics; several in a short time may cause one call.
 
-    Call backs also come without a change, for instance after a lost connection.
+    Callbacks are also called without a change, for instance after a lost connection.
     """
     named = {topic.value: callback for topic, callback in callbacks.items()}
     if engine.dialect.name == "postgresql":

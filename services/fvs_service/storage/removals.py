@@ -74,7 +74,7 @@ class Removals:
         return done
 
     def late(self, by: timedelta) -> tuple[str, ...]:
-        """The keys that should have been removed so long ago."""
+        """The keys whose removal is overdue by at least ``by``."""
         with self._database.reading() as session:
             return tuple(row.key for row in session.scalars(_due_at(now() - by)))
 
@@ -96,7 +96,7 @@ class Removals:
                 session.delete(row)
 
     def _remove_blobs(self, scene_id: str, keys: list[str]) -> None:
-        """Remove single blobs while nothing can refer to them anew."""
+        """Remove single blobs in a transaction in which no row can begin to refer to them."""
         single = [key for key in keys if not key.endswith("/")]
         if not single:
             return
@@ -129,7 +129,7 @@ def _due_at(moment: datetime) -> Select[RemovalRow]:
 def lock_scene(session: Session, scene_id: str) -> None:
     """Make the transaction of ``session`` the only one that adds or removes blobs of the scene.
 
-    Who refers to a blob in the transaction must find it stored in the same transaction.
+    A transaction that references a blob must check within itself that the blob is stored.
     """
     lock(session, scene_id)
 

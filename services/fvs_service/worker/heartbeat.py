@@ -1,4 +1,4 @@
-"""Heartbeats of workers: they show which workers live, so that another takes over the jobs of a dead one.
+"""Heartbeats of workers: they show which workers are alive, so that others take over the jobs of dead ones.
 
 A worker that was only frozen finds at its next heartbeat that it was declared dead.
 """
@@ -27,7 +27,7 @@ class Heartbeats:
         work: str = "all",
         runner_bytes: int = 0,
     ) -> bool:
-        """Record that this worker lives; False when it was unknown, or was declared dead.
+        """Record that this worker is alive; False when it was unknown, or was declared dead.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
         ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.

@@ -55,7 +55,7 @@ _SAVE_S = 60.0
 """Time within which a paused runner must save its checkpoint."""
 _LOOK_EVERY_S = 0.5
 _REPORT_EVERY_S = 2.0
-"""The remaining time is also reported in a stage that says nothing for a while."""
+"""The remaining time is also reported in a stage that reports no progress for this long."""
 _RESUMABLE = ("train",)
 """Stages that go on from where they were stopped; others start again."""
 
@@ -127,7 +127,7 @@ class JobRuns:
             self._scenes.drop(scene)
             raise
         except ChildDiedError:
-            raise  # the runner itself lives, and keeps its model
+            raise  # the runner itself is alive, and keeps its model
         except JobPausedError as paused:
             if paused.obstacle is None:
                 self._copies.store(scene.lease)  # another machine may go on

@@ -24,7 +24,7 @@ from fvs_service.worker.runner_child import RunnerChild
 _POLL_S = 0.25
 _MAINTAIN_S = 1.0
 _EXTENSIONS = 4
-"""A lease is extended so many times in its duration."""
+"""Number of times that a lease is extended in its duration."""
 _YIELD_S = 2.0
 _RETIRE_S = 2.0
 """How long a runner may take to save its checkpoint; the supervisor's patience is longer than this."""
@@ -68,7 +68,7 @@ class LeasedScenes:
         self._scene_locks: WeakValueDictionary[str, threading.Lock] = WeakValueDictionary()
         self._scenes: dict[str, LeasedScene] = {}
         self.backend = storage.settings.worker.backend
-        """The rasteriser: the one in the settings until the first runner says which it uses."""
+        """The rasteriser: the one in the settings until the first runner reports which it uses."""
         self._stopping = threading.Event()
         self._maintenance = threading.Thread(target=self._run_maintenance, daemon=True)
         self._maintenance.start()
@@ -81,7 +81,7 @@ class LeasedScenes:
         give_up: Callable[[], bool],
         memory_patience_s: float = math.inf,
     ) -> Iterator[LeasedScene | None]:
-        """The scene with its runner for the block; None when ``give_up`` returned True before.
+        """Lease the scene with its runner during the block; yields None when ``give_up`` returns True.
 
         Waits for memory, and for another worker to yield the scene. Raises ``NoMemoryError`` when that much
         memory is in use for longer than ``memory_patience_s``, ``RunnerGoneError`` when the runner does not
@@ -97,7 +97,7 @@ class LeasedScenes:
 
     @contextmanager
     def without_runner(self, scene_id: str, give_up: Callable[[], bool]) -> Iterator[Lease | None]:
-        """The scene's lease for the block, without a runner; None when ``give_up`` returned True before."""
+        """Lease the scene during the block, without a runner; yields None when ``give_up`` returns True."""
         with self._lock_of(scene_id):
             self._drop(self._scenes.get(scene_id))
             lease = self._acquire(scene_id, give_up)

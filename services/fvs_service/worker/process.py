@@ -1,4 +1,4 @@
-"""A worker's process: it takes jobs until it is stopped, and shows that it lives."""
+"""A worker's process: it takes jobs until it is stopped, and sends heartbeats."""
 
 import os
 import signal

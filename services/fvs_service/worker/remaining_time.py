@@ -33,8 +33,8 @@ _ORDER = (
 """The stages as they follow each other; not every job has each."""
 
 _OWN_TRUST, _FOREIGN_TRUST = 0.05, 0.01
-"""The speed is believed to be the usual one, as if this share of the job had shown it: less where the usual
-one is another machine's."""
+"""Weight of the usual speed against the measured one, as a share of the job: less where the
+usual speed is another machine's."""
 _RATE_TRUST = 0.2
 """Share of a stage after which its present rate and its usual time weigh the same."""
 _TRAIN_POWER = 1.25
@@ -44,7 +44,7 @@ _OVERDUE = 0.15
 _SMOOTHING = 0.1
 _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03
-"""Share of the usual time that a job must have shown before a service without history estimates."""
+"""Share of the usual time that a job must have run before a service without history gives an estimate."""
 _LEAST_TRAINED_S = 5.0
 """Or the time that it must have trained: iterations show their speed themselves, however many there are."""
 

@@ -23,8 +23,8 @@ from fvs_service.settings import Limits
 ModelT = TypeVar("ModelT", bound=Model)
 
 _BYTES_PER_VALUE = 64
-"""A body of the largest allowed size may have one value per so many bytes: 23,437 by default. 2,000
-candidates have 20,000."""
+"""Bytes per value in a body of the largest allowed size, which may thus have 23,437 values by default.
+2,000 candidates have 20,000."""
 _MAX_FIELDS = 64
 _BLOCK_BYTES = 262_144
 _SMALL_BYTES = 16_384

@@ -16,11 +16,11 @@ from fvs_service.telemetry import Metrics
 _MAX_QUERY_FIELDS = 64
 _WITH_LISTS = ("/rankings", "/images:check")
 _WITHOUT_LISTS_BYTES = 65_536
-"""Of JSON for other paths."""
+"""Maximum size of JSON bodies on all other paths."""
 
 
 class BodyGuard:
-    """Refuses requests whose body is too large, is encoded, stops arriving or drips, and endless queries."""
+    """Refuses endless queries, and bodies that are too large, encoded, too slow, or stop arriving."""
 
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app = app

@@ -27,7 +27,7 @@ _bearer = HTTPBearer(
 
 
 def application_of(request: Request) -> Application:
-    """The gateway's application, for dependencies: one on ``App`` would be resolved anew in each of them."""
+    """The gateway's application, for dependencies: one on ``App`` would be resolved again in each of them."""
     application: Application = request.app.state.application
     return application
 

@@ -19,7 +19,7 @@ from fvs_service.images.staging import Receiver, StagedFile, StagingArea
 
 _MAX_HEADER_BYTES = 8_192
 _MAX_HEADERS = 16
-"""Of one part of the form."""
+"""Maximum number of headers of one part of the form."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def change_scene(
 
 @router.delete("/{scene_id}", status_code=204)
 def delete_scene(app: App, caller: Caller, scene_id: SceneId) -> None:
-    """Delete a scene with all that it has, for good; its running jobs stop."""
+    """Permanently delete a scene and everything in it; its running jobs stop."""
     app.deletions.scene(caller, scene_id)
 
 

@@ -14,7 +14,7 @@ router = json_router("", "service")
 
 _Workers = Annotated[
     int,
-    Query(ge=0, le=10_000, description="How many workers must be alive; 0: the gateway alone is checked."),
+    Query(ge=0, le=10_000, description="Number of workers that must be alive; 0 checks only the gateway."),
 ]
 _TEXT = {200: {"description": "Prometheus' text format.", "content": {"text/plain": {}}}}
 
@@ -33,7 +33,7 @@ def live() -> Health:
 
 @router.get("/readyz")
 def ready(app: App, workers: _Workers = 0) -> Health:
-    """Check that the gateway can store images, and that so many workers are alive; 503 or 507 otherwise."""
+    """Check that the gateway can store images, and that enough workers are alive; 503 or 507 otherwise."""
     require_ready(app, workers)
     return Health()
 

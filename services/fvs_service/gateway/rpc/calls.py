@@ -136,7 +136,7 @@ class Call:
 
 
 async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[Call], Awaitable[T]]) -> T:
-    """The result of ``work``; whatever fails ends the call with a status that says why."""
+    """The result of ``work``; whatever fails ends the call with a status that has the reason."""
     metadata = {key: value for key, value in context.invocation_metadata() or () if isinstance(value, str)}
     request_id = request_id_of(metadata.get(HEADER, ""))
     call = Call(gateway, context, metadata)

@@ -6,8 +6,8 @@ A message has its model's fields under their names. What protobuf has no form fo
 * an enum value is the model's in capitals after the enum's name: ``JOB_STATE_QUEUED`` is "queued"; zero is
   none;
 * a message whose only field is ``items`` is a list, which can be present and empty;
-* a message with a ``oneof`` ``kind`` is a union whose members say their ``kind``; one with a ``oneof``
-  ``pose`` is a union of members that are told apart by their fields;
+* a message with a ``oneof`` ``kind`` is a union whose members have a ``kind``; one with a ``oneof``
+  ``pose`` is a union of members that differ by their fields;
 * timestamps are ``google.protobuf.Timestamp``, any object is a ``Struct``.
 """
 

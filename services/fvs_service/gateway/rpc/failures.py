@@ -12,9 +12,9 @@ from fvs_service.errors import ServiceError
 DOMAIN = "fvs"
 DETAILS = "grpc-status-details-bin"
 _TEXT_BYTES = 1_000
-"""Of a message or a hint."""
+"""Maximum length of a message or hint."""
 _FIELDS_BYTES = 3_000
-"""Of all invalid fields: clients accept 8 kB of trailers."""
+"""Maximum size of all invalid fields together: clients accept 8 kB of trailers."""
 
 
 def code_of(error: ServiceError) -> grpc.StatusCode:

@@ -29,7 +29,7 @@ from fvs_service.principal import Principal
 
 _WITH_LISTS = frozenset({"CheckImages", "RankViews", "StreamRankViews"})
 _WITHOUT_LISTS_BYTES = 65_536
-"""Of the requests of all other methods."""
+"""Maximum size of the requests of all other methods."""
 _SMALL_BYTES = 4_096
 """Smaller requests are parsed on the event loop: a thread would cost more."""
 

@@ -1,4 +1,4 @@
-"""How long a call may wait for its request: gRPC itself waits for ever, and calls are limited in number."""
+"""How long a call may wait for its request: gRPC itself waits forever, and calls are limited in number."""
 
 import asyncio
 import inspect
@@ -14,7 +14,7 @@ Handler: TypeAlias = grpc.RpcMethodHandler
 
 
 class RequestPatience(grpc.aio.ServerInterceptor):  # type: ignore[misc]
-    """Ends calls whose request does not arrive within ``within_s``; before that nobody knows who calls.
+    """Ends calls whose request does not arrive within ``within_s``; before that the caller is unknown.
 
     Calls with one request are handled as streams of one, which look the same to clients. Uploads, whose
     parts have a pace of their own, are left as they are.

@@ -22,7 +22,7 @@ from fvs_service.gateway.rpc.views import ViewServicer
 from fvs_service.settings import Settings
 
 _CALLS = 2_048
-"""Of all clients at the same time; the limits per tenant are far below."""
+"""Maximum number of concurrent calls of all clients; the limits per tenant are far lower."""
 _CALLS_PER_CONNECTION = 256
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _HANDSHAKE_MS = 20_000

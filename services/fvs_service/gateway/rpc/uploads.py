@@ -1,4 +1,4 @@
-"""Uploads over gRPC: a stream that says what it sends, then the bytes."""
+"""Uploads over gRPC: a stream that begins with a description of the image, followed by its bytes."""
 
 import contextlib
 from collections.abc import Awaitable, Callable
@@ -72,7 +72,7 @@ class ImageUpload:
         return _response(image, created=created)
 
     def _begin(self, content: bytes) -> tuple[NewUpload, ImageMetadata]:
-        """What the first message says is sent, by a caller who may send it."""
+        """Validate the first message and authorise the caller; return the upload and its metadata."""
         message = parsed(pb.UploadImageRequest, content)
         if message.WhichOneof("part") != "upload":
             raise InvalidRequestError(
@@ -86,7 +86,7 @@ class ImageUpload:
         return upload, read(ImageMetadata, message.upload.metadata)
 
     def _receiver(self, upload: NewUpload) -> Receiver:
-        """Where the bytes go, after those that arrived before."""
+        """The file that the bytes are written to, after those of the upload that is resumed."""
         partial, tenant_id = self._app.partial_uploads, self._caller.tenant_id
         if upload.offset_bytes == 0:
             return self._app.staging.receive(upload.size_bytes)
@@ -100,7 +100,7 @@ class ImageUpload:
         if receiver.size_bytes < upload.size_bytes:
             raise MalformedRequestError(
                 f"The stream ended after {receiver.size_bytes} of {upload.size_bytes} bytes.",
-                hint="Send the rest: GetUpload says where to resume.",
+                hint="Send the rest: GetUpload returns the offset to resume at.",
             )
 
     def _write(self, upload: NewUpload, receiver: Receiver, content: bytes) -> None:
