@@ -19,7 +19,7 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
 _SECURE = ("https", "grpcs")
-# Why a handshake failed is not said to who is refused: with TLS 1.3 the connection just ends.
+# A refused client does not learn the reason: with TLS 1.3 the connection just ends.
 _WITH_TLS = (
     "Try again. If it breaks each time, the service may ask clients for a certificate of its authority: give "
     "one with ssl_context, over gRPC with credentials."

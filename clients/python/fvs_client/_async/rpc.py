@@ -22,7 +22,7 @@ from fvs_client.rpc.routes import HEALTH, Route, route_of
 
 _CHUNK_BYTES = 1 << 18
 _SLOWEST_BYTES_PER_S = 10_000
-"""Of an upload, whose deadline depends on its size."""
+"""Minimum speed of an upload, from which its deadline follows."""
 _DOWNLOAD_S = 600.0
 """Deadline of one download call; a longer download resumes with another call."""
 _HEARTBEAT_S = 15.0
@@ -230,7 +230,7 @@ async def _events(reader: AsyncReader, after: int) -> AsyncIterator[bytes]:
 async def _ranking_parts(
     first: bytes, rest: AsyncIterator[bytes], request: httpx2.Request
 ) -> AsyncIterator[bytes]:
-    """Server-sent events; why there are no more of them is one too."""
+    """Server-sent events; an error that ends them is one, too."""
     kind = contract.message("RankingPart")
     yield f"data: {json.dumps(document_of(kind.FromString(first)))}\n\n".encode()
     try:

@@ -51,12 +51,12 @@ class AsyncScene(AsyncResource, SceneData):
     async def change(
         self, *, name: str | None = None, policy: Policy | None = None, retention: Retention | None = None
     ) -> Self:
-        """Rename the scene, or change its policy or retention; what is None stays."""
+        """Rename the scene, or change its policy or retention; None leaves a setting as it is."""
         change = SceneChange(name=name, policy=policy, retention=retention)
         return await self._session.fetch(type(self), requests.change_scene(self.id, change))
 
     async def delete(self) -> None:
-        """Delete the scene with all that it has, for good; its running jobs stop."""
+        """Permanently delete the scene and everything in it; its running jobs stop."""
         await self._session.content(requests.delete_scene(self.id))
 
     async def size(self) -> SceneSize:

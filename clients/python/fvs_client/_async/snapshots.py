@@ -33,11 +33,11 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
         )
 
     async def pin(self) -> Self:
-        """Have the scene's retention keep the snapshot for ever."""
+        """Pin the snapshot, so that retention never deletes it."""
         return await self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=True))
 
     async def unpin(self) -> Self:
-        """No longer keep the snapshot for ever."""
+        """Unpin the snapshot, so that retention may delete it."""
         return await self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=False))
 
     async def delete(self) -> None:

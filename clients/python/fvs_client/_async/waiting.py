@@ -18,7 +18,7 @@ J = TypeVar("J", bound=JobData)
 
 _FIRST_POLL_S, _LONGEST_POLL_S = 0.25, 5.0
 _LAST_POLL_S = 1.0
-"""Longest pause between polls when the deadline is near."""
+"""Maximum pause between polls when the deadline is near."""
 _SILENCE_S = 30.0
 """A stream without a heartbeat for this time is abandoned; this close to the deadline, the job is polled."""
 

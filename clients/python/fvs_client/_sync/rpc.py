@@ -23,7 +23,7 @@ from fvs_client.rpc.routes import HEALTH, Route, route_of
 
 _CHUNK_BYTES = 1 << 18
 _SLOWEST_BYTES_PER_S = 10_000
-"""Of an upload, whose deadline depends on its size."""
+"""Minimum speed of an upload, from which its deadline follows."""
 _DOWNLOAD_S = 600.0
 """Deadline of one download call; a longer download resumes with another call."""
 _HEARTBEAT_S = 15.0
@@ -225,7 +225,7 @@ def _events(reader: Reader, after: int) -> Iterator[bytes]:
 
 
 def _ranking_parts(first: bytes, rest: Iterator[bytes], request: httpx2.Request) -> Iterator[bytes]:
-    """Server-sent events; why there are no more of them is one too."""
+    """Server-sent events; an error that ends them is one, too."""
     kind = contract.message("RankingPart")
     yield f"data: {json.dumps(document_of(kind.FromString(first)))}\n\n".encode()
     try:

@@ -34,11 +34,11 @@ class Snapshot(Resource, SnapshotData):
         )
 
     def pin(self) -> Self:
-        """Have the scene's retention keep the snapshot for ever."""
+        """Pin the snapshot, so that retention never deletes it."""
         return self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=True))
 
     def unpin(self) -> Self:
-        """No longer keep the snapshot for ever."""
+        """Unpin the snapshot, so that retention may delete it."""
         return self._session.fetch(type(self), requests.change_snapshot(self.id, pinned=False))
 
     def delete(self) -> None:

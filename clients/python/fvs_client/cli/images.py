@@ -145,11 +145,11 @@ def include(context: typer.Context, scene: SceneArgument, images: ImageArguments
 def delete(
     context: typer.Context, scene: SceneArgument, images: ImageArguments, yes: YesOption = False
 ) -> None:
-    """Delete images with their bytes; the next update makes a model without them."""
+    """Permanently delete images and their bytes; the next update makes a model without them."""
     with service(context, as_json=False) as client:
         found = find_scene(client, scene).images
         chosen = _named(list(found.list()), images)
-        confirm(f"Delete {', '.join(image.name for image in chosen)}, for good?", yes=yes)
+        confirm(f"Permanently delete {', '.join(image.name for image in chosen)}?", yes=yes)
         for image in chosen:
             with suppress(NotFoundError):  # a duplicate that went with its image
                 found.delete(image.digest)

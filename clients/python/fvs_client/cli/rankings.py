@@ -145,7 +145,7 @@ def delete(
     """Delete a ranking with its renders."""
     with service(context, as_json=False) as client:
         found = client.rankings.get(ranking)
-        confirm(f"Delete the ranking {found.id}, for good?", yes=yes)
+        confirm(f"Permanently delete the ranking {found.id}?", yes=yes)
         found.delete()
     typer.echo(f"{found.id} deleted")
 

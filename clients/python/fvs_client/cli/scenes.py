@@ -191,11 +191,11 @@ def change(
 
 @scenes.command("delete")
 def delete(context: typer.Context, scene: SceneArgument, yes: YesOption = False) -> None:
-    """Delete a scene with its images, jobs, snapshots and rankings, for good; running jobs stop."""
+    """Permanently delete a scene with its images, jobs, snapshots and rankings; running jobs stop."""
     with service(context, as_json=False) as client:
         found = find_scene(client, scene)
         images = found.image_counts.received
-        confirm(f"Delete the scene {found.id} ({found.name}) with {images} images, for good?", yes=yes)
+        confirm(f"Permanently delete the scene {found.id} ({found.name}) with {images} images?", yes=yes)
         found.delete()
     typer.echo(f"{found.id} deleted")
 

@@ -71,14 +71,14 @@ def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption =
 
 @snapshots.command("pin")
 def pin(context: typer.Context, snapshot: SnapshotArgument) -> None:
-    """Keep a snapshot for ever, whatever the scene's retention."""
+    """Pin a snapshot, so that the scene's retention never deletes it."""
     with service(context, as_json=False) as client:
         typer.echo(f"{client.snapshots.get(snapshot).pin().id} pinned")
 
 
 @snapshots.command("unpin")
 def unpin(context: typer.Context, snapshot: SnapshotArgument) -> None:
-    """No longer keep a snapshot for ever."""
+    """Unpin a snapshot, so that the scene's retention may delete it."""
     with service(context, as_json=False) as client:
         typer.echo(f"{client.snapshots.get(snapshot).unpin().id} unpinned")
 
@@ -88,7 +88,7 @@ def delete(context: typer.Context, snapshot: SnapshotArgument, yes: YesOption = 
     """Delete a snapshot that is neither its scene's current one nor pinned."""
     with service(context, as_json=False) as client:
         found = client.snapshots.get(snapshot)
-        confirm(f"Delete the snapshot {found.id}, for good?", yes=yes)
+        confirm(f"Permanently delete the snapshot {found.id}?", yes=yes)
         found.delete()
     typer.echo(f"{found.id} deleted")
 

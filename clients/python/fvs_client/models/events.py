@@ -28,7 +28,7 @@ class EventKind(Word):
     RANKING_CREATED = "ranking.created"
     RANKING_DELETED = "ranking.deleted"
     EVENTS_DELETED = "events.deleted"
-    """The service no longer has the events up to this number that were asked for: read the scene anew."""
+    """The service no longer has the requested events up to this number: read the scene again."""
 
 
 class Event(Answer):

@@ -44,7 +44,7 @@ class _PosePrior(BaseModel):
 
 
 class ImageMetadata(_PosePrior, Input):
-    """What is known of an image; it replaces what the file says. All fields are optional.
+    """What is known of an image; it overrides the file's metadata. All fields are optional.
 
     A position is geodetic (latitude, longitude, altitude) or, in a scene with a local world, x, y and z. Yaw
     is clockwise from north, pitch up, roll right side down.
@@ -55,7 +55,7 @@ class ImageMetadata(_PosePrior, Input):
 
 
 class Prior(_PosePrior, Answer):
-    """Position prior of an image; ``source`` says whether the sender or the file gave it."""
+    """Position prior of an image; ``source`` is the sender or the file."""
 
     source: str
 

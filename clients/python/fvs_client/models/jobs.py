@@ -69,7 +69,7 @@ class JobWaiting(Answer):
     """Why a job does not run now, and when it may."""
 
     place: int
-    """Its place in the line of all jobs that wait; the first is 1."""
+    """Its position in the queue of all waiting jobs; the first is 1."""
     reason: WaitReason
     message: str
     eta_s: float | None
@@ -85,7 +85,7 @@ class JobData(Answer):
     state: JobState
     stage: str | None
     progress: float
-    """Of the whole job, in [0, 1]; never decreases within an attempt."""
+    """Progress of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: float | None
     """An estimate of the time that it still has to run."""
     waiting: JobWaiting | None = None

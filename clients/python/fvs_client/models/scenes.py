@@ -73,13 +73,13 @@ class Policy(Input):
 
 
 class Retention(Input):
-    """How long snapshots and rankings are kept; what is None is as the service has it.
+    """How long snapshots and rankings are kept; None means the service's setting.
 
     The current snapshot, the newest of each kind, and pinned ones always stay.
     """
 
     snapshots: int | None = None
-    """Number of snapshots that are kept, the newest ones."""
+    """Number of newest snapshots to keep."""
     snapshot_days: float | None = None
     rankings: int | None = None
     ranking_days: float | None = None
@@ -148,7 +148,7 @@ class ImageCounts(Answer):
     excluded: int = 0
     """Accepted, and left out on request."""
     quarantined: int = 0
-    """Accepted, and left out because structure from motion dies on them."""
+    """Accepted, and left out because they crash structure from motion."""
 
 
 class SceneData(Answer):

@@ -43,7 +43,7 @@ class SnapshotData(Answer):
     alignment: Alignment
     artifacts: tuple[Artifact, ...]
     pinned: bool = False
-    """Whether retention keeps it for ever."""
+    """Whether it is pinned: retention never deletes it."""
     created_at: Timestamp
 
 

@@ -10,11 +10,11 @@ import grpc
 from fvs_client.connection import Connection
 
 _MOST_BYTES = 1 << 28
-"""Of an answer: thousands of candidates."""
+"""Maximum size of an answer: thousands of candidates."""
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _FIRST_RECONNECT_MS, _LONGEST_RECONNECT_MS = 200, 5_000
 _CONNECT_MS = 10_000
-"""gRPC takes the shortest pause between two attempts as the time that an attempt may take, too."""
+"""Minimum pause between two attempts to connect; gRPC also gives up an attempt after this time."""
 
 
 def target_of(connection: Connection) -> str:

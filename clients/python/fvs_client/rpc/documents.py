@@ -5,8 +5,8 @@ Fields have the same names. What JSON and protobuf write differently follows a f
 * null is an absent field, and so is an enum's zero and an empty list of doubles, which is a vector;
 * an enum value is the word in capitals after the enum's name: "queued" is ``JOB_STATE_QUEUED``;
 * a message whose only field is ``items`` is a list, which can be present and empty;
-* a message with a ``oneof`` ``kind`` is an object that says its ``kind``; one with a ``oneof`` ``pose`` is an
-  object that is told by its fields;
+* a message with a ``oneof`` ``kind`` is an object with a ``kind``; one with a ``oneof`` ``pose`` is an object
+  that is recognised by its fields;
 * timestamps are text, and a ``Struct`` is any object.
 """
 

@@ -78,7 +78,7 @@ class Route:
         return f"/{self.method.containing_service.full_name}/{self.method.name}"
 
     def message(self, request: httpx2.Request) -> Message:
-        """The message that says what the request asks for; its body must have been read.
+        """The request as a message; its body must have been read.
 
         Raises ``ValueError`` for what the contract cannot express.
         """
