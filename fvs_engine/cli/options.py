@@ -63,6 +63,35 @@ class LoopOptions:
         Poses | None,
         typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
     ] = None
+    priors: Annotated[
+        bool | None,
+        typer.Option(
+            help="With sfm: use the dataset's poses, with noise, as a vehicle's expected poses.",
+            show_default="priors",
+        ),
+    ] = None
+    position_noise_percent: Annotated[
+        float | None,
+        typer.Option(
+            "--position-noise",
+            min=0,
+            max=100,
+            metavar="PERCENT",
+            help="Noise of each coordinate of an expected pose, in % of the spread of the dataset's cameras.",
+            show_default="2",
+        ),
+    ] = None
+    orientation_noise_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--orientation-noise",
+            min=0,
+            max=180,
+            metavar="DEG",
+            help="Noise of an expected pose's angle about each axis.",
+            show_default="5",
+        ),
+    ] = None
     initial: Annotated[
         int | None, typer.Option(min=2, max=MAX_VIEWS, metavar="M", help="Number of initial views.")
     ] = None

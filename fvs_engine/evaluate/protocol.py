@@ -19,13 +19,15 @@ class Protocol(Record):
     the dataset); or the ``nearest`` N views. Quality is measured when the numbers in ``view_counts``
     are reached, on every ``test_every``-th photograph by name, which no selector has access to.
 
-    ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited photographs alone.
+    ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited photographs. With ``sfm``
+    and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
+    spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis.
     Training takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s``
     ends a run early, which the report mentions.
 
     What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
-    random, and the order of views and the splits of Gaussians in training. Nothing else, so that runs of
-    one seed differ by the selector alone.
+    random, the noise of priors, and the order of views and the splits of Gaussians in training. Nothing else,
+    so that runs of one seed differ by the selector alone.
     """
 
     name: str
@@ -33,6 +35,9 @@ class Protocol(Record):
     initial_choice: InitialChoice
     view_counts: tuple[int, ...] = Field(min_length=1)
     poses: Poses
+    priors: bool = True
+    position_noise_percent: float = Field(default=2.0, ge=0, le=100)
+    orientation_noise_deg: float = Field(default=5.0, ge=0, le=180)
     reach: Literal["all", "radius", "nearest"]
     radius: float | None = Field(default=None, gt=0)
     nearest: int | None = Field(default=None, ge=1)

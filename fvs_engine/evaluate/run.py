@@ -14,7 +14,7 @@ from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StopReason
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest
 from fvs_engine.sfm.settings import SfmSettings
@@ -71,6 +71,9 @@ class Setup:
         everything = len(self.dataset.views) if protocol.reach == "all" else None
         scene = SceneSettings(
             poses=protocol.poses,
+            prior_noise=prior_noise(
+                protocol.priors, protocol.position_noise_percent, protocol.orientation_noise_deg
+            ),
             long_side_px=protocol.long_side_px,
             initial_iterations=protocol.initial_iterations,
             iterations_per_view=protocol.iterations_per_view,

@@ -7,7 +7,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
 from fvs_engine.records import Record, first_error
 from fvs_engine.scene.dataset import Dataset, split_test
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop_settings import LoopSettings
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.settings import PRESETS, TrainingSettings
@@ -32,6 +32,9 @@ class SelectionRequest(Record):
     nearest: int | None = None
     test_every: int = 8
     poses: Poses = "sfm"
+    priors: bool = True
+    position_noise_percent: float = 2.0
+    orientation_noise_deg: float = 5.0
     quality: Quality = "coarse"
     initial_iterations: int = 1_000
     iterations_per_view: int = 100
@@ -50,6 +53,7 @@ class SelectionRequest(Record):
         }
         return SceneSettings(
             poses=self.poses,
+            prior_noise=prior_noise(self.priors, self.position_noise_percent, self.orientation_noise_deg),
             long_side_px=self.long_side_px or DEFAULT_LONG_SIDE_PX[self.quality],
             initial_iterations=self.initial_iterations,
             iterations_per_view=self.iterations_per_view,

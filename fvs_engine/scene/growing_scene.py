@@ -21,8 +21,8 @@ from fvs_engine.scene.scene_update import SceneUpdate
 from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
@@ -181,7 +181,7 @@ class GrowingScene:
         self,
         names: Sequence[str],
         monitor: Monitor,
-        positions: Positions | None = None,
+        priors: PosePriors | None = None,
         *,
         removed: Collection[str] = (),
     ) -> SceneUpdate:
@@ -191,7 +191,7 @@ class GrowingScene:
         ``names``, too, are added again. When one of them was trained on, the model is retrained from
         scratch: nothing else would take from it what it learnt from them.
 
-        ``positions``: position priors for a dataset without poses, those of earlier images included; by
+        ``priors``: pose priors for a dataset without poses, those of earlier images included; by
         default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
         ignored. When this raises, the scene does not change.
 
@@ -214,7 +214,7 @@ class GrowingScene:
         if gone:
             self._source.release(gone)
         # Before a kill the source may have committed these images: changes are relative to the scene's views.
-        update = self._source.update(visited, self._posed.values(), monitor, positions)
+        update = self._source.update(visited, self._posed.values(), monitor, priors)
         found = time.monotonic()
         edit = self._edit(update, visited, monitor, restart=not gone.isdisjoint(self._posed))
         self._apply(edit)

@@ -13,12 +13,12 @@ from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView
 
 MIN_MATCH_SUPPORT = 0.5
@@ -60,7 +60,7 @@ class KnownPoses:
         visited: Sequence[str],
         known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,  # noqa: ARG002 - the dataset's poses replace them
+        priors: PosePriors | None = None,  # noqa: ARG002 - the dataset's poses replace them
     ) -> PoseUpdate:
         """See ``PoseSource``. Every image is registered at once; the generation counts the images.
 

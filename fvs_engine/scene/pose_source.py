@@ -6,11 +6,12 @@ from typing import Protocol
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.dataset_priors import dataset_priors
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.growing.update import PoseUpdate
-from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.views import AnyView
 
 
@@ -36,13 +37,13 @@ class PoseSource(Protocol):
         visited: Sequence[str],
         known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,
+        priors: PosePriors | None = None,
     ) -> PoseUpdate:
         """Register new images; return all current poses.
 
         ``visited`` are all visited images, old and new; others lose their poses. ``known`` are the
         caller's views, to which the changes in the result are relative. A repeated call after a kill gives
-        the same result. ``positions``: position priors of images without a pose in the dataset.
+        the same result. ``priors``: pose priors of images without a pose in the dataset.
         """
         ...
 
@@ -55,4 +56,7 @@ def open_pose_source(folder: Path, dataset: Dataset, settings: SceneSettings, mo
     """Open the source that ``settings.poses`` selects, with its files in ``folder``."""
     if settings.poses == "known":
         return KnownPoses(folder, dataset, settings.sfm)
-    return SfmPoses(folder, dataset, settings.sfm, monitor)
+    priors = None
+    if dataset.views and settings.prior_noise is not None:
+        priors = dataset_priors(dataset, settings.prior_noise, settings.seed)
+    return SfmPoses(folder, dataset, settings.sfm, monitor, priors)

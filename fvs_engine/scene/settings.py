@@ -33,16 +33,36 @@ Measured on *bonsai*, known poses, 10 views and 10 more at 256 × 171 px, mean P
 """
 
 
+class PriorNoise(Record):
+    """Standard deviations of the noise with which a dataset's poses become pose priors.
+
+    ``position_share`` is that of each coordinate, in shares of the spread of the dataset's camera centres;
+    ``orientation_deg`` that of the angle about each axis.
+    """
+
+    position_share: float = Field(default=0.02, ge=0, le=1)
+    orientation_deg: float = Field(default=5.0, ge=0, le=180)
+
+
+def prior_noise(used: bool, position_percent: float, orientation_deg: float) -> PriorNoise | None:
+    """The noise of a request; None when the dataset's poses are not ``used`` as priors."""
+    if not used:
+        return None
+    return PriorNoise(position_share=position_percent / 100.0, orientation_deg=orientation_deg)
+
+
 class SceneSettings(Record):
     """How a scene gets its poses and how long it is trained; frozen, and stored with the scene.
 
-    ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. Training
+    ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. With
+    ``sfm``, the dataset's poses are pose priors with ``prior_noise``; None: they are not used. Training
     lasts ``initial_iterations``, and ``iterations_per_view`` more for every view that is registered after the
     first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the training
     images; with ``coarse_to_fine`` a new model begins on reduced ones (ADR 24).
     """
 
     poses: Literal["sfm", "known"] = "sfm"
+    prior_noise: PriorNoise | None = PriorNoise()
     long_side_px: int = Field(default=800, ge=32)
     initial_iterations: int = Field(default=1_000, ge=0)
     iterations_per_view: int = Field(default=100, ge=0)

@@ -7,20 +7,26 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView
 
 
 class SfmPoses:
     """A ``PoseSource`` that owns a growing reconstruction.
 
-    The dataset's camera centres serve only as position priors by which poses are rejected: repeated patterns
-    cause wrong matches, but do not affect a vehicle's positioning.
+    ``priors`` are those of a dataset's images; other datasets have them with every update.
     """
 
-    def __init__(self, folder: Path, dataset: Dataset, settings: SfmSettings, monitor: Monitor) -> None:
-        self._dataset = dataset
+    def __init__(
+        self,
+        folder: Path,
+        dataset: Dataset,
+        settings: SfmSettings,
+        monitor: Monitor,
+        priors: PosePriors | None = None,
+    ) -> None:
+        self._priors = priors
         self._growing = GrowingReconstruction.open(folder, dataset.image_dir, settings, monitor)
 
     @property
@@ -42,17 +48,12 @@ class SfmPoses:
         visited: Sequence[str],
         known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,
+        priors: PosePriors | None = None,
     ) -> PoseUpdate:
         """See ``PoseSource``."""
         self._growing.remove(set(self._growing.added).difference(visited))
-        return self._growing.add(visited, monitor, self._priors(visited) or positions, known)
+        return self._growing.add(visited, monitor, self._priors or priors, known)
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """See ``PoseSource``."""
-        return self._growing.localise(names, monitor, self._priors((*self._growing.registered, *names)))
-
-    def _priors(self, names: Iterable[str]) -> Positions | None:
-        """The dataset's camera centres; None when it has no poses."""
-        by_name = self._dataset.by_name
-        return Positions({name: by_name[name].centre for name in names}) if by_name else None
+        return self._growing.localise(names, monitor, self._priors)

@@ -43,3 +43,9 @@ def _corners(poses: Mapping[str, RigidTransform], names: list[str], length: floa
     centres = np.array([poses[name].translation for name in names]).reshape(-1, 3)
     axes = np.array([poses[name].rotation for name in names]).reshape(-1, 3, 3)
     return np.concatenate([centres, *(centres + length * axes[:, :, axis] for axis in range(3))])
+
+
+def mean_rotation(rotations: Array) -> Array:
+    """The rotation [3, 3] nearest to all of ``rotations`` [N, 3, 3], in the sense of the chordal distance."""
+    U, _, Vt = np.linalg.svd(rotations.mean(axis=0))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)

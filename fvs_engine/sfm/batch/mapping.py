@@ -19,12 +19,13 @@ from fvs_engine.sfm.colmap.database import (
     verified_pair_count,
 )
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, gather_evidence
 from fvs_engine.sfm.verification.gate import MAX_UNSUPPORTED_SHARE, Candidate
-from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
+from fvs_engine.sfm.verification.positions import priors_in_exif
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,11 @@ class ModelEvidence:
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
-    positions: Positions
+    priors: PosePriors
 
     def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """The evidence for ``model``; None when no verified pair lies within it."""
-        return gather_evidence(model, self.pairs, self.keypoints, self.positions, monitor.check)
+        return gather_evidence(model, self.pairs, self.keypoints, self.priors, monitor.check)
 
     def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
         """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
@@ -80,10 +81,10 @@ class MappedScene:
         return MappedScene(largest, Candidate(mapper, centres, evidence), others)
 
 
-def read_model_evidence(stages: Stages, positions: Positions | None = None) -> ModelEvidence:
+def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> ModelEvidence:
     """Calibrate the view graph unless that is done, and read pairs, keypoints and position priors.
 
-    ``positions`` replace the GPS positions in the images' EXIF.
+    ``priors`` replace the GPS positions in the images' EXIF.
     """
     calibrate_view_graph(stages)
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
@@ -98,7 +99,7 @@ def read_model_evidence(stages: Stages, positions: Positions | None = None) -> M
     ]
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)
-    return ModelEvidence(pairs, keypoints, positions or positions_in_exif(stages.folder.database))
+    return ModelEvidence(pairs, keypoints, priors or priors_in_exif(stages.folder.database))
 
 
 def calibrate_view_graph(stages: Stages) -> None:

@@ -26,6 +26,7 @@ from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
@@ -33,7 +34,6 @@ from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Decision, decide
-from fvs_engine.sfm.verification.positions import Positions
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95
@@ -55,14 +55,14 @@ def reconstruct(
     out_dir: Path,
     settings: SfmSettings,
     monitor: Monitor,
-    positions: Positions | None = None,
+    priors: PosePriors | None = None,
 ) -> SfmResult:
     """Estimate the poses of ``image_names`` (posix paths in ``image_dir``, in capture order), and points.
 
     What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` resumes
     where the first one stopped, and a call after success returns at once. Progress is reported as the stages
     ``features``, ``pairs``, ``matching``, ``calibration``, ``incremental mapping``, ``global mapping``,
-    ``evidence``. ``positions``: position priors, by default the GPS positions in the images' EXIF; they
+    ``evidence``. ``priors``: pose priors, by default the GPS positions in the images' EXIF; they
     move no camera, but a model that contradicts them is rejected.
 
     Images that crash pycolmap are quarantined: the report names them, and no later call uses them.
@@ -74,13 +74,13 @@ def reconstruct(
     while True:
         usable = [name for name in image_names if name not in folder.quarantine.reasons]
         try:
-            return _reconstruct(Stages(folder, settings, monitor), image_dir, usable, positions)
+            return _reconstruct(Stages(folder, settings, monitor), image_dir, usable, priors)
         except CulpritError as culprit:
             folder.quarantine.add(culprit)
 
 
 def _reconstruct(
-    stages: Stages, image_dir: Path, image_names: Sequence[str], positions: Positions | None
+    stages: Stages, image_dir: Path, image_names: Sequence[str], priors: PosePriors | None
 ) -> SfmResult:
     folder = stages.folder
     names = stages.open(image_dir, image_names, _MIN_IMAGES)
@@ -88,7 +88,7 @@ def _reconstruct(
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names)
-    evidence = read_model_evidence(stages, positions)
+    evidence = read_model_evidence(stages, priors)
     scenes = map_images(stages, image_dir, len(names), evidence)
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     return _conclude(stages, names, scenes, decision)

@@ -17,6 +17,9 @@ from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 _VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
 """COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""
 
+_VETOED = 7
+"""The configuration of vetoed pairs, which have no verified matches; COLMAP's for watermarks."""
+
 _TABLES = frozenset({"cameras", "images", "keypoints", "descriptors", "matches", "two_view_geometries"})
 
 _MAX_IMAGES = 2147483647
@@ -100,6 +103,27 @@ def remove_images(path: Path, names: Iterable[str]) -> None:
         db.executemany(f"DELETE FROM pose_priors WHERE corr_data_id {of_image.format('corr_')}", numbers)
         db.executemany(f"DELETE FROM frame_data WHERE data_id {of_image.format('')}", numbers)
         db.execute("DELETE FROM frames WHERE frame_id NOT IN (SELECT frame_id FROM frame_data)")
+
+
+def veto_pairs(path: Path, pairs: Iterable[tuple[int, int]]) -> None:
+    """Take the verified matches of these pairs of image ids away, for mappers and evidence alike.
+
+    The matches themselves are kept, so that pairs that are restored need not be matched again.
+    """
+    numbers = [(min(pair) * _MAX_IMAGES + max(pair),) for pair in pairs]
+    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+        vetoed = f"SET rows = 0, data = NULL, config = {_VETOED}"
+        db.executemany(f"UPDATE two_view_geometries {vetoed} WHERE pair_id = ?", numbers)
+
+
+def restore_pairs(path: Path) -> list[tuple[str, str]]:
+    """Forget all vetoes; returns the pairs of names that are to be verified again."""
+    names = {image_id: name for name, image_id in image_ids(path).items()}
+    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+        vetoed = f"two_view_geometries WHERE config = {_VETOED}"
+        pairs = [pair_id for (pair_id,) in db.execute(f"SELECT pair_id FROM {vetoed} ORDER BY pair_id")]
+        db.execute(f"DELETE FROM {vetoed}")
+    return [(names[pair_id // _MAX_IMAGES], names[pair_id % _MAX_IMAGES]) for pair_id in pairs]
 
 
 def count_rows(path: Path, table: str) -> int:

@@ -15,9 +15,9 @@ from fvs_engine.sfm.colmap.database import feature_counts, require_sound_databas
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
-from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.views import AnyView, View
 
 
@@ -30,7 +30,7 @@ def localise(
     model_dir: Path,
     database: Path,
     retrieval: ImageRetrieval,
-    positions: Positions,
+    priors: PosePriors,
 ) -> dict[str, AnyView]:
     """Estimate the poses of ``names`` in ``current``, the model in ``model_dir``; failures are left out.
 
@@ -74,7 +74,7 @@ def localise(
                 "model_dir": str(model_dir),
                 "neighbours": {name: chosen[name] for name in some},
                 "siblings": siblings,
-                "positions": positions.to_json(),
+                "priors": priors.model_dump(mode="json"),
                 "min_image_support": stages.settings.growth.min_image_support,
                 "seed": stages.settings.seed,
             },

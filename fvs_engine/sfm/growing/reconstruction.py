@@ -26,14 +26,16 @@ from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbo
 from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.matching.match import require_plain_names
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.positions import Positions, positions_in_exif
+from fvs_engine.sfm.verification.positions import priors_in_exif
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
@@ -126,7 +128,7 @@ class GrowingReconstruction:
         self,
         names: Sequence[str],
         monitor: Monitor,
-        positions: Positions | None = None,
+        priors: PosePriors | None = None,
         known: Iterable[AnyView] | None = None,
     ) -> PoseUpdate:
         """Add images (posix paths in the image folder); those that were added before change nothing.
@@ -135,7 +137,7 @@ class GrowingReconstruction:
         reported as the stages of ``reconstruct``, or ``features``, ``matching``, ``registration`` and, in a
         re-map, its mapping stages. A call after ``Cancelled`` or a kill resumes, also with other names.
 
-        ``positions``: position priors, those of earlier images included; by default the GPS positions in
+        ``priors``: pose priors, those of earlier images included; by default the GPS positions in
         their EXIF. They move no camera, but poses and models that contradict them are rejected. ``known``:
         the views from which the result counts its changes, by default those before the call. A caller that
         was killed after a commit has older ones.
@@ -163,7 +165,7 @@ class GrowingReconstruction:
         while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
             try:
                 step = self._grow if self.registered else self._bootstrap
-                warnings, seconds = step(monitor, positions)
+                warnings, seconds = step(monitor, priors)
             except CulpritError as culprit:
                 self._folder.sfm.quarantine.add(culprit)
                 self._take_out({culprit.name})
@@ -191,11 +193,11 @@ class GrowingReconstruction:
         self._folder.sfm.quarantine.release(names)
 
     def localise(
-        self, names: Sequence[str], monitor: Monitor, positions: Positions | None = None
+        self, names: Sequence[str], monitor: Monitor, priors: PosePriors | None = None
     ) -> dict[str, AnyView]:
         """Estimate the poses of other images in the current model, which does not change.
 
-        Those without a pose, whose matches or ``positions`` contradict it, or on which pycolmap dies, are
+        Those without a pose, whose matches or ``priors`` contradict it, or on which pycolmap dies, are
         left out; registered images have their current poses. The result depends on the current model only,
         not on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
         """
@@ -219,7 +221,7 @@ class GrowingReconstruction:
                     self._folder.model(self.generation),
                     self._folder.sfm.database,
                     self._open_retrieval(),
-                    positions or Positions(),
+                    priors or PosePriors(),
                 )
             except CulpritError as culprit:
                 if culprit.name not in guests:
@@ -227,10 +229,10 @@ class GrowingReconstruction:
                 quarantine.add(culprit)
         return found
 
-    def _bootstrap(self, monitor: Monitor, positions: Positions | None) -> _Messages:
+    def _bootstrap(self, monitor: Monitor, priors: PosePriors | None) -> _Messages:
         names = list(self._state.images)
         folder = self._folder.sfm.root
-        result = reconstruct(self._image_dir, names, folder, self._settings, monitor, positions)
+        result = reconstruct(self._image_dir, names, folder, self._settings, monitor, priors)
         self._state = self._state.without(self.quarantined.keys())
         shutil.copytree(result.model_dir, fresh_folder(self._folder.next_model), dirs_exist_ok=True)
         posed = {view.name for view in result.reconstruction.views}
@@ -248,18 +250,19 @@ class GrowingReconstruction:
         self._commit(state.with_poses(registered, len(posed), len(result.reconstruction.points)))
         return result.report.warnings, result.report.seconds
 
-    def _grow(self, monitor: Monitor, given: Positions | None) -> _Messages:
+    def _grow(self, monitor: Monitor, given: PosePriors | None) -> _Messages:
         stages = Stages(self._folder.sfm, self._settings, monitor)
         current, following = self._folder.model(self.generation), self._folder.next_model
         candidates = self._match_unregistered(stages)
-        positions = given or positions_in_exif(stages.folder.database)
-        change = register(stages, self._image_dir, self._state, candidates, positions, current, following)
+        priors = given or priors_in_exif(stages.folder.database)
+        stages.warnings.extend(veto(stages, current, candidates, priors))
+        change = register(stages, self._image_dir, self._state, candidates, priors, current, following)
         changed, warnings = change.changed, (*stages.warnings, *change.warnings)
         matching = self._count_matching_unregistered(change.state)
         reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
         if reason is not None:
             model_dir = following if changed else current
-            change = remap(stages, self._image_dir, change.state, positions, model_dir, following)
+            change = remap(stages, self._image_dir, change.state, priors, model_dir, following)
             changed = changed or change.changed
             warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
         state = change.state.model_copy(update={"pending": ()})

@@ -12,10 +12,10 @@ from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_
 from fvs_engine.sfm.batch.reconstruct import map_images
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
-from fvs_engine.sfm.verification.positions import Positions
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
@@ -46,13 +46,13 @@ def register(
     image_dir: Path,
     state: GrowthState,
     names: Sequence[str],
-    positions: Positions,
+    priors: PosePriors,
     model_dir: Path,
     out_dir: Path,
 ) -> ModelChange:
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A pose that ``positions`` contradict is rejected, too.
+    A pose that ``priors`` contradict is rejected, too.
     """
     if not names:
         return ModelChange(state)
@@ -69,7 +69,7 @@ def register(
                 "out_dir": str(fresh_folder(out_dir)),
                 "names": list(some),
                 "refine": settings.intrinsics is None,
-                "positions": positions.to_json(),
+                "priors": priors.model_dump(mode="json"),
                 "min_image_support": settings.growth.min_image_support,
                 "adjust_every": settings.growth.adjust_every,
                 "adjusted_images": state.adjusted_images,
@@ -127,7 +127,7 @@ def remap(
     stages: Stages,
     image_dir: Path,
     state: GrowthState,
-    positions: Positions,
+    priors: PosePriors,
     model_dir: Path,
     out_dir: Path,
 ) -> ModelChange:
@@ -137,7 +137,7 @@ def remap(
     """
     names = list(state.images)
     stages.open(image_dir, names, 2)  # deletes the mappers' models of fewer images
-    evidence = read_model_evidence(stages, positions)
+    evidence = read_model_evidence(stages, priors)
     current = open_colmap(model_dir)
     scenes = [
         _as_scene(stages, current, evidence),

@@ -245,10 +245,12 @@ def find_job(name: str) -> Callable[..., Any]:
         return JOBS[name]
     from fvs_engine.sfm.native.localisation import copy_features, localise
     from fvs_engine.sfm.native.registration import register
+    from fvs_engine.sfm.native.veto import veto
 
     others: Mapping[str, Callable[..., Any]] = {
         "register": register,
         "localise": localise,
         "copy_features": copy_features,
+        "veto": veto,
     }
     return others[name]

@@ -9,8 +9,8 @@ import pycolmap
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.native.pose_check import Keypoints, PoseCheck
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.positions import Positions
 
 Report = Callable[[int], None]
 
@@ -40,7 +40,7 @@ def localise(
     model_dir: str,
     neighbours: dict[str, list[str]],
     siblings: dict[str, str],
-    positions: dict[str, Any],
+    priors: dict[str, Any],
     min_image_support: float,
     seed: int,
 ) -> dict[str, dict[str, Any]]:
@@ -71,7 +71,7 @@ def localise(
     with pycolmap.Database.open(database) as opened:
         for name in neighbours:
             cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
-    check = PoseCheck(translated, features, min_image_support, Positions.from_json(positions))
+    check = PoseCheck(translated, features, min_image_support, PosePriors.model_validate(priors))
     localised: dict[str, dict[str, Any]] = {}
     for done, (name, guest) in enumerate(guests.items(), start=1):
         sibling = model.image(in_model[siblings[name]]).camera if name in siblings else None

@@ -9,8 +9,9 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, explains
-from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.sfm.verification.positions import misplaced
 
 Keypoints = Mapping[int, NDArray[np.float64]]
 
@@ -25,14 +26,14 @@ class PoseCheck:
     pairs: Sequence[VerifiedPair]
     keypoints: Keypoints
     min_image_support: float
-    positions: Positions
+    priors: PosePriors
 
     @staticmethod
-    def read(database: str, min_image_support: float, positions: Positions) -> "PoseCheck":
+    def read(database: str, min_image_support: float, priors: PosePriors) -> "PoseCheck":
         """Read the pairs and keypoints of a database."""
         pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-        return PoseCheck(pairs, read_keypoints(Path(database), ids), min_image_support, positions)
+        return PoseCheck(pairs, read_keypoints(Path(database), ids), min_image_support, priors)
 
     def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""
@@ -45,7 +46,7 @@ class PoseCheck:
             return f"{supported} of its {matches} verified matches fit its estimated pose"
         registered = [image for image in model.images.values() if image.has_pose]
         centres = {image.name: np.asarray(image.projection_center()) for image in registered}
-        distance = self.positions.misplaced(centres).get(model.image(image_id).name)
+        distance = misplaced(self.priors, centres).get(model.image(image_id).name)
         return (
             None if distance is None else f"its estimated position is {distance:.3g} off its position prior"
         )

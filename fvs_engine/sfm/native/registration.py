@@ -11,8 +11,8 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.pose_check import PoseCheck
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.positions import Positions
 
 Report = Callable[[int], None]
 
@@ -45,7 +45,7 @@ def register(
     out_dir: str,
     names: list[str],
     refine: bool,
-    positions: dict[str, Any],
+    priors: dict[str, Any],
     min_image_support: float,
     adjust_every: float,
     adjusted_images: int,
@@ -55,7 +55,7 @@ def register(
 ) -> dict[str, Any]:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``positions`` are ``Positions`` as JSON.
+    ``priors`` are ``PosePriors`` as JSON.
 
     Returns the names newly ``registered``, all ``posed`` names, those ``rejected`` with the reasons, the
     model's size at its last global bundle adjustment, and, if one was now, its ``match_support``.
@@ -67,7 +67,7 @@ def register(
         model,
         _load(database, [image.name for image in model.images.values()] + names),
         _pipeline_options(refine, seed, threads),
-        PoseCheck.read(database, min_image_support, Positions.from_json(positions)),
+        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors)),
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
     adjusted = False

@@ -17,8 +17,9 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
-from fvs_engine.sfm.verification.positions import Positions
+from fvs_engine.sfm.verification.positions import misplaced, residual_share
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def check_pairs(
             _MAX_EPIPOLAR_ERROR_PX / focal_px,
         )
         rotation_error, direction_error = _relative_errors(
-            _relative_pose(pair, first.camera, second.camera, keypoints) if relative_poses else None,
+            relative_pose(pair, first.camera, second.camera, keypoints) if relative_poses else None,
             rotation,
             translation,
             _MIN_BASELINE_SHARE * spread,
@@ -115,10 +116,10 @@ def gather_evidence(
     model: pycolmap.Reconstruction,
     pairs: Sequence[VerifiedPair],
     keypoints: Mapping[int, Array],
-    positions: Positions,
+    priors: PosePriors,
     on_pair: Callable[[], None] | None = None,
 ) -> Evidence | None:
-    """The evidence for ``model`` of pairs and positions; None when no verified pair lies within it.
+    """The evidence for ``model`` of pairs and priors; None when no verified pair lies within it.
 
     It takes a hundredth of a second per pair; ``on_pair`` is called before each and may raise to stop.
     """
@@ -138,8 +139,8 @@ def gather_evidence(
         rotation_support=_weighted_share(rotation, _MAX_ROTATION_DEG, matches),
         translation_support=_weighted_share(direction, _MAX_DIRECTION_DEG, matches),
         cycle_consistency=cycle_consistency(pairs),
-        unsupported_images=tuple(sorted({*_unsupported(model, checks), *positions.misplaced(centres)})),
-        prior_residual_share=positions.residual_share(centres),
+        unsupported_images=tuple(sorted({*_unsupported(model, checks), *misplaced(priors, centres)})),
+        prior_residual_share=residual_share(priors, centres),
     )
 
 
@@ -187,7 +188,7 @@ def _supported(
     return np.asarray(near & (ahead | parallel))
 
 
-def _relative_pose(
+def relative_pose(
     pair: VerifiedPair, first: pycolmap.Camera, second: pycolmap.Camera, keypoints: Mapping[int, Array]
 ) -> RigidTransform | None:
     """second_from_first from this pair's matches alone, with the model's intrinsics but not its poses.

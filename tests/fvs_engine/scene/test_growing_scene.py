@@ -15,8 +15,8 @@ from fvs_engine.scene.growing_scene import MIN_POINTS, GrowingScene
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.sfm.verification.positions import Positions
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import AnyView, View
 
@@ -47,7 +47,7 @@ class MovingPoses:
         visited: Sequence[str],
         known: Iterable[AnyView],
         monitor: Monitor,
-        positions: Positions | None = None,  # noqa: ARG002
+        priors: PosePriors | None = None,  # noqa: ARG002
     ) -> PoseUpdate:
         monitor.check()
         views = [self._posed(name) for name in visited if name not in self.late]

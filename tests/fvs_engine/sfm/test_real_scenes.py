@@ -18,10 +18,10 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Judgement, decide
-from fvs_engine.sfm.verification.positions import Positions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -80,7 +80,7 @@ def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
     """The gate on a model that no mapper of this run made, with the matches of this run."""
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), Positions())
+    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
     scene = MappedScene.of_models("any", [model], evidence, Monitor())
     return decide([scene.candidate], GateSettings()).judgements[0]
 

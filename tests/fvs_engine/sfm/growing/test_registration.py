@@ -15,13 +15,17 @@ from fvs_engine.sfm.colmap.model import camera_poses, read_colmap
 from fvs_engine.sfm.growing.registration import reason_to_remap, remap
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.native.pose_check import PoseCheck
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.positions import Positions
 
 MODEL_FROM_COLMAP = SimilarityTransform(
     3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
 )
+
+
+def at(places: dict[str, np.ndarray]) -> PosePriors:
+    return PosePriors(by_name={name: PosePrior.at(place) for name, place in places.items()})
 
 
 def current_state(image_dir: Path, names: list[str], registered: list[str]) -> GrowthState:
@@ -52,7 +56,7 @@ def test_the_model_of_a_remap_is_aligned_with_the_current_one(
     stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
     state = current_state(kermit_dir, kermit_names, kermit_names[:5])
 
-    outcome = remap(stages, kermit_dir, state, Positions(), current, tmp_path / "next")
+    outcome = remap(stages, kermit_dir, state, PosePriors(), current, tmp_path / "next")
 
     assert outcome.changed
     assert outcome.state.registered == tuple(kermit_names)
@@ -69,7 +73,7 @@ def test_a_current_model_that_explains_as_much_is_kept(
     folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
     state = current_state(kermit_dir, kermit_names, kermit_names)
-    outcome = remap(stages, kermit_dir, state, Positions(), kermit_sfm.model_dir, tmp_path / "next")
+    outcome = remap(stages, kermit_dir, state, PosePriors(), kermit_sfm.model_dir, tmp_path / "next")
     assert not outcome.changed
     assert outcome.warnings == ()
     assert not (tmp_path / "next").exists()
@@ -95,7 +99,7 @@ def test_reasons_to_remap():
 
 def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_sfm: SfmResult):
     database = kermit_sfm.model_dir.parent / "database.db"
-    known = PoseCheck.read(str(database), 0.75, Positions())
+    known = PoseCheck.read(str(database), 0.75, PosePriors())
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     assert set(known.keypoints) == set(model.images)
     for image_id, image in model.images.items():
@@ -114,11 +118,11 @@ def test_a_pose_far_from_its_position_prior_is_contradicted(kermit_sfm: SfmResul
     places = {name: MODEL_FROM_COLMAP.apply(centre) for name, centre in centres_of(model).items()}
     elsewhere = kermit_names[4]
     ids = {image.name: image_id for image_id, image in model.images.items()}
-    honest = PoseCheck.read(database, 0.75, Positions(places))
+    honest = PoseCheck.read(database, 0.75, at(places))
     assert all(honest.contradiction(model, ids[name]) is None for name in kermit_names)
     others = np.stack([place for name, place in places.items() if name != elsewhere])
     moved = places | {elsewhere: places[elsewhere] + 0.5 * centre_spread(others)}
-    wrong = PoseCheck.read(database, 0.75, Positions(moved))
+    wrong = PoseCheck.read(database, 0.75, at(moved))
     found = {name: wrong.contradiction(model, ids[name]) for name in kermit_names}
     assert {name for name, contradiction in found.items() if contradiction} == {elsewhere}
     assert "off its position prior" in str(found[elsewhere])
@@ -147,7 +151,7 @@ def test_more_images_are_no_argument_for_a_model_that_contradicts_the_current_on
         folded = load_models(folder.mapping(mapper))[0]
         fold(folded, kermit_names[:5])
         folded.write_binary(folder.mapping(mapper) / "0")
-    outcome = remap(stages, kermit_dir, state, Positions(), current, tmp_path / "next")
+    outcome = remap(stages, kermit_dir, state, PosePriors(), current, tmp_path / "next")
     assert not outcome.changed
 
 

@@ -11,11 +11,11 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
-from fvs_engine.sfm.verification.positions import Positions
 
 SETTINGS = GateSettings()
 NAMES = [f"{i}.jpg" for i in range(12)]
@@ -160,7 +160,7 @@ def test_agreement_ignores_the_frame():
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), Positions())
+    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
     scene = MappedScene.of_models("global", [model], evidence, Monitor())
     assert scene.candidate.evidence is not None
     return decide([scene.candidate], SETTINGS), scene.candidate.evidence
