@@ -110,7 +110,7 @@ def architecture() -> str:
     d.text(396, 62, "a supervisor that starts these processes, and restarts one that dies", anchor="start",
            size=13, color=GREY)  # fmt: skip
 
-    d.box(310, 85, 185, 300, "gateway", "REST, gRPC, events", "no torch, computes nothing", fill=BLUE)
+    d.box(310, 85, 185, 300, "gateway", "REST, gRPC, events", "no torch, no pycolmap", fill=BLUE)
     d.box(325, 285, 155, 82, "inspectors", "decode every upload,", "within limits", fill="#ffffff")
     d.box(770, 85, 190, 105, "runner", "one per active scene:", "holds the warm model,", "trains and ranks",
           fill=GREEN)  # fmt: skip

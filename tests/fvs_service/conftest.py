@@ -67,7 +67,7 @@ Overrides = Mapping[str, Any]
 
 
 class ComputingRunners:
-    """Ranks and renders with the engine, from the snapshot's own artefacts."""
+    """Ranks and renders with the engine, from the snapshot's own artifacts."""
 
     methods = ("median-frequency",)
 

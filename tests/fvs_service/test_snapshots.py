@@ -33,7 +33,7 @@ def test_a_snapshot_lists_what_it_has(gateway: Any, snapshot: dict[str, Any]) ->
     assert job["snapshot_id"] == snapshot["id"]
 
 
-def test_an_artefact_is_downloaded_whole(gateway: Any, snapshot: dict[str, Any], ply: Any) -> None:
+def test_an_artifact_is_downloaded_whole(gateway: Any, snapshot: dict[str, Any], ply: Any) -> None:
     path, content = ply
     (artifact,) = [item for item in snapshot["artifacts"] if item["name"] == "point_cloud.ply"]
     assert len(content) == artifact["size_bytes"]
@@ -46,7 +46,7 @@ def test_an_artefact_is_downloaded_whole(gateway: Any, snapshot: dict[str, Any],
     assert (head.status_code, head.headers["content-length"]) == (200, str(len(content)))
 
 
-def test_the_document_names_the_types_of_artefacts(gateway: Any, snapshot: dict[str, Any]) -> None:
+def test_the_document_names_the_types_of_artifacts(gateway: Any, snapshot: dict[str, Any]) -> None:
     paths = gateway.client.get("/openapi.json").json()["paths"]
     answers = paths["/v1/snapshots/{snapshot_id}/artifacts/{name}"]["get"]["responses"]
     for artifact in snapshot["artifacts"]:
@@ -102,7 +102,7 @@ def test_what_is_no_single_range_is_ignored(header: str | None) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.ply", "..%2f..%2fcameras.json", "%2e%2e", "cameras.json%00"])
-def test_only_listed_artefacts_are_read(gateway: Any, snapshot: dict[str, Any], name: str) -> None:
+def test_only_listed_artifacts_are_read(gateway: Any, snapshot: dict[str, Any], name: str) -> None:
     answer = gateway.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/{name}")
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
