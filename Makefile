@@ -61,7 +61,7 @@ unit: setup
 	$(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
 
 kernels: setup
-	@$(BIN)/python -c "from fvs_engine.score.spectrum_median import compile_kernels as score; \
+	@$(BIN)/python -c "from fvs_engine.score.log_magnitude_median import compile_kernels as score; \
 		from fvs_engine.splat.raster import create_rasterizer as rasterizer; score(), rasterizer('cpu')"
 
 test-slow: setup

@@ -23,7 +23,7 @@ from room import candidates, scene
 from fvs_engine.score import MedianFrequency, median_log_magnitude
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))

@@ -83,7 +83,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         return
     import numba
 
-    from fvs_engine.score.spectrum_median import compile_kernels
+    from fvs_engine.score.log_magnitude_median import compile_kernels
     from fvs_engine.splat.raster import create_rasterizer
 
     numba.set_num_threads(1)

@@ -14,7 +14,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.torch_threads import torch_threads_for
 
 STAGE = "calibrate"
 _FEWEST = 3

@@ -16,9 +16,10 @@ from fvs_engine.evaluate.trajectories import plot_trajectories
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.owned_folder import OwnedFolder, differences
 from fvs_engine.files.record import write_record
+from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.records import Record
-from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_folder import fingerprint
 from fvs_engine.select.selectors import SELECTORS, create_selector
 from fvs_engine.splat.raster import Rasterizer
@@ -160,7 +161,7 @@ def _check(dataset: Dataset, protocol: Protocol, methods: Sequence[str], seeds: 
             raise InvalidInputError(f"A {kind} is given twice: {', '.join(map(str, given))}.")
     if min(seeds) < 0:
         raise InvalidInputError(f"A seed cannot be negative, as {min(seeds)} is.")
-    pool, held_out = split_test(dataset.names, protocol.test_every)
+    pool, held_out = hold_out(dataset.names, protocol.test_every)
     if not held_out:
         raise InvalidInputError(
             f"{dataset.name} has {len(pool)} views: too few to hold out every {protocol.test_every}th.",

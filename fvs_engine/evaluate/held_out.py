@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
 
 from fvs_engine.evaluate.metrics import psnr, ssim
@@ -12,7 +11,8 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.select.loop import SelectionLoop
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.render import render_color
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
 
 STAGE = "evaluate"
@@ -28,8 +28,8 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
     one that cannot be localised gets the dataset's camera, moved by the alignment.
     """
     scene = loop.scene
-    localised = scene.localise(loop.test_names, monitor)
-    missing = tuple(name for name in loop.test_names if name not in localised)
+    localised = scene.localise(loop.held_out_names, monitor)
+    missing = tuple(name for name in loop.held_out_names if name not in localised)
     views = [*localised.values(), *aligned_views(loop, missing)]
     qualities = []
     with torch_threads_for(scene.rasterizer.device):
@@ -71,11 +71,7 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
 
 def rendered(scene: GrowingScene, view: TrainingView) -> NDArray[np.float32]:
     """The scene rendered at a view, on black: [H, W, 3] in [0, 1]."""
-    with torch.no_grad():
-        rendering = scene.rasterizer.render(
-            scene.gaussians, view.camera, view.camera_from_model, sh_degree=scene.sh_degree
-        )
-    return np.asarray(rendering.color.clamp(0, 1).cpu().numpy(), dtype=np.float32)
+    return render_color(scene.gaussians, view, scene.rasterizer, sh_degree=scene.sh_degree)
 
 
 def _quality(scene: GrowingScene, view: TrainingView, lpips: Lpips | None) -> ViewQuality:

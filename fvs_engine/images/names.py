@@ -1,11 +1,19 @@
 """Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from fvs_engine.errors import InvalidInputError
+
+_LISTED = 8
+
+
+def listed(names: Sequence[str]) -> str:
+    """The names for a message: the first few, and how many more there are."""
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 @dataclass(frozen=True)

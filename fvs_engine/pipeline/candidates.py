@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.json_input import read_json
 from fvs_engine.geometry import (
     PinholeCamera,
     RigidTransform,
@@ -74,7 +75,7 @@ def read_candidates(
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
     are not finite, quaternions that are not unit, names that occur twice, unknown views and empty lists.
     """
-    document = _read_json(path)
+    document = read_json(path)
     if isinstance(document, dict) and "frames" in document:
         candidates = _from_transforms(path, views, aliases)
     elif isinstance(document, list):
@@ -128,15 +129,6 @@ def candidates_at(views: Sequence[PinholeView], camera: PinholeCamera) -> tuple[
     All have the same ``camera``: only scores of one image size can be compared.
     """
     return tuple(PinholeView(view.name, camera, view.camera_from_model) for view in views)
-
-
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{path} is not JSON: {error}.") from error
 
 
 def _parse(

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_bytes_atomically
+from fvs_engine.score.log_magnitude import log_magnitude
 
 _TILE_AREA_PX = 320 * 214
 _SHEET_WIDTH_PX = 1800
@@ -83,17 +84,6 @@ def contact_sheet(path: Path, entries: Sequence[SheetEntry], *, title: str = "Ne
     buffer = io.BytesIO()
     sheet.save(buffer, format="PNG")
     write_bytes_atomically(path, buffer.getvalue())
-
-
-def log_magnitude(image: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Ln |F| [H, W] of a render [H, W, 3], mean over its channels, with 0 cycles/px in the middle.
-
-    −inf where a coefficient is zero; pixels that are not finite count as black.
-    """
-    clean = np.clip(np.nan_to_num(image.astype(np.float32)), 0.0, 1.0)
-    magnitude = np.abs(np.fft.fft2(clean, axes=(0, 1)))
-    with np.errstate(divide="ignore"):
-        return np.fft.fftshift(np.log(magnitude).mean(axis=2)).astype(np.float32)
 
 
 def _layout(count: int, width: int, height: int) -> _Layout:

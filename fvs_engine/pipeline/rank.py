@@ -15,11 +15,11 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import TrainedModel, open_model
-from fvs_engine.pipeline.render import render_color
 from fvs_engine.records import Record
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.render import render_color
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SHEET_CANDIDATES = 12

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
+from fvs_engine.files.owned_folder import differences
 from fvs_engine.files.storage import require_free_bytes, storage_errors
+from fvs_engine.hold_out import require_views_left
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.normalise import normalise_images, normalised_name
 from fvs_engine.monitor import Monitor
@@ -24,10 +26,10 @@ _BYTES_PER_PIXEL = 4
 _BYTES_PER_PHOTOGRAPH = 4_000_000
 """Disk space for its features and matches."""
 
-_LASTING = (
+_LASTING = {
     *("quality", "training_long_side_px", "test_every", "seed"),
     *("colmap", "transforms", "camera_model", "intrinsics"),
-)
+}
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
 Warn = Callable[[str], None]
@@ -70,11 +72,7 @@ def reconstruct_folder(
             "Imported cameras have their intrinsics already.",
             hint="Leave out --intrinsics and --camera-model, or --colmap and --transforms.",
         )
-    if settings.test_every == 1:
-        raise InvalidInputError(
-            "Every view would be held out (--test-every 1), so none is left to train on.",
-            hint="Hold out every 8th, or none with 0.",
-        )
+    require_views_left(settings.test_every)
     for what, given in (
         ("photographs", str(photographs)),
         ("cameras", settings.colmap),
@@ -173,22 +171,19 @@ def _require_compatible(
     # Until there are cameras, other settings and more photographs are the remedy for a rejected model;
     # structure from motion deletes outdated files itself.
     settled = earlier.cameras is not None
-    differences = [
-        f"{name} was {_shown(old)} and is {_shown(new)}"
-        for name in _LASTING
-        if settled and (old := getattr(earlier.settings, name)) != (new := getattr(settings, name))
-    ]
+    old, new = (each.model_dump(include=_LASTING) for each in (earlier.settings, settings))
+    changed = differences(old, new) if settled else []
     known = {record.sha256: record.name for record in earlier.images.photographs}
     given = {record.sha256: record.name for record in images.photographs}
     added = sorted(name for sha256, name in given.items() if known.get(sha256) != name)
     removed = sorted(name for sha256, name in known.items() if given.get(sha256) != name)
     if added and (settled or removed):
-        differences.append(_counted(added, "new"))
+        changed.append(_counted(added, "new"))
     if removed:
-        differences.append(_counted(removed, "gone"))
-    if differences:
+        changed.append(_counted(removed, "gone"))
+    if changed:
         raise OutputExistsError(
-            f"{workspace.root} holds another reconstruction: {'; '.join(differences)}.",
+            f"{workspace.root} holds another reconstruction: {'; '.join(changed)}.",
             hint="Give another --out, or start again there with --overwrite.",
         )
 
@@ -197,7 +192,3 @@ def _counted(names: list[str], what: str) -> str:
     if len(names) == 1:
         return f"1 photograph is {what} ({names[0]})"
     return f"{len(names)} photographs are {what} ({names[0]}, …)"
-
-
-def _shown(value: object) -> str:
-    return "the default" if value is None else str(value)

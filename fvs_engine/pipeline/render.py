@@ -3,9 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
 from PIL import Image
 
 from fvs_engine.choices import ViewGroup
@@ -15,8 +12,8 @@ from fvs_engine.geometry import smooth_path
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
-from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.render import render_color, to_pixels
 from fvs_engine.views import PinholeView
 
 
@@ -52,7 +49,7 @@ def render_views(
     gaussians = model.gaussians.to(rasterizer.device)
     paths = []
     for done, view in enumerate(wanted, start=1):
-        pixels = np.round(render_color(gaussians, view, rasterizer) * 255.0).astype(np.uint8)
+        pixels = to_pixels(render_color(gaussians, view, rasterizer))
         # Views are named after files; the names of candidates can be anything.
         name = view.name if candidates_file is None else _file_name(view.name)
         path = folder / f"{name}.png"
@@ -63,13 +60,6 @@ def render_views(
         monitor.report("render", done, len(wanted))
         monitor.check()
     return tuple(paths)
-
-
-def render_color(gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer) -> NDArray[np.float32]:
-    """The model rendered at a view, on black: [H, W, 3] in [0, 1]."""
-    with torch.no_grad():
-        rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model)
-    return np.asarray(rendering.color.clamp(0.0, 1.0).cpu().numpy(), dtype=np.float32)
 
 
 def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[PinholeView]:

@@ -4,9 +4,10 @@ from pydantic import ValidationError
 
 from fvs_engine.choices import InitialChoice, Method, Poses, Quality
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.hold_out import hold_out
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
 from fvs_engine.records import Record, first_error
-from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop_settings import LoopSettings
 from fvs_engine.sfm.settings import SfmSettings
@@ -67,12 +68,7 @@ class SelectionRequest(Record):
 
         Raises ``InvalidInputError`` for values that contradict each other, the dataset, or are out of range.
         """
-        if self.test_every == 1:
-            raise InvalidInputError(
-                "Every view would be held out (--test-every 1), so none is left to visit.",
-                hint="Hold out every 8th, or none with 0.",
-            )
-        pool, _ = split_test(dataset.names, self.test_every)
+        pool, _ = hold_out(dataset.names, self.test_every)
         if len(pool) < self.initial:
             raise InvalidInputError(
                 f"{dataset.name} has only {len(pool)} views to visit, and the selection begins with "

@@ -11,6 +11,7 @@ from PIL import Image
 
 from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.files.storage import require_free_bytes, storage_errors
+from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import (
     Manifest,
@@ -19,22 +20,22 @@ from fvs_engine.pipeline.manifest import (
     TrainingRecord,
     ViewMetrics,
 )
-from fvs_engine.pipeline.render import render_color
 from fvs_engine.pipeline.views import (
     load_views,
     model_views,
     read_undistorted,
-    split_views,
     usual_camera,
 )
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.render import render_color, to_pixels
 from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
 from fvs_engine.splat.spz import write_spz
-from fvs_engine.splat.trainer import Trainer, torch_threads_for
+from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
 
@@ -71,7 +72,7 @@ def train(
     long_side_px = manifest.settings.training_long_side_px
     reconstruction = read_undistorted(workspace)
     views = model_views(reconstruction, long_side_px)
-    training, held_out = split_views(views, manifest.settings.test_every)
+    training, held_out = hold_out_views(views, manifest.settings.test_every)
     if not held_out and manifest.settings.test_every:
         warn(f"No view is held out: {len(views)} are too few to spare one.")
     rasterizer = create_rasterizer(manifest.settings.backend, monitor)
@@ -180,7 +181,7 @@ def _evaluate(
         path = folder / f"{view.name}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            pixels = np.concatenate([view.image, np.round(rendered * 255.0).astype(np.uint8)], axis=1)
+            pixels = np.concatenate([view.image, to_pixels(rendered)], axis=1)
             Image.fromarray(pixels).save(path)
         monitor.report("evaluate", done, len(held_out))
         monitor.check()

@@ -35,20 +35,6 @@ def model_views(reconstruction: Reconstruction, long_side_px: int) -> tuple[Pinh
     return tuple(views)
 
 
-def split_views(
-    views: Sequence[PinholeView], test_every: int
-) -> tuple[tuple[PinholeView, ...], tuple[PinholeView, ...]]:
-    """Training and held-out views: of the views sorted by name, index % ``test_every`` == 0 is held out.
-
-    Nothing is held out when ``test_every`` is 0 or exceeds the number of views.
-    """
-    if test_every == 0 or len(views) < test_every:
-        return tuple(views), ()
-    test = tuple(views[::test_every])
-    names = {view.name for view in test}
-    return tuple(view for view in views if view.name not in names), test
-
-
 def load_views(
     views: Sequence[PinholeView], image_dir: Path, long_side_px: int, monitor: Monitor
 ) -> list[TrainingView]:

@@ -1,6 +1,6 @@
 """Growing scenes: a dataset's images, the views visited so far, and the Gaussians trained on them."""
 
-from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
+from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.scene_update import SceneUpdate
 from fvs_engine.scene.settings import SceneSettings
@@ -11,5 +11,4 @@ __all__ = [
     "SceneSettings",
     "SceneUpdate",
     "read_dataset",
-    "split_test",
 ]

@@ -1,25 +1,24 @@
 """A dataset: photographs with known poses, in the dataset's own frame."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import match_files
+from fvs_engine.images.names import listed, match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
 from fvs_engine.views import AnyView, View
 
 _MIN_VIEWS = 2
-_NAMES_SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +68,11 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     if not images.is_dir():
         raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")
     if colmap is not None and transforms is None:
-        source, posed = _posed_in_colmap(colmap)
+        source = find_colmap_model(colmap)
+        model = open_colmap(source)
+        posed = _posed(model, source)
     elif transforms is not None and colmap is None:
-        source, posed = transforms, import_transforms_json(transforms).views
+        source, model, posed = transforms, None, import_transforms_json(transforms).views
     else:
         raise InvalidInputError(
             "A dataset needs its poses: one COLMAP model, or one transforms.json.",
@@ -95,36 +96,18 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     warnings = []
     if missing:
         warnings.append(
-            f"{len(missing)} of the {len(posed)} views in {source} have no photograph: {_some(missing)}."
+            f"{len(missing)} of the {len(posed)} views in {source} have no photograph: {listed(missing)}."
         )
     unposed = sorted(_photograph_names(images) - {view.name for view in views})
     if unposed:
-        warnings.append(f"{len(unposed)} photographs have no pose and are not used: {_some(unposed)}.")
-    points = points_from_pycolmap(open_colmap(find_colmap_model(colmap)), names) if colmap else None
+        warnings.append(f"{len(unposed)} photographs have no pose and are not used: {listed(unposed)}.")
+    points = None if model is None else points_from_pycolmap(model, names)
     title = images.resolve().parent.name if images.name == "images" else images.name
     return Dataset(title, images, tuple(views), points, tuple(warnings))
 
 
-def split_test(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Training and test names: of the sorted ``names``, index % ``every`` == 0 is for testing.
-
-    There are no test names when ``every`` is 0 or exceeds the number of names. Source: Mip-NeRF 360 (every
-    8th). Raises ``InvalidInputError`` for ``every`` of 1 or less than 0.
-    """
-    if every < 0 or every == 1:
-        raise InvalidInputError(
-            f"Every {every}th view cannot be for testing.", hint="Use 8, or 0 for no test views."
-        )
-    ordered = sorted(names)
-    test = tuple(ordered[::every]) if every and len(ordered) >= every else ()
-    held_out = set(test)
-    return tuple(name for name in ordered if name not in held_out), test
-
-
-def _posed_in_colmap(folder: Path) -> tuple[Path, tuple[AnyView, ...]]:
-    """The model's folder and its posed views, with the model's cameras."""
-    found = find_colmap_model(folder)
-    model = open_colmap(found)
+def _posed(model: pycolmap.Reconstruction, folder: Path) -> tuple[AnyView, ...]:
+    """The posed views of the model in ``folder``, with the model's cameras."""
     views = []
     for image in model.images.values():
         if not image.has_pose:
@@ -133,16 +116,16 @@ def _posed_in_colmap(folder: Path) -> tuple[Path, tuple[AnyView, ...]]:
             camera_from_model = rigid_from_pycolmap(image.cam_from_world())
         except InvalidInputError as error:
             raise InvalidInputError(
-                f"The pose of {image.name} in {found} cannot be used: {error.message}",
+                f"The pose of {image.name} in {folder} cannot be used: {error.message}",
                 hint="Leave that image out of the model, or export it again.",
             ) from error
         camera = camera_from_pycolmap(model.cameras[image.camera_id])
         views.append(View(image.name, camera, camera_from_model))
     if not views:
         raise InvalidInputError(
-            f"No image of the model in {found} has a pose.", hint="Give the model of a finished mapping."
+            f"No image of the model in {folder} has a pose.", hint="Give the model of a finished mapping."
         )
-    return found, tuple(views)
+    return tuple(views)
 
 
 def _camera_of(view: AnyView, photograph: Path) -> Camera:
@@ -168,9 +151,3 @@ def _photograph_names(images: Path) -> set[str]:
         for path in images.rglob("*")
         if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
     }
-
-
-def _some(names: Iterable[str]) -> str:
-    listed = list(names)
-    more = len(listed) - _NAMES_SHOWN
-    return ", ".join(listed[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")

@@ -219,10 +219,9 @@ class GrowingScene:
         edit = self._edit(update, visited, monitor, restart=not gone.isdisjoint(self._posed))
         self._apply(edit)
         self._visited, self._generation, self._dirty = visited, update.generation, True
-        registered = frozenset(update.registered)
         return SceneUpdate(
-            registered=tuple(name for name in visited if name in registered),
-            unregistered=self.unregistered,
+            registered=update.registered,
+            unregistered=update.unregistered,
             moved=len(edit.moved),
             new_gaussians=len(edit.seeds),
             iterations=self.target_iteration,

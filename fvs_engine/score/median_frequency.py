@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from fvs_engine.monitor import Monitor
+from fvs_engine.score.log_magnitude_median import compile_kernels, median_log_of_spectra
 from fvs_engine.score.renderings import RenderingScorer, require_images
-from fvs_engine.score.spectrum_median import compile_kernels, median_log_of_spectra
 
 _ROUNDING = 600 * torch.finfo(torch.float64).eps
 """Median magnitude, relative to the mean of a white image, up to which it is rounding."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import torch
 
-from fvs_engine.score.spectrum_median import median_log_of_spectra
+from fvs_engine.score.log_magnitude_median import median_log_of_spectra
 
 
 def _median() -> None:

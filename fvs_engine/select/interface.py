@@ -11,7 +11,7 @@ from fvs_engine.score import CandidateScore, rank
 from fvs_engine.select.distances import view_distances
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_dataset, same_frame
+from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.select.distances import path_length
 from fvs_engine.select.initial_views import initial_views
@@ -75,7 +76,7 @@ class SelectionLoop:
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
-        self.train_names, self.test_names = split_test(dataset.names, settings.test_every)
+        self.pool, self.held_out_names = hold_out(dataset.names, settings.test_every)
         """In order of capture: the views that may be visited, and the held-out ones."""
         records, self._pending = folder.read_steps()
         self._records = records
@@ -97,7 +98,7 @@ class SelectionLoop:
         else or another selection; ``StorageError``.
         """
         create_selector(settings.method)
-        pool, held_out = split_test(dataset.names, settings.test_every)
+        pool, held_out = hold_out(dataset.names, settings.test_every)
         if len(pool) < settings.budget:
             raise InvalidInputError(
                 f"The budget is {settings.budget} views, but {dataset.name} has only {len(pool)} to visit: "
@@ -140,7 +141,7 @@ class SelectionLoop:
     def unvisited(self) -> tuple[str, ...]:
         """The views that may still be visited, in order of capture."""
         visited = set(self.visited)
-        return tuple(name for name in self.train_names if name not in visited)
+        return tuple(name for name in self.pool if name not in visited)
 
     @property
     def travel(self) -> float:
@@ -213,7 +214,7 @@ class SelectionLoop:
                 registered.get(view.name, view) for view in self._candidates(self.visited, alignment)
             ),
             candidates=self._candidates(candidates, alignment),
-            order={name: index for index, name in enumerate(self.train_names)},
+            order={name: index for index, name in enumerate(self.pool)},
             budget=self.settings.budget,
             seed=self.settings.seed,
             step=len(self._records),

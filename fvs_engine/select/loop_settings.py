@@ -39,6 +39,4 @@ class LoopSettings(Record):
             raise ValueError("candidates are within a radius or the nearest few: give one of the two")
         if self.budget < self.initial:
             raise ValueError(f"budget ({self.budget}) must not be less than initial ({self.initial})")
-        if self.test_every == 1:
-            raise ValueError("test_every = 1 would hold out every view")
         return self

@@ -2,8 +2,7 @@
 
 import math
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
 from fvs_engine.splat.raster.interface import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView, scene_extent
 
 STAGE = "train"
@@ -381,15 +381,3 @@ def _trainable(gaussians: Gaussians) -> Gaussians:
 
 def _blend(old: float | None, new: float, share: float) -> float:
     return new if old is None else old + share * (new - old)
-
-
-@contextmanager
-def torch_threads_for(device: torch.device) -> Iterator[None]:
-    """Limit torch to one thread on the CPU, whose cores the kernels use."""
-    before = torch.get_num_threads()
-    if device.type == "cpu":
-        torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -38,7 +38,9 @@ def test_a_file_arrives_whole_and_only_once(snapshot: Snapshot, tmp_path: Path) 
 
 
 def test_a_new_folder_is_made(snapshot: Snapshot, tmp_path: Path) -> None:
-    assert snapshot.download("cameras.json", tmp_path / "deep" / "cameras.json").is_file()
+    file = snapshot.download("cameras.json", tmp_path / "deep" / "cameras.json")
+    artifact = next(item for item in snapshot.artifacts if item.name == "cameras.json")
+    assert hashlib.sha256(file.read_bytes()).hexdigest() == artifact.sha256
 
 
 def test_cameras_are_read(snapshot: Snapshot) -> None:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.images.names import listed
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import (
     MappedScene,
@@ -176,11 +177,11 @@ def _report(
     warnings = [*stages.warnings, *decision.warnings, *(warning(*each) for each in quarantined.items())]
     if unregistered:
         warnings.append(
-            f"{len(unregistered)} of {len(names)} images are unregistered: {_listed(unregistered)}."
+            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
         )
     evidence = kept.evidence
     if evidence is not None and evidence.unsupported_images:
-        warnings.append(f"The poses of {_listed(evidence.unsupported_images)} are weakly supported.")
+        warnings.append(f"The poses of {listed(evidence.unsupported_images)} are weakly supported.")
     return SfmReport(
         mapper=kept.mapper,
         verdict=kept.verdict,
@@ -203,7 +204,7 @@ def _failure(
     stages: Stages, names: Sequence[str], candidates: Sequence[CandidateReport]
 ) -> ReconstructionError:
     verified = verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES)
-    shown = _listed(names)
+    shown = listed(names)
     if verified == 0:
         return ReconstructionError(
             f"No two of the {len(image_ids(stages.folder.database))} images overlap ({shown}).",
@@ -221,8 +222,3 @@ def _failure(
         "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
         f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
     )
-
-
-def _listed(names: Sequence[str], limit: int = 8) -> str:
-    rest = len(names) - limit
-    return ", ".join(names[:limit]) + (f" and {rest} more" if rest > 0 else "")

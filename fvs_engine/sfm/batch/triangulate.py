@@ -10,7 +10,7 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_engine.images.names import match_files
+from fvs_engine.images.names import listed, match_files
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
@@ -148,7 +148,7 @@ def _report(
     if doubtful:
         warnings.append(f"DOUBTFUL CAMERAS: {reason}")
     if missing:
-        warnings.append(f"{len(missing)} of the given cameras have no image here: {', '.join(missing[:8])}.")
+        warnings.append(f"{len(missing)} of the given cameras have no image here: {listed(missing)}.")
     registered = {view.name for view in reconstruction.views}
     error_px = model.compute_mean_reprojection_error()
     candidate = CandidateReport(

@@ -1,6 +1,5 @@
 """Import of posed views: a COLMAP model, or a ``transforms.json`` of a NeRF dataset."""
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.json_input import read_json
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import Camera, DistortedCamera
 from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV
@@ -87,7 +87,7 @@ def import_transforms_json(file: Path) -> Reconstruction:
     head or in each frame; a size that is not given is the image's. Raises ``InvalidInputError`` for anything
     that is not such a file, for invalid rotations, and for numbers that are not finite.
     """
-    head = _read_json(file)
+    head = _read_object(file)
     frames = head.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InvalidInputError(
@@ -106,15 +106,8 @@ def import_transforms_json(file: Path) -> Reconstruction:
     return Reconstruction.of_views(views.values())
 
 
-def _read_json(file: Path) -> dict[str, Any]:
-    try:
-        head = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInputError(
-            f"{file} cannot be read: {error.strerror}.", hint="Check the path."
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{file} is not JSON: {error}.", hint="Export it again.") from error
+def _read_object(file: Path) -> dict[str, Any]:
+    head = read_json(file)
     if not isinstance(head, dict):
         raise InvalidInputError(f"{file} is not a transforms.json.", hint="It must be a JSON object.")
     return head

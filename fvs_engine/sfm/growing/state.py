@@ -133,9 +133,8 @@ class GrowthFolder:
         when its state is damaged.
         """
         self.root.mkdir(parents=True, exist_ok=True)
-        file = self.root / "growth.json"
         digest = settings_digest(settings)
-        state = read_record(file, GrowthState, "Delete its folder and start again.")
+        state = self._read()
         if state is None:
             return GrowthState(settings=digest)
         if state.settings != digest:
@@ -146,15 +145,28 @@ class GrowthFolder:
         self._remove_all_but(state.generation)
         return state
 
+    @property
+    def current_model(self) -> Path | None:
+        """The COLMAP model that was committed last; None without one. Raises ``StorageError``."""
+        state = self._read()
+        return self.model(state.generation) if state is not None and state.registered else None
+
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        write_record(self.root / "growth.json", state)
+        write_record(self._file, state)
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""
         replace_folder(self.next_model, self.model(state.generation))
         self.save(state)
         self._remove_all_but(state.generation)
+
+    @property
+    def _file(self) -> Path:
+        return self.root / "growth.json"
+
+    def _read(self) -> GrowthState | None:
+        return read_record(self._file, GrowthState, "Delete its folder and start again.")
 
     def _remove_all_but(self, generation: int) -> None:
         current = self.model(generation)

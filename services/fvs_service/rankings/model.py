@@ -179,22 +179,13 @@ class ScoredCandidate(Model):
         )
 
 
-class RankedCandidate(Model):
+class RankedCandidate(ScoredCandidate):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
 
-    id: str
     rank: Count | None
-    score: Number | None
-    """The lower, the less the model knows about what the view shows."""
-    status: CandidateStatus
-    coverage: Number | None
-    """The share of the view that the model covers; null when it was not rendered."""
-    distance_m: Number | None
-    """Distance from the current pose; null if none was given."""
-    pose: Pose
 
     @classmethod
-    def of(cls, candidate: engine.RankedCandidate, pose: Pose) -> Self:
+    def ranked(cls, candidate: engine.RankedCandidate, pose: Pose) -> Self:
         """The engine's ranked candidate with its pose in the frame of the answer."""
         return cls(
             id=candidate.name,

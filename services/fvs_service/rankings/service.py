@@ -228,7 +228,7 @@ class Rankings:
             iterations=result.iterations,
             gaussians=result.gaussians,
             fallback=result.fallback,
-            candidates=tuple(map(RankedCandidate.of, first, shown)),
+            candidates=tuple(map(RankedCandidate.ranked, first, shown)),
             total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,

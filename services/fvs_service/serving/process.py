@@ -11,6 +11,7 @@ from fvs_engine.child_process import end_with_parent
 from fvs_service.application import open_storage
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.logs import configure_logging, log_uncaught
+from fvs_service.serving.arenas import limit_arenas
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
 from fvs_service.tracing import Tracing
 from fvs_service.worker.runners import LeasedRunners
@@ -18,6 +19,7 @@ from fvs_service.worker.runners import LeasedRunners
 
 def main() -> None:
     """Run a gateway or a worker until SIGINT or SIGTERM."""
+    limit_arenas()  # before there are threads
     (role,) = sys.argv[1:]
     order = ProcessOrder.model_validate_json(sys.stdin.buffer.readline())
     end_with_parent(order.parent)

@@ -149,7 +149,7 @@ def test_damaged_metadata_says_nothing(xmp: str) -> None:
     "damage", [lambda _: b"", lambda c: c[:40], lambda c: c[:30] + b"\xff" * 60 + c[90:]]
 )
 def test_damaged_files_do_not_raise(damage: Callable[[bytes], bytes]) -> None:
-    read_priors(damage(_jpeg(_gps())))
+    assert read_priors(damage(_jpeg(_gps()))) == PhotographPriors()
 
 
 def test_the_time_has_its_zone_and_fraction() -> None:

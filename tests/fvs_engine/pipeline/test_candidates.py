@@ -9,7 +9,7 @@ import pytest
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
-from fvs_engine.pipeline.views import split_views, usual_camera
+from fvs_engine.pipeline.views import usual_camera
 from fvs_engine.views import PinholeView
 
 POSE = {"name": "a", "position": [1, 2, 3], "orientation_wxyz": [0.5, 0.5, -0.5, 0.5]}
@@ -230,11 +230,3 @@ def test_candidates_at_views_share_one_camera(views: tuple[PinholeView, ...], ca
     mixed = (*views[:2], PinholeView("z.png", other, views[2].camera_from_model))
     assert usual_camera(mixed) == camera
     assert {candidate.camera for candidate in candidates_at(mixed, usual_camera(mixed))} == {camera}
-
-
-def test_every_eighth_view_is_held_out(views: tuple[PinholeView, ...]) -> None:
-    training, held_out = split_views(views, 4)
-    assert [view.name for view in held_out] == ["00.png", "04.png"]
-    assert len(training) == 6
-    assert split_views(views, 0) == (views, ())
-    assert split_views(views, 9) == (views, ())

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.scene.dataset import Dataset, read_dataset, split_test
+from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.sfm.colmap.model import to_pycolmap
 from fvs_engine.views import View
 
@@ -160,16 +160,3 @@ def test_two_views_cannot_share_a_photograph(tmp_path: Path) -> None:
     file = write_transforms(tmp_path / "transforms.json", **{"left/a.png": np.eye(4).tolist()})
     with pytest.raises(InvalidInputError, match=r"images/a\.png may mean a\.png, and so may left/a\.png"):
         read_dataset(images, transforms=file)
-
-
-def test_every_eighth_is_for_testing() -> None:
-    names = [f"{i:02}" for i in range(20)]
-    train, test = split_test(names[::-1], 8)
-    assert test == ("00", "08", "16")
-    assert sorted(train + test) == names
-    assert list(train) == sorted(train)
-    assert split_test(names, 0) == (tuple(names), ())
-    assert split_test(names[:5], 8) == (tuple(names[:5]), ())
-    for every in (1, -2):
-        with pytest.raises(InvalidInputError, match="testing"):
-            split_test(names, every)

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.score import median_log_magnitude
-from fvs_engine.score.spectrum_median import _middle_powers, _middle_powers_of_image
+from fvs_engine.score.log_magnitude_median import _middle_powers, _middle_powers_of_image
 
 
 def oracle(image: np.ndarray) -> float:

@@ -72,7 +72,7 @@ def test_it_visits_as_many_views_as_the_budget_says(clean_run: SelectionLoop) ->
 
 def test_test_views_are_neither_visited_nor_candidates(clean_run: SelectionLoop) -> None:
     held_out = {"00.png", "08.png", "16.png"}
-    assert set(clean_run.test_names) == held_out
+    assert set(clean_run.held_out_names) == held_out
     assert not held_out & set(clean_run.visited)
     for record in clean_run.records:
         assert not held_out & {place.name for place in record.choice.ranked}
@@ -84,7 +84,7 @@ def test_candidates_are_the_unvisited_views_in_reach_of_the_camera(clean_run: Se
     for record in clean_run.records:
         lengths = {
             name: float(np.linalg.norm(centres[name] - centres[visited[-1]]))
-            for name in clean_run.train_names
+            for name in clean_run.pool
             if name not in visited
         }
         nearest = sorted(lengths.values())[:6]
@@ -173,9 +173,10 @@ def test_another_seed_and_method_may_choose_otherwise_but_not_in_the_same_folder
 
 
 def test_the_time_limit_and_the_threads_may_change(room: Dataset, tmp_path: Path) -> None:
-    open_loop(tmp_path, room)
+    open_loop(tmp_path, room).begin(Monitor())
     threads = SCENE.model_copy(update={"sfm": SfmSettings(threads=2)})
-    open_loop(tmp_path, room, time_limit_s=3.0, scene=threads)
+    resumed = open_loop(tmp_path, room, time_limit_s=3.0, scene=threads)
+    assert resumed.visited == resumed.initial
 
 
 def test_what_there_is_to_say_of_the_initial_views_is_said_once(room: Dataset, tmp_path: Path) -> None:
@@ -230,7 +231,7 @@ def test_the_whole_pool_may_be_visited(room: Dataset, tmp_path: Path) -> None:
     scene = SCENE.model_copy(update={"iterations_per_view": 0, "initial_iterations": 1})
     loop = open_loop(tmp_path, room, initial=19, budget=21, nearest=100, scene=scene, method="random")
     assert run(loop).kind == "budget"
-    assert sorted(loop.visited) == sorted(loop.train_names)
+    assert sorted(loop.visited) == sorted(loop.pool)
 
 
 def test_a_folder_with_something_else_in_it_is_left_alone(room: Dataset, tmp_path: Path) -> None:
@@ -317,13 +318,13 @@ def test_photographs_register_and_candidates_land_in_the_model(
 
     # The chosen photograph was registered by itself, a held-out one is placed by itself.
     model_from_world = loop.align().model_from_world
-    held_out = loop.scene.localise(loop.test_names, Monitor())
+    held_out = loop.scene.localise(loop.held_out_names, Monitor())
     assert "0000.jpg" in held_out
     for view in (loop.scene.views[-1], held_out["0000.jpg"]):
         moved, turned = apart(view)
         assert moved < 0.1 * spread
         assert turned < 3.0
-    assert not set(loop.test_names) & set(loop.scene.visited)
+    assert not set(loop.held_out_names) & set(loop.scene.visited)
 
 
 def test_poses_that_contradict_the_photographs_are_refused(

@@ -111,20 +111,10 @@ class ScoredCandidate(Answer):
     """In the frame of the ranking's poses."""
 
 
-class RankedCandidate(Answer):
-    """A candidate with its score; `rank` is None for candidates that were not ranked (see `status`)."""
+class RankedCandidate(ScoredCandidate):
+    """A candidate of a ranking; `rank` is None for candidates that were not ranked (see `status`)."""
 
-    id: str
     rank: int | None
-    score: float | None
-    """Lower where the model is less certain of what the view shows."""
-    status: CandidateStatus
-    coverage: float | None
-    """Share of the view that the model fills; None when the view was not rendered."""
-    distance_m: float | None
-    """Distance from the current pose; None without one."""
-    pose: Pose
-    """In the frame that the request names, or in which it asks; geodetic for a georeferenced scene."""
 
 
 class RankingWarning(Answer):

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.trainer import torch_threads_for
+from fvs_engine.splat.render import render_color
+from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
 
 
@@ -31,11 +31,10 @@ def measure(
 ) -> Quality | None:
     """The quality at ``views``; None without any. Stage ``evaluate``; raises ``Cancelled``."""
     ratios, similarities = [], []
-    with torch.no_grad(), torch_threads_for(rasterizer.device):
+    with torch_threads_for(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
-            rendering = rasterizer.render(gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree)
-            render = rendering.color.clamp(0, 1).cpu().numpy()
+            render = render_color(gaussians, view, rasterizer, sh_degree=sh_degree)
             photograph = view.image.astype(np.float32) / 255
             ratios.append(psnr(render, photograph))
             similarities.append(ssim(render, photograph))

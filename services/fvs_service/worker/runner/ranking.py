@@ -4,14 +4,14 @@ import io
 import time
 
 import numpy as np
-import torch
 from PIL import Image
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.contact_sheet import log_magnitude
+from fvs_engine.score.log_magnitude import log_magnitude
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.render import render_color, to_pixels
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, ViewImage
 from fvs_service.worker.runner.model_states import ModelState
 
@@ -46,19 +46,14 @@ def rank_views(
 
 def render_view(request: RenderView, state: ModelState, rasterizer: Rasterizer) -> bytes:
     """A PNG of the view, or of the spectrum ln |F| of it (0 cycles/px in the middle, darker is less)."""
-    view = request.view
-    with torch.no_grad():
-        rendering = rasterizer.render(
-            state.gaussians, view.camera, view.camera_from_model, sh_degree=state.sh_degree
-        )
-    color = rendering.color.clamp(0.0, 1.0).cpu().numpy()
+    color = render_color(state.gaussians, request.view, rasterizer, sh_degree=state.sh_degree)
     if request.image is ViewImage.RENDER:
-        return _png(np.round(color * 255.0).astype(np.uint8))
+        return _png(to_pixels(color))
     spectrum = log_magnitude(color)
     finite = spectrum[np.isfinite(spectrum)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     shares = (np.nan_to_num(spectrum, neginf=low) - low) / max(high - low, 1e-6)
-    return _png(np.round(np.clip(shares, 0.0, 1.0) * 255.0).astype(np.uint8))
+    return _png(to_pixels(np.clip(shares, 0.0, 1.0)))
 
 
 def _png(pixels: np.ndarray) -> bytes:

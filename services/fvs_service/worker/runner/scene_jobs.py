@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, split_test
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
-from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.native_process import end_child
 from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -225,7 +226,7 @@ class SceneJobs:
     def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
         placed = self._images(request, monitor, warn, quarantine)
         fine = self._fine_folder(request.job_id)
-        cameras = self._cameras_of(fine, request.camera, placed, monitor)
+        cameras = self._cameras_of(fine, placed)
         wanted, settings = request.request, self._settings
         photographs = Photographs(self._folder.images, wanted.long_side_px or self._usual_side())
         views = []
@@ -273,9 +274,7 @@ class SceneJobs:
                 shutil.rmtree(other)
         return folder
 
-    def _cameras_of(
-        self, fine: Path, camera: CameraPrior | None, images: Mapping[str, Image], monitor: Monitor
-    ) -> Reconstruction:
+    def _cameras_of(self, fine: Path, images: Mapping[str, Image]) -> Reconstruction:
         """The cameras that the fine model is trained with; later updates do not change them.
 
         When an image has been left out since, the training starts again without it.
@@ -284,10 +283,7 @@ class SceneJobs:
         if kept.exists() and any(view.name not in images for view in read_colmap(kept).views):
             fresh_folder(fine)
         if not kept.exists():
-            reconstruction = GrowingReconstruction.open(
-                self._folder.growing / "sfm", self._folder.images, self._sfm(camera), monitor
-            )
-            model_dir = reconstruction.model_dir
+            model_dir = GrowthFolder(self._folder.growing / "sfm").current_model
             if model_dir is None:
                 raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
             partial = fresh_folder(fine / "sparse.partial")
@@ -358,11 +354,8 @@ def _split(
     views: Sequence[TrainingView], test_every: int | None
 ) -> tuple[Sequence[TrainingView], Sequence[TrainingView]]:
     """The views to train on and the held-out views; none is held out when too few would be left."""
-    trained, held_out = split_test([view.name for view in views], test_every or 0)
-    if len(trained) < 2:
-        return views, ()
-    named = {view.name: view for view in views}
-    return [named[name] for name in trained], [named[name] for name in held_out]
+    trained, held_out = hold_out_views(views, test_every or 0)
+    return (trained, held_out) if len(trained) >= 2 else (views, ())
 
 
 def _seen_points(reconstruction: Reconstruction) -> NDArray[np.float64]:
