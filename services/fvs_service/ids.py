@@ -6,8 +6,6 @@ import time
 _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"
 _LENGTH = 26
 
-PATTERN = rf"^[a-z]{{3}}_[{_ALPHABET}]{{{_LENGTH}}}$"
-
 
 def new_id(prefix: str) -> str:
     """A new identifier such as ``scn_01k9…``: 48 bits of time, 80 random bits, in Crockford's base 32."""

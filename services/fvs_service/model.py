@@ -55,8 +55,6 @@ def _whole(value: object) -> object:
 WHOLE = BeforeValidator(_whole)
 """Reads ``3.0`` as 3, which is the same in JSON. After a strict ``Field`` with the range, so that the OpenAPI
 document has the range too."""
-WholeNumber = Annotated[int, Field(strict=True), WHOLE]
-"""A whole number; strings and ``true`` are not converted."""
 Count = Annotated[int, Field(strict=True, ge=0), WHOLE]
 PositiveNumber = Annotated[Number, Field(gt=0)]
 Triple = tuple[Number, Number, Number]
