@@ -47,7 +47,7 @@ _LEAST_LEFT_S = 1.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a progress event said, ``at_s`` after the start of the job."""
+    """The estimate of a progress event, ``at_s`` after the start of the job."""
 
     at_s: float
     stage: str
@@ -106,7 +106,7 @@ class Recorder:
         threading.Thread(target=self._follow, daemon=True).start()
 
     def record(self, scene: str, name: str, size: JobSize, job: Job) -> Recording:
-        """Wait for the job, and return what its events said."""
+        """Wait for the job, and return the estimates of its events."""
         with self._ended:
             self._ended.wait_for(lambda: job.id in self._over)
         data = job.wait()
@@ -210,7 +210,7 @@ class ReplayedClock:
 
 
 def replayed(recordings: list[Recording]) -> list[Recording]:
-    """The recordings with the estimates of the present code, which learns from each for the next ones."""
+    """The recordings with the estimates of the present code, each from those before it."""
     past: dict[tuple[JobKind, bool], list[JobTiming]] = {}
     found = []
     for one in recordings:

@@ -52,7 +52,7 @@ def measure_side_by_side(
 ) -> dict[str, Timing]:
     """Time several functions in turns, so that a drift of the machine's speed affects all of them.
 
-    ``clock`` says the time in seconds: ``time.process_time`` counts what this process alone computes.
+    ``clock`` returns the time in seconds: ``time.process_time`` counts what this process alone computes.
     """
     seconds: dict[str, list[float]] = {name: [] for name in functions}
     for turn in range(warmup + repeat):

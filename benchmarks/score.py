@@ -28,7 +28,7 @@ from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
 FEW_GAUSSIANS = 13_000
-"""As many as structure from motion gives points for a small scene: the score's share is largest then."""
+"""The number of points of a small scene's structure from motion: the score's share is largest with few."""
 
 
 def score_naively(gaussians: Gaussians, views: list[PinholeView], rasterizer: Rasterizer) -> list[float]:

@@ -3,8 +3,8 @@
     python benchmarks/service_abandoned.py [--clients 40] [--candidates 500] [--hang-up 1] [--same]
 
 `fvs serve` with its defaults and a model of a simulated courtyard. All clients ask at once, each on a
-connection of its own, and hang up. Then an honest client asks for 24 candidates, again whenever the
-service says so. Its time is compared with that of the same question before.
+connection of its own, and hang up. Then an honest client asks for 24 candidates, again whenever the service
+asks for it. Its time is compared with that of the same question before.
 """
 
 import argparse

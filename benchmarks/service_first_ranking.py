@@ -3,7 +3,7 @@
     python benchmarks/service_first_ranking.py PHOTOGRAPHS [--candidates 24] [--json first_ranking.json]
 
 `fvs serve` with its defaults, and no scene yet: it is started before the clock is. The stages of the update
-are what the job says of itself as the client hears it; what happens before it runs (a worker takes it up and
+are those that the job reports to the client; what happens before it runs (a worker takes it up and
 starts the scene's runner) and after its last stage (the client hears of the end) is waiting.
 """
 

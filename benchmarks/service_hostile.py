@@ -5,9 +5,9 @@
 
 Starts `fvs serve`, with keys, with a small model of a simulated courtyard. First only the honest client is
 there, for a fifth of the time: in each round it uploads an image, as the Python client does, and ranks eight
-candidates. Then, for all of the time, so many connections send hostile requests of every kind beside it, at
-the rate given, in turn with a key that may only upload and with keys that do not exist. With `--no-budget`
-the same is done once more with a service that puts no key on hold. The lag is the gateway's own
+candidates. Then, for all of the time, the given number of connections send hostile requests of every kind
+beside it, at the given rate, in turn with a key that may only upload and with keys that do not exist. With
+`--no-budget` the same is done once more with a service that puts no key on hold. The lag is the gateway's own
 `fvs_loop_lag_seconds`, of which the bucket is known: a lag is at most the number shown.
 """
 
@@ -50,7 +50,7 @@ _BYTES = 1_400_000
 _NO_BUDGET = 1_000_000_000
 _ATTACK_NICENESS = 19
 _PATIENCE_S = 0.5
-"""Of a hostile client, which then hangs up: some requests are incomplete, and never answered."""
+"""Time after which a hostile client hangs up: some requests are incomplete, and never answered."""
 
 
 def post(path: str, body: bytes, kind: str = "application/json", *headers: str) -> bytes:

@@ -43,7 +43,7 @@ from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photogr
 
 _WARM_UP = 10
 _CONNECTED_S = 60.0
-"""Within which all clients are connected, or the measurement fails."""
+"""Time within which all clients must be connected, or the measurement fails."""
 
 
 @dataclass(frozen=True)

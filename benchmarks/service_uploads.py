@@ -2,9 +2,10 @@
 
     python benchmarks/service_uploads.py [--images 1000] [--megabytes 4] [--clients 8] [--json uploads.json]
 
-Makes so many JPEGs of 12 megapixels (noise, compressed until it has the size; each has other pixels, because
-a number of its quantisation table differs) and sends them into one scene of `fvs serve` with its defaults,
-from so many processes of the client, one connection each. Then the same clients send the same images again.
+Makes the given number of JPEGs of 12 megapixels (noise, compressed until it has the size; each has other
+pixels, because a number of its quantisation table differs) and sends them into one scene of `fvs serve` with
+its defaults, from the given number of client processes, one connection each. Then the same clients send the
+same images again.
 
 Beside it, of some of the images: what writing them to the same disk takes, each flushed, and what decoding
 them takes on one core, without which there is no verdict. Memory is the gateway's

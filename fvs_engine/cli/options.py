@@ -61,7 +61,7 @@ class LoopOptions:
 
     poses: Annotated[
         Poses | None,
-        typer.Option(help="sfm: estimated from the visited photographs only; known: those of the dataset."),
+        typer.Option(help="sfm: estimated from the visited images only; known: those of the dataset."),
     ] = None
     priors: Annotated[
         bool | None,

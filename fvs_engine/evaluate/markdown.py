@@ -47,7 +47,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         "radius": f"those within {radius} of the current camera",
         "nearest": f"the {protocol.nearest} nearest to the current camera",
     }[protocol.reach]
-    poses = {"known": "those of the dataset", "sfm": "estimated from the visited photographs"}[protocol.poses]
+    poses = {"known": "those of the dataset", "sfm": "estimated from the visited images"}[protocol.poses]
     differs = "training and random choices differ"
     if protocol.initial_choice != "first":
         differs = f"initial views, {differs}"

@@ -19,7 +19,7 @@ class Protocol(Record):
     the dataset); or the ``nearest`` N views. Quality is measured when the numbers in ``view_counts``
     are reached, on every ``test_every``-th photograph by name, which no selector has access to.
 
-    ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited photographs. With ``sfm``
+    ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited images. With ``sfm``
     and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
     spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis.
     Training takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s``

@@ -54,7 +54,7 @@ def prior_noise(used: bool, position_percent: float, orientation_deg: float) -> 
 class SceneSettings(Record):
     """How a scene gets its poses and how long it is trained; frozen, and stored with the scene.
 
-    ``poses``: ``sfm`` estimates them from the visited photographs, ``known`` takes the dataset's. With
+    ``poses``: ``sfm`` estimates them from the visited images, ``known`` takes the dataset's. With
     ``sfm``, the dataset's poses are pose priors with ``prior_noise``; None: they are not used. Training
     lasts ``initial_iterations``, and ``iterations_per_view`` more for every view that is registered after the
     first ones (the paper's Algorithm 1: 1,000 and 100). ``long_side_px`` is the size of the training

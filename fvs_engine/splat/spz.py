@@ -28,9 +28,9 @@ _MAX_FRACTIONAL_BITS = 20
 _COLOR_SCALE = 0.15
 _SCALE_STEPS, _SCALE_OFFSET = 16.0, 10.0
 _MAGNITUDE = 511.0
-"""Of a quaternion's component at 1/√2, the most that one of the smallest three can have."""
+"""Code of a quaternion component of 1/√2, the largest possible value of the three smallest ones."""
 _SH_STEPS = np.array([8.0] * 3 + [16.0] * 12, np.float32)[:, None]
-"""Coarser steps than a byte has, 5 bits for degree 1 and 4 bits above, which compress better."""
+"""Steps of the harmonics, coarser than a byte's, which compress better: 5 bits for degree 1, 4 bits above."""
 _AXES = np.array([1.0, -1.0, -1.0], np.float32)
 _SH_SIGNS = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)[:, None]
 """The parity of the harmonics of degree 1 to 3 when y and z are negated."""

@@ -183,7 +183,7 @@ class GoneError(
     rpc_status="NOT_FOUND",
     retryable=False,
 ):
-    """What an idempotency key created has been deleted since."""
+    """The resource that an idempotency key created has been deleted."""
 
 
 class PayloadTooLargeError(

@@ -18,7 +18,7 @@ AsText = Annotated[QuantityT, Field(strict=False)]
 Latitude = Annotated[Number, Field(ge=-90, le=90)]
 Longitude = Annotated[Number, Field(ge=-180, le=180)]
 Altitude = Annotated[Number, Field(ge=-12_000, le=100_000)]
-"""From below the deepest trench to the edge of space, above any datum."""
+"""Altitudes from below the deepest trench to the edge of space, above any datum."""
 Yaw = Annotated[Number, Field(ge=-360, le=360)]
 """Compasses count from 0 to 360, gimbals from -180 to 180."""
 Tilt = Annotated[Number, Field(ge=-180, le=180)]
@@ -26,17 +26,17 @@ Tilt = Annotated[Number, Field(ge=-180, le=180)]
 
 MAX_COORDINATE_M = 2e7
 Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
-"""In metres up to half the Earth's circumference, so that UTM and earth-centred coordinates are inside."""
+"""Coordinates up to half the Earth's circumference in metres, which UTM and earth-centred ones need."""
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[Number, Field(ge=1e-6, le=MAX_COORDINATE_M)]
-"""Not less than a micrometre: shorter ones are rounding at the size of a scene."""
+"""Lengths of a micrometre or more: shorter ones are rounding at the size of a scene."""
 QuaternionPart = Annotated[Number, Field(ge=-1.01, le=1.01)]
 Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 
 ImageWidth = Annotated[int, Field(strict=True, ge=32, le=MAX_SIDE_PX), WHOLE]
-"""From the shortest side of an image that is accepted."""
+"""Widths from the shortest side of an accepted image."""
 FocalLength = Annotated[Number, Field(ge=PLAUSIBLE_SHARE[0] * 32, le=PLAUSIBLE_SHARE[1] * MAX_SIDE_PX)]
-"""In px; also limited by the image's width, see ``CameraPrior``."""
+"""Focal lengths in px; also limited by the image's width, see ``CameraPrior``."""
 
 Days = Annotated[Number, Field(ge=0.01, le=36_500)]
-"""From a quarter of an hour to a century."""
+"""Ages from a quarter of an hour to a century."""

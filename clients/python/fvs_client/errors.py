@@ -115,7 +115,7 @@ class NoSnapshotError(ConflictError):
 
 
 class GoneError(ApiError):
-    """What this idempotency key created has been deleted since."""
+    """The resource that this idempotency key created has been deleted."""
 
     code = "gone"
 

@@ -32,7 +32,7 @@ _MAX_EPIPOLAR_ERROR_PX = 4.0
 _MAX_ROTATION_DEG = 5.0
 _MAX_DIRECTION_DEG = 15.0
 _MIN_BASELINE_SHARE = 0.02
-"""Below this share of the scene's spread the direction from one camera to another is noise."""
+"""Baselines below this share of the scene's spread have no reliable direction."""
 
 _EXPLAINED = 0.5
 """A pair is explained when half of its matches are."""
@@ -171,7 +171,7 @@ def angle_deg(rotation: Array) -> float:
 def _supported(
     first: Array, second: Array, rotation: Array, translation: Array, max_error: float
 ) -> NDArray[np.bool_]:
-    """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and before both cameras."""
+    """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and in front of both cameras."""
     tx, ty, tz = translation
     essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ rotation
     errors = np.asarray(pycolmap.compute_squared_sampson_error(first, second, essential))

@@ -12,5 +12,5 @@ class Finding:
     what: str
     """The blob, row, file or folder."""
     remedy: str
-    """What ``mend`` does."""
+    """The effect of ``mend``."""
     mend: Callable[[], object]

@@ -78,7 +78,7 @@ def usable_images(session: Session, scene_id: str) -> tuple[Image, ...]:
 
 
 def known_digests(session: Session, scene_id: str, digests: Collection[str]) -> frozenset[str]:
-    """Those of ``digests`` that the scene has."""
+    """The subset of ``digests`` that the scene has."""
     found: set[str] = set()
     wanted = [digest[_HEX:] for digest in digests]
     for start in range(0, len(wanted), _VARIABLES):

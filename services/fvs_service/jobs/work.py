@@ -25,5 +25,5 @@ def first_work(kind: JobKind) -> Work:
 
 
 def work_of(setting: str) -> frozenset[Work]:
-    """What a worker does with ``FVS_WORKER__WORK`` set so."""
+    """The kinds of work of a worker with this ``FVS_WORKER__WORK``."""
     return ALL_WORK if setting == "all" else frozenset({Work(setting)})

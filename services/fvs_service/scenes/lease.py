@@ -18,7 +18,7 @@ _LEASES = columns_of(SceneLeaseRow)
 _HOLDER = select(_LEASES.c.scene_id, _LEASES.c.worker_id, _LEASES.c.token, _LEASES.c.endpoint).where(
     _LEASES.c.scene_id == bindparam("scene_id"), _LEASES.c.expires_at_ms > now_ms()
 )
-"""Made once, because every ranking executes it."""
+"""A statement that is built once, because every ranking executes it."""
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class CameraPrior(Model):
     width_px: ImageWidth
     """The image width to which the focal length applies."""
     focal_length_px: FocalLength
-    """From 0.1 to 20 widths: fields of view from 157° to 3°."""
+    """Focal lengths from 0.1 to 20 widths: fields of view from 157° to 3°."""
 
     @field_validator("focal_length_px")
     @classmethod
@@ -135,7 +135,7 @@ class SceneRequest(Model):
 
 
 class SceneChange(Model):
-    """What to change of a scene; what is not given stays."""
+    """Changes to a scene; settings that are not given stay."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"name": "south quarry"}, {"retention": {"snapshots": 10}}]}

@@ -27,7 +27,7 @@ _SCENES = columns_of(SceneRow)
 _HEAD = select(_SCENES.c.id, _SCENES.c.tenant_id, _SCENES.c.origin, _SCENES.c.snapshot_id).where(
     _SCENES.c.id == bindparam("scene_id")
 )
-"""Made once, because nearly every request executes it."""
+"""A statement that is built once, because nearly every request executes it."""
 _HeadRow: TypeAlias = Row[str, str, Any, str | None]
 _LEFT_OUT = ("excluded", "quarantined")
 _NO_SCENE = "There is no such scene."

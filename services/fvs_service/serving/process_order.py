@@ -7,7 +7,7 @@ GATEWAY, WORKER = "gateway", "worker"
 
 
 class ProcessOrder(Record):
-    """What a child process runs with; ``name`` is a worker's id, the same in every restart."""
+    """Settings and identity of a child process; ``name`` is a worker's id, the same in every restart."""
 
     name: str
     parent: int

@@ -67,7 +67,7 @@ class Snapshot(Model):
 
 
 class SnapshotChange(Model):
-    """What to change of a snapshot."""
+    """Changes to a snapshot."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"pinned": True}]})
 

@@ -27,11 +27,11 @@ from fvs_service.storage.tables import (
 _AT_ONCE = 100
 """Blobs of one scene that are removed in one transaction."""
 _TRACES_KEPT = timedelta(days=30)
-"""How long it is known that a scene was deleted: workers that were away until then remove its folder."""
+"""Time for which a scene's deletion is remembered, so that workers that were away remove its folder."""
 
 
 def remove_later(session: Session, scene_id: str, key: str, *, after: timedelta = timedelta(0)) -> None:
-    """Have a blob removed, or all below a key that ends with a slash; a blob with a row then stays."""
+    """Schedule removing a blob, or all below a key with a final slash; those with a row then stay."""
     lock_scene(session, scene_id)
     start = now()
     row = session.get(RemovalRow, key)

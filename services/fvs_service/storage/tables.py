@@ -300,7 +300,7 @@ class RemovalRow(Table):
 
 
 class SweepRow(Table):
-    """When a sweep is due; the worker that postpones it does it (the database's clock, in ms since 1970)."""
+    """When the next sweep is due (in ms since 1970 by the database); a worker postpones it, then runs it."""
 
     __tablename__ = "sweeps"
 

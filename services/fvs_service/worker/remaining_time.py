@@ -46,7 +46,7 @@ _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03
 """Share of the usual time that a job must have run before a service without history gives an estimate."""
 _LEAST_TRAINED_S = 5.0
-"""Or the time that it must have trained: iterations show their speed themselves, however many there are."""
+"""Alternatively the time that it must have trained: iterations show their speed themselves."""
 
 
 class RemainingTime:
@@ -121,7 +121,7 @@ class RemainingTime:
         self._seen = now
 
     def _slowness(self) -> tuple[float, float]:
-        """How many times longer than usual the job takes, and the share of its usual time that shows it."""
+        """The job's time relative to the usual one, and the share of the usual time that it rests on."""
         usual = taken = 0.0
         for stage, seconds in self._seconds.items():
             if self._resumed and stage != "train":

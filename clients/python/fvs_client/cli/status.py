@@ -12,7 +12,7 @@ from fvs_client.errors import ApiError
 from fvs_client.models.service import WorkerStatus
 
 _NO_WORKER = 4
-"""As for a service that is unavailable."""
+"""Exit code when something does not work: that of an unavailable service."""
 
 
 def status(context: typer.Context, as_json: JsonOption = False) -> None:

@@ -86,7 +86,7 @@ class Retention(Input):
 
 
 class SceneChange(Input):
-    """What to change of a scene; None: nothing."""
+    """Changes to a scene; None leaves a setting as it is."""
 
     name: str | None = None
     policy: Policy | None = None

@@ -9,7 +9,7 @@ from fvs.v1.downloads_pb2 import DownloadInfo, DownloadPart
 from fvs_service.errors import RangeError
 
 _CHUNK_BYTES = 1_048_576
-"""At most in one message; clients accept 4 MB by default."""
+"""Maximum size of the bytes in one message; clients accept 4 MB by default."""
 
 
 class _Ranged(Protocol):
