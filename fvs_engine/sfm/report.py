@@ -34,8 +34,14 @@ class Evidence(Record):
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""
 
+    misplaced_images: tuple[str, ...]
+    """Images that are far from their position priors, after an alignment that most of the others fit."""
+
     prior_residual_share: float | None
-    """Median distance to the GPS positions after alignment, in shares of their spread; None without GPS."""
+    """Median distance to the position priors after alignment, in shares of their spread; None without."""
+
+    prior_support: float | None
+    """Share of the pairs (weighted by matches) whose own baselines fit the position priors."""
 
 
 class CandidateReport(Record):

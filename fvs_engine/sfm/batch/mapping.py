@@ -23,9 +23,14 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, gather_evidence
-from fvs_engine.sfm.verification.gate import MAX_UNSUPPORTED_SHARE, Candidate
-from fvs_engine.sfm.verification.positions import priors_in_exif
+from fvs_engine.sfm.verification.evidence import gather_evidence
+from fvs_engine.sfm.verification.gate import (
+    MAX_UNSUPPORTED_SHARE,
+    Candidate,
+    priors_are_wrong,
+)
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
+from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_priors
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +67,14 @@ class MappedScene:
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that every pair contradicts are removed from the model when they are few.
+        Images that every pair, or their position prior, contradicts are removed when they are few.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
         evidence = evidence_of.of(largest, monitor)
-        if evidence is not None and _is_prunable(largest, evidence):
-            leave_out(largest, evidence.unsupported_images)
+        if evidence is not None and (contradicted := _prunable(largest, evidence)):
+            leave_out(largest, contradicted)
             evidence = evidence_of.of(largest, monitor)
         monitor.report("evidence", 1, 1)
         centres = {
@@ -99,7 +104,9 @@ def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> Mod
     ]
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)
-    return ModelEvidence(pairs, keypoints, priors or priors_in_exif(stages.folder.database))
+    usable, warnings = usable_priors(priors, stages.folder.database)
+    stages.warnings.extend(warnings)
+    return ModelEvidence(pairs, keypoints, usable)
 
 
 def calibrate_view_graph(stages: Stages) -> None:
@@ -181,8 +188,15 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
             model.deregister_frame(image.frame_id)
 
 
-def _is_prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> bool:
-    return 0 < len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * model.num_reg_images()
+def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
+    """The images that are removed from the model."""
+    images = model.num_reg_images()
+    found: set[str] = set()
+    if len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * images:
+        found.update(evidence.unsupported_images)
+    if not priors_are_wrong(evidence) and len(evidence.misplaced_images) <= MAX_MISPLACED_SHARE * images:
+        found.update(evidence.misplaced_images)
+    return sorted(found)
 
 
 def _mapping_database(stages: Stages) -> Path:

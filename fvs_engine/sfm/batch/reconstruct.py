@@ -33,8 +33,8 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Decision, decide
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95

@@ -24,7 +24,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.views import AnyView
 
 _MIN_VIEWS = 2

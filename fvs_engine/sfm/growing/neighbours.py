@@ -13,7 +13,7 @@ from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.matching.retrieval import compute_vocabulary, describe
 from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _BEST_MATCHED = 3
 """Number of an image's best matched neighbours at which the search in space starts."""

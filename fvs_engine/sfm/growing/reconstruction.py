@@ -34,8 +34,8 @@ from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.positions import priors_in_exif
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.positions import usable_priors
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
@@ -254,10 +254,12 @@ class GrowingReconstruction:
         stages = Stages(self._folder.sfm, self._settings, monitor)
         current, following = self._folder.model(self.generation), self._folder.next_model
         candidates = self._match_unregistered(stages)
-        priors = given or priors_in_exif(stages.folder.database)
-        stages.warnings.extend(veto(stages, current, candidates, priors))
+        priors, frozen = usable_priors(given, stages.folder.database)
+        decided = veto(stages, current, candidates, priors)
+        priors, ignored = decided.priors, (*frozen, *decided.ignored)
+        news = [sentence for sentence in ignored if sentence not in self._state.priors_ignored]
         change = register(stages, self._image_dir, self._state, candidates, priors, current, following)
-        changed, warnings = change.changed, (*stages.warnings, *change.warnings)
+        changed, warnings = change.changed, (*news, *decided.warnings, *stages.warnings, *change.warnings)
         matching = self._count_matching_unregistered(change.state)
         reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
         if reason is not None:
@@ -265,7 +267,7 @@ class GrowingReconstruction:
             change = remap(stages, self._image_dir, change.state, priors, model_dir, following)
             changed = changed or change.changed
             warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
-        state = change.state.model_copy(update={"pending": ()})
+        state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
         if changed:
             self._commit(state)
         else:

@@ -42,6 +42,9 @@ class GrowthState(Record):
     rejected: dict[str, str] = Field(default={})
     """Unregistered images whose estimated pose their matches or prior contradict → the reason."""
 
+    priors_ignored: tuple[str, ...] = ()
+    """What the last update said of pose priors that are not used; said again only when it changes."""
+
     generation: int = 0
     bootstrap_images: int = 0
     """The vocabulary was computed from so many of the first images."""

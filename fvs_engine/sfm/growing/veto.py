@@ -1,20 +1,41 @@
 """The veto of pose priors over pairs of look-alike places, before images are registered by these."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.sfm.colmap.database import restore_pairs
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.verification.gate import MIN_PRIOR_SUPPORT, PRIORS_IGNORED
+
+_ORIENTATIONS_IGNORED = (
+    "The orientation priors contradict the position priors and are not used. Check from where the angles "
+    "count, and which way round."
+)
 
 
-def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> list[str]:
+@dataclass(frozen=True)
+class Veto:
+    """``priors`` to go on with: none when the images contradict them; ``ignored`` says what is not used.
+
+    ``warnings`` are about single images.
+    """
+
+    priors: PosePriors
+    ignored: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> Veto:
     """Take away the verified pairs of ``names``, unregistered images, that ``priors`` contradict.
 
-    That is undone, for all pairs, when the priors agree with the model in ``model_dir`` no longer. Returns
-    warnings.
+    That is undone, for all pairs, when the priors agree with the model in ``model_dir`` no longer.
     """
+    if not priors.by_name:
+        match_pairs(stages, restore_pairs(stages.folder.database))
+        return Veto(priors, (), ())
     arguments = {
         "database": str(stages.folder.database),
         "model_dir": str(model_dir),
@@ -23,9 +44,14 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
     }
     with stages.timed("veto"):
         answer = stages.native("veto", arguments)  # only numbers: no image can kill it
-        if not answer["believed"]:
-            match_pairs(stages, restore_pairs(stages.folder.database))
-    return [
-        f"{name} is not registered: its position prior contradicts all of its {pairs} verified pairs."
+    if not answer["believed"]:
+        match_pairs(stages, restore_pairs(stages.folder.database))
+        support = answer["contradicted_support"]
+        if support is not None and support < MIN_PRIOR_SUPPORT:
+            return Veto(PosePriors(), (PRIORS_IGNORED,), ())
+    lonely = (
+        f"{name} is not registered: its position prior contradicts all of its {pairs} verified pairs. Either "
+        "it shows a look-alike place, or the position is wrong."
         for name, pairs in answer["without"].items()
-    ]
+    )
+    return Veto(priors, () if answer["oriented"] else (_ORIENTATIONS_IGNORED,), tuple(lonely))

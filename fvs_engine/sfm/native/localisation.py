@@ -10,7 +10,7 @@ import pycolmap
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.native.pose_check import Keypoints, PoseCheck
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 Report = Callable[[int], None]
 

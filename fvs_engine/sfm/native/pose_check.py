@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES, check_pairs, explains
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs, explains
 from fvs_engine.sfm.verification.positions import misplaced
 
 Keypoints = Mapping[int, NDArray[np.float64]]

@@ -12,7 +12,7 @@ from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 Report = Callable[[int], None]
 

@@ -1,12 +1,14 @@
 """The native job that vetoes verified pairs which the pose priors contradict."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 
 from fvs_engine.sfm.colmap.database import (
+    VerifiedPair,
     image_cameras,
     image_ids,
     read_keypoints,
@@ -15,10 +17,15 @@ from fvs_engine.sfm.colmap.database import (
 )
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
+from fvs_engine.sfm.verification.positions import contradict
+from fvs_engine.sfm.verification.prior_support import prior_support
 from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs
 
 Report = Callable[[int], None]
+
+_MOST_PAIRS = 60
+"""More pairs say nothing more of the priors, and each takes a hundredth of a second."""
 
 
 def veto(
@@ -26,16 +33,19 @@ def veto(
 ) -> dict[str, Any]:
     """Veto pairs of ``names``, images that are not in the model, which ``priors`` (as JSON) contradict.
 
-    Returns whether the priors are ``believed``, and which of ``names`` are now ``without`` verified pairs:
-    name → the number of its vetoed pairs.
+    Nothing is vetoed when the priors do not agree with the model: ``contradicted_support`` is then their
+    support by the pairs in the model, else None. ``without``: those of ``names`` that have no verified pair
+    left → the number of their vetoed pairs. ``oriented``: whether the orientations are believed.
     """
     model = pycolmap.Reconstruction(model_dir)
     poses = camera_poses(model)
     known = PosePriors.model_validate(priors)
     frame = believed_frame(known, poses)
-    if frame is None:
-        return {"believed": False, "without": {}}
     path = Path(database)
+    every = read_verified_pairs(path, MIN_PAIR_MATCHES)
+    if frame is None:
+        support = _support(model, every, path, known)
+        return {"believed": False, "oriented": True, "contradicted_support": support, "without": {}}
     ids = image_ids(path)
     numbers = {ids[name] for name in names}
     # Only intrinsics that the model has estimated: with a guessed focal length every direction is wrong.
@@ -45,9 +55,7 @@ def veto(
         for name, camera_id in image_cameras(path).items()
         if camera_id in estimated
     }
-    pairs = [
-        pair for pair in read_verified_pairs(path, MIN_PAIR_MATCHES) if numbers & {pair.first, pair.second}
-    ]
+    pairs = [pair for pair in every if numbers & {pair.first, pair.second}]
     vetoed = contradicted_pairs(
         pairs,
         read_keypoints(path, {i for pair in pairs for i in (pair.first, pair.second)}),
@@ -65,4 +73,25 @@ def veto(
         )
         for name in names
     }
-    return {"believed": True, "without": {name: n for name, (n, of) in counts.items() if n == of > 0}}
+    return {
+        "believed": True,
+        "oriented": frame.oriented or not any(prior.orientation_wxyz for prior in known.by_name.values()),
+        "contradicted_support": None,
+        "without": {name: n for name, (n, of) in counts.items() if n == of > 0},
+    }
+
+
+def _support(
+    model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair], database: Path, priors: PosePriors
+) -> float | None:
+    """The support of priors that a model contradicts, by a sample of its pairs; None when it is unknown."""
+    posed = {image_id: image for image_id, image in model.images.items() if image.has_pose}
+    names = {image_id: image.name for image_id, image in posed.items()}
+    centres = {image.name: np.asarray(image.projection_center()) for image in posed.values()}
+    if not contradict(priors, centres):
+        return None
+    inside = [pair for pair in pairs if pair.first in posed and pair.second in posed]
+    inside = inside[:: max(1, len(inside) // _MOST_PAIRS)]
+    keypoints = read_keypoints(database, {i for pair in inside for i in (pair.first, pair.second)})
+    rotations = {i: image.cam_from_world().rotation.matrix().T for i, image in posed.items()}
+    return prior_support(check_pairs(model, inside, keypoints), names, rotations, priors)

@@ -14,12 +14,21 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE
 
 MIN_SHARED_IMAGES = 4
 """Three centres always fit well; agreement is significant from four on."""
 
 MAX_UNSUPPORTED_SHARE = 0.1
 """Up to this share of a model's images unsupported ones are removed, above it the model is rejected."""
+
+MIN_PRIOR_SUPPORT = 0.6
+"""Share of the pairs whose baselines must fit the position priors for these to be evidence."""
+
+PRIORS_IGNORED = (
+    "The position priors contradict the images and are not used: the baselines between matched images do "
+    "not fit them. Check their units and axes, and whether they belong to these images."
+)
 
 _CONFIRMING_PRIOR_SHARE = 0.1
 """Median distance to GPS, in shares of the track's spread, up to which GPS confirms a doubtful model."""
@@ -77,6 +86,9 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
         return Decision(None, tuple(judgements), agreements, ())
     best = max(usable, key=lambda i: _rank(candidates[i], judgements[i]))
     warnings = []
+    evidence = candidates[best].evidence
+    if evidence is not None and priors_are_wrong(evidence):
+        warnings.append(PRIORS_IGNORED)
     rival = _rival(best, usable, candidates, judgements, agreements, settings)
     if rival is not None:
         reason = (
@@ -123,17 +135,13 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections.append(
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
-    if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * len(candidate.centres):
+    images = len(candidate.centres)
+    if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(
-            f"Matches or positions contradict the poses of {len(evidence.unsupported_images)} of its "
-            f"{len(candidate.centres)} images."
+            f"Matches contradict the poses of {len(evidence.unsupported_images)} of its {images} images."
         )
-    if (
-        evidence.prior_residual_share is not None
-        and evidence.prior_residual_share > settings.max_prior_disagreement
-    ):
-        off = f"{evidence.prior_residual_share:.0%}"
-        rejections.append(f"Its camera centres are {off} of the track off their position priors.")
+    if not priors_are_wrong(evidence):
+        rejections += _contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
     weaknesses = []
@@ -152,6 +160,21 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
 
 
+def priors_are_wrong(evidence: Evidence) -> bool:
+    """Whether not only the model but the pairs themselves contradict the position priors."""
+    return evidence.prior_support is not None and evidence.prior_support < MIN_PRIOR_SUPPORT
+
+
+def _contradictions_of_priors(evidence: Evidence, images: int, settings: GateSettings) -> list[str]:
+    found = []
+    misplaced, residual = len(evidence.misplaced_images), evidence.prior_residual_share
+    if misplaced > MAX_MISPLACED_SHARE * images:
+        found.append(f"{misplaced} of its {images} images are far from their position priors.")
+    if residual is not None and residual > settings.max_prior_disagreement:
+        found.append(f"Its camera centres are {residual:.0%} of the track off their position priors.")
+    return found
+
+
 def _confirmation(
     mapper: str, evidence: Evidence, agreements: Sequence[Agreement], settings: GateSettings
 ) -> str | None:
@@ -161,7 +184,7 @@ def _confirmation(
         for agreement in agreements
     ):
         return "two mappers agree on"
-    residual = evidence.prior_residual_share
+    residual = None if priors_are_wrong(evidence) else evidence.prior_residual_share
     return "GPS confirms" if residual is not None and residual <= _CONFIRMING_PRIOR_SHARE else None
 
 

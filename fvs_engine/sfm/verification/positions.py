@@ -1,5 +1,6 @@
 """Camera centres against their position priors, which repeated patterns do not affect."""
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,6 +22,15 @@ _MIN_TRACK = 5.0
 
 _MAX_SHARE = 0.1
 """How far a camera may be from its prior, in shares of its distance from the middle of the others."""
+
+MAX_MISPLACED_SHARE = 1.0 / 3.0
+"""Share of the images that may be far from their position priors before model and priors contradict."""
+
+_MAX_RESIDUAL_SHARE = 0.25
+"""Median distance from the priors, in shares of their spread, from which on model and priors contradict."""
+
+_FROZEN = 3
+"""Number of images with exactly the same position from which on the receiver froze."""
 
 _NOISE = 4.0
 """Robust standard deviations of the positions within which no camera is misplaced."""
@@ -61,6 +71,15 @@ def residual_share(priors: PosePriors, centres: Mapping[str, Array]) -> float | 
     return float(np.median(off) / spread)
 
 
+def contradict(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
+    """Whether the position priors say anything of these centres, and hardly any fits them."""
+    share = residual_share(priors, centres)
+    count = len(centres.keys() & priors.by_name.keys())
+    return share is not None and (
+        share > _MAX_RESIDUAL_SHARE or len(misplaced(priors, centres)) > MAX_MISPLACED_SHARE * count
+    )
+
+
 def align_positions(
     priors: PosePriors, centres: Mapping[str, Array], shared: list[str], least: int = _MIN_SHARED
 ) -> tuple[AlignmentReport, Array, float] | None:
@@ -82,8 +101,25 @@ def align_positions(
     return report, np.linalg.norm(report.transform.apply(model) - world, axis=1), spread
 
 
-def priors_in_exif(database: Path) -> PosePriors:
-    """The GPS positions in m that the images of a database have in their EXIF."""
+def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors, tuple[str, ...]]:
+    """The priors ``given``, by default the GPS positions in EXIF, without frozen ones, and warnings.
+
+    A receiver that froze repeats its last position exactly, which one with a fix never does.
+    """
+    priors = _priors_in_exif(database) if given is None else given
+    counts = Counter(prior.position for prior in priors.by_name.values())
+    frozen = sum(count for count in counts.values() if count >= _FROZEN)
+    if frozen == 0:
+        return priors, ()
+    moving = {name: prior for name, prior in priors.by_name.items() if counts[prior.position] < _FROZEN}
+    warning = (
+        f"{frozen} of {len(priors.by_name)} images have the same position as {_FROZEN - 1} others or more: "
+        "the receiver froze. These positions are not used."
+    )
+    return PosePriors(by_name=moving), (warning,)
+
+
+def _priors_in_exif(database: Path) -> PosePriors:
     names = {number: name for name, number in image_ids(database).items()}
     fixes = gps_positions(database)
     return PosePriors(

@@ -16,19 +16,11 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import mean_rotation
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.evidence import angle_deg, relative_pose
-from fvs_engine.sfm.verification.positions import align_positions, misplaced
+from fvs_engine.sfm.verification.pair_check import angle_deg, relative_pose
+from fvs_engine.sfm.verification.positions import align_positions, contradict
+from fvs_engine.sfm.verification.prior_support import SIGMAS, limits_deg
 
 Array = NDArray[np.float64]
-
-_MAX_DIRECTION_DEG = 15.0
-"""Angle between the baseline of a pair and that of its positions that contradicts, beyond their noise."""
-
-_SIGMAS = 2.0
-"""Standard deviations of the priors that a contradiction must exceed."""
-
-_MIN_BELIEVED = 2.0 / 3.0
-"""Share of the registered images that must be near their position priors for these to veto anything."""
 
 _MAX_TURN_DEG = 20.0
 """Angle between the rotations by positions and by orientations beyond which the orientations are wrong."""
@@ -61,7 +53,7 @@ def believed_frame(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> P
     centres = {name: pose.translation for name, pose in poses.items()}
     shared = sorted(centres.keys() & priors.by_name.keys())
     aligned = align_positions(priors, centres, shared)
-    if aligned is None or len(misplaced(priors, centres)) > (1.0 - _MIN_BELIEVED) * len(shared):
+    if aligned is None or contradict(priors, centres):
         return None
     report, _, _ = aligned
     by_positions = report.transform.rotation
@@ -103,9 +95,9 @@ def contradicted_pairs(
         baseline, sigma_deg = _baseline(second_from_first, *known)
         start, end = priors.positions([first, second])
         expected = end - start
-        sigma = float(priors.position_sigmas([first, second]).max())
-        limit_deg = _MAX_DIRECTION_DEG + np.degrees(np.arctan2(_SIGMAS * sigma, np.linalg.norm(expected)))
-        if _angle_between(baseline, expected) > limit_deg + _SIGMAS * sigma_deg:
+        sigma = priors.position_sigmas([first, second]).max(keepdims=True)
+        limit_deg = float(limits_deg(np.linalg.norm(expected[None], axis=1), sigma)[0])
+        if _angle_between(baseline, expected) > limit_deg + SIGMAS * sigma_deg:
             found.append(pair)
     return found
 

@@ -20,8 +20,8 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.gate import Judgement, decide
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 

@@ -44,7 +44,7 @@ from fvs_service.worker.runner.gpu_slots import gpu_slot
 from fvs_service.worker.runner.image_files import discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
-from fvs_service.worker.runner.position_priors import position_priors
+from fvs_service.worker.runner.pose_priors import pose_priors
 from fvs_service.worker.runner.quality import Quality, measure, spread
 from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 
@@ -132,9 +132,7 @@ class SceneJobs:
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
-            update = scene.add(
-                tuple(images), monitor, position_priors(images, request.origin), removed=removed
-            )
+            update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
             end_child()  # training takes longer than to start another one
             found = {images[name].digest: why for name, why in scene.quarantined.items() if name in images}

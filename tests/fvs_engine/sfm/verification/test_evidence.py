@@ -10,13 +10,8 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.verification.evidence import (
-    PairCheck,
-    _supported,
-    _unsupported,
-    angle_deg,
-    cycle_consistency,
-)
+from fvs_engine.sfm.verification.evidence import _unsupported, cycle_consistency
+from fvs_engine.sfm.verification.pair_check import PairCheck, _supported, angle_deg
 
 NO_MATCHES = np.zeros((0, 2), dtype=np.uint32)
 

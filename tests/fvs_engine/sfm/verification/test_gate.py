@@ -14,8 +14,8 @@ from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.evidence import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 SETTINGS = GateSettings()
 NAMES = [f"{i}.jpg" for i in range(12)]
@@ -30,7 +30,9 @@ def evidence(**changes: object) -> Evidence:
         translation_support=0.95,
         cycle_consistency=0.9,
         unsupported_images=(),
+        misplaced_images=(),
         prior_residual_share=None,
+        prior_support=None,
     )
     return Evidence.model_validate(good.model_dump() | changes)
 
@@ -138,12 +140,29 @@ def test_equally_supported_models_that_contradict_are_doubtful():
         ({"rotation_support": 0.6}, "relative rotations"),
         ({"unsupported_images": tuple(NAMES[:3])}, "contradict the poses"),
         ({"prior_residual_share": 0.5}, "50% of the track"),
+        ({"prior_residual_share": 0.5, "prior_support": 0.8}, "50% of the track"),
+        ({"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8}, "5 of its 12 images are far"),
     ],
 )
 def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: str):
     decision = decide([candidate("incremental", **changes)], SETTINGS)
     assert decision.chosen is None
     assert any(reason in sentence for sentence in decision.judgements[0].reasons)
+
+
+@pytest.mark.parametrize(
+    "contradiction", [{"prior_residual_share": 0.5}, {"misplaced_images": tuple(NAMES[:5])}]
+)
+def test_priors_that_the_pairs_contradict_too_reject_no_model(contradiction: dict[str, object]):
+    decision = decide([candidate("incremental", prior_support=0.3, **contradiction)], SETTINGS)
+    assert decision.judgements[0].verdict == "accepted"
+    assert decision.warnings == (PRIORS_IGNORED,)
+
+
+def test_priors_that_the_pairs_contradict_confirm_no_model():
+    weak = {"match_support": 0.87, "prior_residual_share": 0.05}
+    assert decide([candidate("incremental", **weak)], SETTINGS).chosen == 0
+    assert decide([candidate("incremental", prior_support=0.3, **weak)], SETTINGS).chosen is None
 
 
 def test_a_model_without_verified_pairs_is_rejected():

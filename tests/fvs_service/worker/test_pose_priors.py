@@ -14,11 +14,12 @@ from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import RunJob
 from fvs_service.worker.runner import scene_jobs
 from fvs_service.worker.runner.image_files import PreparedImages
-from fvs_service.worker.runner.position_priors import position_priors
+from fvs_service.worker.runner.pose_priors import pose_priors
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import FocalPrior
 
 _ORIGIN = Origin(latitude_deg=48.0, longitude_deg=7.0, altitude_m=400.0)
@@ -62,23 +63,38 @@ def _named(*images: Image) -> Mapping[str, Image]:
 
 
 def test_priors_are_in_the_world_frame() -> None:
-    found = position_priors(_named(_local(1), _image(2, None)), None)
+    found = pose_priors(_named(_local(1), _image(2, None)), None)
     assert found is not None
-    assert (list(found.by_name), found.accuracy) == (["000001.jpg"], 0.0)
-    np.testing.assert_array_equal(found.by_name["000001.jpg"], [1.0, 2.0, 3.0])
+    assert found == PosePriors(by_name={"000001.jpg": PosePrior(position=(1.0, 2.0, 3.0))})
     mixed = _named(_geodetic(1, PriorSource.METADATA), _geodetic(2, PriorSource.REQUEST))
-    by_gps = position_priors(mixed, _ORIGIN)
+    by_gps = pose_priors(mixed, _ORIGIN)
     assert by_gps is not None
-    assert by_gps.accuracy > 0
-    np.testing.assert_allclose(by_gps.by_name["000002.jpg"], [0.0, 0.0, 2.0], atol=1e-6)
+    assert (by_gps.position_sigmas(list(mixed)) > 0).all()
+    np.testing.assert_allclose(by_gps.positions(["000002.jpg"])[0], [0.0, 0.0, 2.0], atol=1e-6)
     assert len(by_gps.by_name) == 2
 
 
+def test_attitudes_are_passed_on_with_positions() -> None:
+    """Also those in the file, which structure from motion itself does not read."""
+    seen = _geodetic(1, PriorSource.METADATA)
+    assert seen.prior is not None
+    level = seen.prior.model_copy(update={"yaw_deg": 90.0, "pitch_deg": 0.0})
+    found = pose_priors(_named(_image(1, level), _geodetic(2, PriorSource.METADATA)), _ORIGIN)
+    assert found is not None
+    rotation = found.by_name["000001.jpg"].rotation
+    assert rotation is not None
+    np.testing.assert_allclose(rotation @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-9)  # it looks east
+    assert found.by_name["000001.jpg"].orientation_sigma_deg > 0
+    assert found.by_name["000002.jpg"].rotation is None
+    yaw_alone = _image(1, seen.prior.model_copy(update={"yaw_deg": 90.0}))
+    assert pose_priors(_named(yaw_alone), _ORIGIN) is None
+
+
 def test_positions_in_files_alone_are_left_to_structure_from_motion() -> None:
-    assert position_priors(_named(_geodetic(1, PriorSource.METADATA)), _ORIGIN) is None
-    assert position_priors(_named(_image(1, None)), None) is None
+    assert pose_priors(_named(_geodetic(1, PriorSource.METADATA)), _ORIGIN) is None
+    assert pose_priors(_named(_image(1, None)), None) is None
     attitude = _image(1, Prior(source=PriorSource.REQUEST, yaw_deg=1.0))
-    assert position_priors(_named(attitude), _ORIGIN) is None
+    assert pose_priors(_named(attitude), _ORIGIN) is None
 
 
 def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,164 @@
+"""Verified pairs against a model's poses, which they do not depend on."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.sfm.colmap.database import VerifiedPair
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+
+Array = NDArray[np.float64]
+
+MIN_PAIR_MATCHES = 15
+"""COLMAP's own limit for a verified pair."""
+
+_MAX_EPIPOLAR_ERROR_PX = 4.0
+"""The threshold of COLMAP's verification: a right pose explains what passed it."""
+
+_MIN_BASELINE_SHARE = 0.02
+"""Baselines below this share of the scene's spread have no reliable direction."""
+
+EXPLAINED = 0.5
+"""A pair is explained when half of its matches are."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairCheck:
+    """One pair against a model; angles in degrees, NaN when there is nothing to compare.
+
+    ``baseline`` is the direction [3] in which the first camera sees the second, from the matches of the pair
+    alone; None when they leave it open.
+    """
+
+    first: int
+    second: int
+    matches: int
+    supported: int
+    rotation_error_deg: float
+    direction_error_deg: float
+    baseline: Array | None = None
+
+
+def check_pairs(
+    model: pycolmap.Reconstruction,
+    pairs: Sequence[VerifiedPair],
+    keypoints: Mapping[int, Array],
+    *,
+    relative_poses: bool = True,
+    on_pair: Callable[[], None] | None = None,
+) -> list[PairCheck]:
+    """Compare every pair whose images both have poses with the model.
+
+    ``keypoints`` maps image ids to positions [K, 2] in px of the full-size images. Without ``relative_poses``
+    only the matches are counted, which takes a hundredth of the time. ``on_pair`` is called before each pair
+    and may raise to stop.
+    """
+    posed = {i: image for i, image in model.images.items() if image.has_pose}
+    spread = centre_spread(np.array([image.projection_center() for image in posed.values()]))
+    rays = {
+        i: np.asarray(image.camera.cam_from_img(keypoints[i])) for i, image in posed.items() if i in keypoints
+    }
+    checks = []
+    for pair in pairs:
+        if on_pair is not None:
+            on_pair()
+        if pair.first not in rays or pair.second not in rays:
+            continue
+        first, second = posed[pair.first], posed[pair.second]
+        relative = second.cam_from_world() * first.cam_from_world().inverse()
+        rotation, translation = relative.rotation.matrix(), np.asarray(relative.translation)
+        focal_px = 0.5 * (first.camera.mean_focal_length() + second.camera.mean_focal_length())
+        supported = _supported(
+            rays[pair.first][pair.matches[:, 0]],
+            rays[pair.second][pair.matches[:, 1]],
+            rotation,
+            translation,
+            _MAX_EPIPOLAR_ERROR_PX / focal_px,
+        )
+        estimated = relative_pose(pair, first.camera, second.camera, keypoints) if relative_poses else None
+        rotation_error, direction_error = _relative_errors(
+            estimated, rotation, translation, _MIN_BASELINE_SHARE * spread
+        )
+        checks.append(
+            PairCheck(
+                pair.first,
+                pair.second,
+                len(pair.matches),
+                int(supported.sum()),
+                rotation_error,
+                direction_error,
+                None if estimated is None else _unit(estimated.inverse().translation),
+            )
+        )
+    return checks
+
+
+def explains(check: PairCheck) -> bool:
+    """Whether the model explains the pair: enough of its matches, and half of them."""
+    return check.supported >= MIN_PAIR_MATCHES and check.supported >= EXPLAINED * check.matches
+
+
+def angle_deg(rotation: Array) -> float:
+    """The angle of a rotation [3, 3] in degrees."""
+    sine = np.linalg.norm(rotation - rotation.T) / np.sqrt(8.0)
+    return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1.0) / 2.0)))
+
+
+def _supported(
+    first: Array, second: Array, rotation: Array, translation: Array, max_error: float
+) -> NDArray[np.bool_]:
+    """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and in front of both cameras."""
+    tx, ty, tz = translation
+    essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ rotation
+    errors = np.asarray(pycolmap.compute_squared_sampson_error(first, second, essential))
+    near = (errors <= max_error**2) | ~essential.any()  # coinciding cameras have no epipolar lines
+    # Depths a, b of the point nearest to both rays: a·u + t = b·y, in the least squares sense.
+    x, y = np.c_[first, np.ones(len(first))], np.c_[second, np.ones(len(second))]
+    u = x @ rotation.T
+    uu, yy, uy = (u * u).sum(axis=1), (y * y).sum(axis=1), (u * y).sum(axis=1)
+    ut, yt = u @ translation, y @ translation
+    # Nearly parallel rays meet far away, on either side within the noise: they contradict nothing.
+    sine_squared = 1.0 - uy**2 / (uu * yy)
+    parallel = sine_squared < max_error**2
+    ahead = (uy * yt - yy * ut > 0) & (uu * yt - uy * ut > 0)
+    return np.asarray(near & (ahead | parallel))
+
+
+def relative_pose(
+    pair: VerifiedPair, first: pycolmap.Camera, second: pycolmap.Camera, keypoints: Mapping[int, Array]
+) -> RigidTransform | None:
+    """second_from_first from this pair's matches alone, with the model's intrinsics but not its poses.
+
+    Intrinsics of the view graph calibration, or guessed ones, give rotations too poor for evidence.
+    """
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = 0
+    options.compute_relative_pose = True
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
+        first, keypoints[pair.first], second, keypoints[pair.second], pair.matches, options
+    )
+    if geometry.cam2_from_cam1 is None or not np.linalg.norm(geometry.cam2_from_cam1.translation) > 0:
+        return None
+    return rigid_from_pycolmap(geometry.cam2_from_cam1)
+
+
+def _relative_errors(
+    estimated: RigidTransform | None, rotation: Array, translation: Array, min_baseline: float
+) -> tuple[float, float]:
+    if estimated is None:
+        return np.nan, np.nan
+    rotation_error = angle_deg(estimated.rotation @ rotation.T)
+    baseline = float(np.linalg.norm(translation))
+    if baseline < min_baseline:
+        return rotation_error, np.nan
+    cosine = estimated.translation @ translation / (np.linalg.norm(estimated.translation) * baseline)
+    return rotation_error, float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,0 +1,47 @@
+"""Pose priors of images for structure from motion."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fvs_engine.geometry.geodetic import camera_at
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.verification.positions import GPS_ACCURACY_M
+from fvs_service.images.model import Image, Prior, PriorSource
+from fvs_service.scenes.model import Origin
+from fvs_service.snapshots.georeferencing import world_position
+
+_ATTITUDE_SIGMA_DEG = 10.0
+"""Accuracy of a gimbal's attitude: pitch and roll are good to a degree or two, a compass is not."""
+
+
+def pose_priors(images: Mapping[str, Image], origin: Origin | None) -> PosePriors | None:
+    """The pose priors of ``images`` (by file name) in the world frame with this ``origin``.
+
+    None when no request gave a position and no image has an attitude: structure from motion reads the
+    positions in the files itself.
+    """
+    found = {
+        name: (image.prior, position)
+        for name, image in images.items()
+        if image.prior is not None and (position := world_position(image.prior, origin)) is not None
+    }
+    if not any(_tells_more_than_the_file(prior) for prior, _ in found.values()):
+        return None
+    return PosePriors(
+        by_name={name: _pose_prior(prior, position) for name, (prior, position) in found.items()}
+    )
+
+
+def _tells_more_than_the_file(prior: Prior) -> bool:
+    whole = prior.yaw_deg is not None and prior.pitch_deg is not None
+    return prior.source is PriorSource.REQUEST or whole
+
+
+def _pose_prior(prior: Prior, position: np.ndarray) -> PosePrior:
+    """The position, and the orientation where it is known; a photograph without a roll is upright."""
+    accuracy_m = GPS_ACCURACY_M if prior.geodetic else 0.0
+    if prior.yaw_deg is None or prior.pitch_deg is None:
+        return PosePrior.at(position, accuracy_m)
+    world_from_camera = camera_at(position, prior.yaw_deg, prior.pitch_deg, prior.roll_deg or 0.0)
+    return PosePrior.of_camera(world_from_camera, accuracy_m, _ATTITUDE_SIGMA_DEG)
