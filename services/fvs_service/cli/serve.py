@@ -102,7 +102,7 @@ def _supervise(
     from fvs_service.serving.supervisor import Role, Supervisor
 
     if role not in list(Role):
-        raise typer.BadParameter(f"{role} is none of {', '.join(Role)}.", param_hint="--role")
+        raise typer.BadParameter(f"{role} is not one of {', '.join(Role)}.", param_hint="--role")
     configure_logging(machine=log_json)
     log_uncaught()
     settings = settings_of(**given)

@@ -76,7 +76,7 @@ class WaitReason(StrEnum):
     SCENE = "scene"
     """Another job of the scene goes first: updates before fine models."""
     TENANT_LIMIT = "tenant-limit"
-    """The tenant has as many jobs running as it may."""
+    """The tenant's limit of running jobs is reached."""
     MEMORY = "memory"
     """The workers' memory is in use."""
     DISK = "disk"

@@ -19,7 +19,7 @@ _RECENT = 20
 
 _MESSAGES = {
     WaitReason.SCENE: "Another job of the scene goes first; updates go before fine models.",
-    WaitReason.TENANT_LIMIT: "As many of your jobs run as may run at once.",
+    WaitReason.TENANT_LIMIT: "The limit of your running jobs is reached.",
     WaitReason.MEMORY: "The workers' memory is in use.",
     WaitReason.DISK: "The service's disk is full; the job goes on when there is room.",
     WaitReason.NO_WORKER: "No worker is alive.",
@@ -86,7 +86,7 @@ def why_it_waits(
 def _eta_s(
     place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
 ) -> float | None:
-    """The time until the turn: what runs now and what goes first, at most a turn each, on all workers."""
+    """The time until the turn: jobs that run now or go first take at most a turn each, on all workers."""
     if workers.slots_with_room == 0:
         return None
     turn_s = order.turn_ms / 1000

@@ -91,7 +91,7 @@ def job_progress(shown: Display, job: JobData) -> None:
     else:
         details["waiting"] = job.waiting.model_dump(mode="json")
         soon = "" if not job.waiting.eta_s else f" About {_duration(job.waiting.eta_s)}."
-        text = f"waits, number {job.waiting.place} in line. {job.waiting.message}{soon}"
+        text = f"waits, number {job.waiting.place} in the queue. {job.waiting.message}{soon}"
     shown.show(job.progress, 1.0, text, details)
 
 

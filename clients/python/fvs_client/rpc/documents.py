@@ -107,7 +107,7 @@ def _scalar(field: FieldDescriptor, value: Any) -> Any:
     if field.enum_type is not None:
         numbers = {word: number for number, word in _words(field.enum_type).items()}
         if value not in numbers:
-            raise ValueError(f"{field.name}: it is none of {', '.join(numbers)}")
+            raise ValueError(f"{field.name}: it is not one of {', '.join(numbers)}")
         return numbers[value]
     if field.cpp_type == _INT64:
         value = int(value)

@@ -22,7 +22,7 @@ async def _timeout_s(
             le=86_400,
             allow_inf_nan=False,
             description="How long the client waits for the answer; nothing is computed for longer. "
-            "The capabilities have the most, and the default: `limits.ranking_timeout_s`.",
+            "The capabilities have the maximum, which is also the default: `limits.ranking_timeout_s`.",
         ),
     ] = None,
 ) -> float:
