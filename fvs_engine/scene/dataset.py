@@ -59,11 +59,11 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     """The photographs in ``images`` with the poses of a COLMAP model or of a ``transforms.json``.
 
     ``colmap`` is a folder with the model in or below it. Posed views without a photograph and photographs
-    without a pose are left out, with a warning. A photograph may have another size than its camera, at the
-    same shape. Raises ``InvalidInputError`` when none or both of the two are given, when fewer than two views
-    remain, for poses that are not finite or no rotations, for photographs of another shape than their camera,
-    and for photographs that their EXIF turns (their cameras would be ambiguous); ``StorageError``
-    when the model is damaged.
+    without a pose are left out, with a warning. A photograph may differ in size from its camera if the aspect
+    ratio is the same. Raises ``InvalidInputError`` when none or both of the two are given, when fewer than
+    two views remain, for poses that are not finite or not rotations, for photographs of another aspect ratio
+    than their camera, and for photographs that their EXIF turns (their cameras would be ambiguous);
+    ``StorageError`` when the model is damaged.
     """
     if not images.is_dir():
         raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")

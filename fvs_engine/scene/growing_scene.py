@@ -139,7 +139,7 @@ class GrowingScene:
 
     @property
     def quarantined(self) -> Mapping[str, str]:
-        """Visited images that are left out, because structure from motion dies on them → the reasons."""
+        """Visited images that are left out because they crash structure from motion → the reasons."""
         return self._source.quarantined
 
     @property
@@ -189,7 +189,7 @@ class GrowingScene:
 
         Images ``removed`` are first taken out, as if they had never been visited; those that are in
         ``names``, too, are added again. When one of them was trained on, the model is retrained from
-        scratch: nothing else would take from it what it learnt from them.
+        scratch: there is no other way to remove their influence.
 
         ``priors``: pose priors for a dataset without poses, those of earlier images included; by
         default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
@@ -277,8 +277,8 @@ class GrowingScene:
     def _model(self) -> Trainer:
         if self._trainer is None:
             raise TrainingError(
-                f"None of the {len(self._visited)} visited photographs has a pose yet.",
-                hint="Add photographs that overlap those that were visited.",
+                f"None of the {len(self._visited)} visited images has a pose yet.",
+                hint="Add images that overlap those that were visited.",
             )
         return self._trainer
 

@@ -36,7 +36,7 @@ def localise(
 
     ``stages`` has a database of its own for them, which keeps their features and matches from call to call;
     features of registered images (``order`` is that of adding) are copied into it from ``database``, which
-    is only read. Raises ``CulpritError`` when a job dies on one of ``names``.
+    is only read. Raises ``CulpritError`` when one of ``names`` crashes a job.
     """
     stages.folder.root.mkdir(parents=True, exist_ok=True)
     guest_database = stages.folder.database

@@ -31,7 +31,7 @@ class PoseUpdate:
     """Images that had a pose and have none now."""
 
     moved: frozenset[str]
-    """Images whose pose or camera is another than before."""
+    """Images whose pose or camera changed."""
 
     warnings: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)

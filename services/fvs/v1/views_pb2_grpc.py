@@ -27,7 +27,7 @@ if _version_not_supported:
 
 
 class ViewServiceStub:
-    """Ranks and renders candidates. The call's deadline is how long is computed for it at most.
+    """Ranks and renders candidates. Computation ends at the call's deadline.
     """
 
     def __init__(self, channel):
@@ -64,7 +64,7 @@ class ViewServiceStub:
 
 
 class ViewServiceServicer:
-    """Ranks and renders candidates. The call's deadline is how long is computed for it at most.
+    """Ranks and renders candidates. Computation ends at the call's deadline.
     """
 
     def RankViews(self, request, context):
@@ -139,7 +139,7 @@ def add_ViewServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class ViewService:
-    """Ranks and renders candidates. The call's deadline is how long is computed for it at most.
+    """Ranks and renders candidates. Computation ends at the call's deadline.
     """
 
     @staticmethod

@@ -34,9 +34,9 @@ class Orbit(Model):
     kind: Literal["orbit"]
     count: _PoseCount = 24
     radius_m: Length | None = None
-    """By default the median distance of the images."""
+    """Radius of the circle; by default the median horizontal distance of the images from the middle."""
     height_m: Coordinate | None = None
-    """Above the middle of the model; by default the median height of the images."""
+    """Height above the middle of the model; by default the median height of the images."""
     centre: Vector | None = None
 
 
@@ -47,7 +47,7 @@ class Grid(Model):
     columns: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
     rows: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
     height_m: Coordinate | None = None
-    """Height above the centre of the model; by default that of the highest image."""
+    """Height above the middle of the model; by default that of the highest image."""
     look: Literal["centre", "down"] = "centre"
 
 
@@ -110,15 +110,15 @@ class RankingRequest(Model):
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
     frame: PoseFrame | None = None
-    """The frame of the poses in the answer. By default that in which they, or the current pose, were asked;
-    of a georeferenced scene geodetic, else the world."""
+    """The frame of the poses in the answer. Defaults to the frame of the candidates, else of the
+    current pose, else to geodetic poses in a georeferenced scene and the world frame in others."""
     top_k: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
     """Return only the first `top_k` candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
     snapshot_id: str | None = None
     """The snapshot to score with; by default the newest state of the model, also during a training."""
     budget: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 1
-    """How many images are still to be taken; some methods plan ahead."""
+    """Number of images that are still to be taken; some methods plan ahead."""
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
 
     @model_validator(mode="after")
@@ -158,7 +158,7 @@ class ScoredCandidate(Model):
 
     id: str
     score: Number | None
-    """The lower, the less the model knows about what the view shows."""
+    """Lower means that the model represents this view less well."""
     status: CandidateStatus
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""
@@ -206,16 +206,16 @@ class Ranking(Model):
     snapshot_id: str
     request: RankingRequest
     alignment: Alignment
-    """Between the model and the world."""
+    """The alignment of the model with the world."""
     origin: Origin | None = None
-    """Of the world, where geodetic poses refer to it; else null."""
+    """The ENU origin that geodetic poses refer to; null in scenes that are not georeferenced."""
     iterations: Count
     """Training iterations of the model that scored."""
     gaussians: Count
     fallback: str | None
     """The rule that ordered the candidates when the method could rank none; else null."""
     candidates: tuple[RankedCandidate, ...]
-    """In order: the first should be photographed first."""
+    """The candidates in order: the first should be photographed first."""
     total: Count
     """The number of candidates before `top_k`."""
     seconds: Number
@@ -223,7 +223,7 @@ class Ranking(Model):
     waited_s: Number = 0.0
     """Time in the queue behind other rankings of the same scene."""
     warnings: tuple[RankingWarning, ...] = ()
-    """What limits the use of the ranking."""
+    """Limits of the use of the ranking."""
     created_at: Timestamp
 
 
@@ -231,6 +231,6 @@ class RankingPart(Model):
     """A part of a ranking that is streamed: what has been scored since the part before; last, the ranking."""
 
     candidates: tuple[ScoredCandidate, ...] = ()
-    """In the order of scoring. When scoring had to begin again, a candidate can come twice."""
+    """Candidates in the order of scoring. When scoring had to begin again, a candidate can come twice."""
     ranking: Ranking | None = None
-    """Of the last part; null in all others."""
+    """Present only in the last part."""

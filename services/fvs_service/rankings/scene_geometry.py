@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _SAME_POSITION = 0.05
-"""Of the median distance between neighbouring images."""
+"""Share of the median distance between neighbouring images within which two positions are the same."""
 _SAME_DIRECTION_RAD = np.deg2rad(3.0)
 
 

@@ -49,9 +49,9 @@ class Orbit(Input):
     kind: Literal["orbit"] = "orbit"
     count: int = 24
     radius_m: float | None = None
-    """By default the distance from which the images were taken."""
+    """Radius of the circle; by default the median horizontal distance of the images from the middle."""
     height_m: float | None = None
-    """Above the centre of the model; by default the height from which the images were taken."""
+    """Height above the middle of the model; by default the median height of the images."""
     centre: Vector | None = None
 
 
@@ -101,14 +101,14 @@ class ScoredCandidate(Answer):
 
     id: str
     score: float | None
-    """Lower where the model is less certain of what the view shows."""
+    """Lower means that the model represents this view less well."""
     status: CandidateStatus
     coverage: float | None
     """Share of the view that the model fills; None when the view was not rendered."""
     distance_m: float | None
     """Distance from the current pose; None without one."""
     pose: Pose
-    """In the frame of the ranking's poses."""
+    """Pose in the frame of the ranking's poses."""
 
 
 class RankedCandidate(ScoredCandidate):
@@ -134,16 +134,16 @@ class RankingData(Answer):
     snapshot_id: str
     request: RankingRequest
     alignment: Alignment
-    """Between the model and the world."""
+    """The alignment of the model with the world."""
     origin: Origin | None = None
-    """Of the world, where geodetic poses refer to it."""
+    """The ENU origin that geodetic poses refer to; None in scenes that are not georeferenced."""
     iterations: int
     """Training iterations of the snapshot."""
     gaussians: int
     fallback: str | None
     """The rule that ranked instead of the method; None when the method could."""
     candidates: tuple[RankedCandidate, ...]
-    """In order, the next view first."""
+    """The candidates in order, the next view first."""
     total: int
     """Number of candidates before `top_k`."""
     seconds: float
@@ -151,7 +151,7 @@ class RankingData(Answer):
     waited_s: float = 0.0
     """Time spent waiting for other rankings of the scene."""
     warnings: tuple[RankingWarning, ...] = ()
-    """What limits the use of the ranking."""
+    """Limits of the use of the ranking."""
     created_at: Timestamp
 
     @property

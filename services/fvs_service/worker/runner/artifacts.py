@@ -22,7 +22,7 @@ from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, Snap
 Array = NDArray[np.float64]
 
 _BOX_PERCENTILES = (2.0, 98.0)
-"""Of the points along each axis: sparse points have far outliers."""
+"""Percentiles of the points along each axis that bound the box: sparse points have far outliers."""
 
 
 def write_artifacts(

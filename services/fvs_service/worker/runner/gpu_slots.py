@@ -1,4 +1,4 @@
-"""The slots of a GPU: so many jobs of a machine's user train on it at once, whichever worker they are of.
+"""The slots of a GPU: the number of jobs of a machine's user that train on it at once, of all workers.
 
 Others register images meanwhile, on the CPU, or wait. A slot is a locked file, so it is free again when the
 process that holds it ends, however that ends.
@@ -22,7 +22,7 @@ _POLL_S = 0.2
 def gpu_slot(device: torch.device, slots: int, monitor: Monitor) -> Iterator[None]:
     """Hold one of the ``slots`` of a GPU around training; a CPU has no slots.
 
-    Raises ``Cancelled`` while it waits, ``StorageError`` when there is no place for the files.
+    Raises ``Cancelled`` while it waits, ``StorageError`` when the folder of the files cannot be used.
     """
     if device.type != "cuda":
         yield

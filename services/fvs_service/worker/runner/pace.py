@@ -1,7 +1,7 @@
 """The measured pace of rankings and renders, from which waiting times are estimated."""
 
 _WEIGHT = 0.3
-"""Of the newest measurement in the moving average."""
+"""Weight of the newest measurement in the moving average."""
 
 
 class Pace:
@@ -19,7 +19,7 @@ class Pace:
         self._seconds[kind] = before + _WEIGHT * (measured - before)
 
     def expected_s(self, kind: str, views: int) -> float:
-        """How long ``views`` will take; as the slowest kind while this one is unknown, 0 while all are."""
+        """The expected time of ``views``: as the slowest kind while this one is unknown, 0 while all are."""
         seconds = self._seconds.get(kind)
         if seconds is None:
             seconds = max(self._seconds.values(), default=0.0)

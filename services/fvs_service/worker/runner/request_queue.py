@@ -46,7 +46,7 @@ class Asker:
 
 
 class AskerGoneError(Exception):
-    """The connection over which the question came has ended: there is nobody to answer."""
+    """The connection over which the question came has ended: the answer has no receiver."""
 
 
 class QueueStatus(Record):
@@ -65,7 +65,7 @@ class _Computation:
         self.askers: set[Asker] = set()
         self.answer: Future[Any] = Future()
         self.results: list[Any] = []
-        """Those that are known so far."""
+        """The results that are known so far."""
         self.monitor = Monitor(self._on_progress, self.results.extend)
         self.started = math.inf
         self.share = 0.0
