@@ -1,6 +1,7 @@
 """The gateway's servers: sockets, TLS, signals."""
 
 import asyncio
+import contextlib
 import gc
 import resource
 import socket
@@ -43,8 +44,12 @@ def run_gateway(
     make_runners: MakeRunners,
     *,
     announce: Callable[[Addresses], object] = lambda _: None,
+    beat: Callable[[], object] = lambda: None,
+    beat_every_s: float | None = None,
 ) -> None:
     """Serve until SIGINT or SIGTERM; calls ``announce`` once requests are served.
+
+    Calls ``beat`` on the event loop every ``beat_every_s``, if given.
 
     Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
     """
@@ -71,9 +76,15 @@ def run_gateway(
     host, port = listening.getsockname()[:2]
     scheme = "http" if settings.tls_certificate is None else "https"
     url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-    GatewayServer(config, app, settings, lambda rpc: announce(Addresses(url=url, rpc_port=rpc))).run(
-        sockets=[listening]
+    server = GatewayServer(
+        config,
+        app,
+        settings,
+        started=lambda rpc: announce(Addresses(url=url, rpc_port=rpc)),
+        beat=beat,
+        beat_every_s=beat_every_s,
     )
+    server.run(sockets=[listening])
 
 
 def _allow_many_connections() -> None:
@@ -111,7 +122,8 @@ def listen(config: uvicorn.Config) -> socket.socket:
 class GatewayServer(uvicorn.Server):
     """Serves REST and, unless the settings say otherwise, gRPC on one event loop.
 
-    Calls ``started`` with the port of gRPC, None without it, once it serves requests.
+    Calls ``started`` with the port of gRPC, None without it, once it serves requests; then ``beat`` every
+    ``beat_every_s``, if given.
     """
 
     def __init__(
@@ -120,8 +132,11 @@ class GatewayServer(uvicorn.Server):
         app: FastAPI,
         settings: Settings,
         started: Callable[[int | None], object] = lambda _: None,
+        beat: Callable[[], object] = lambda: None,
+        beat_every_s: float | None = None,
     ) -> None:
         super().__init__(config)
+        self._beat, self._beat_every_s = beat, beat_every_s
         self._app, self._settings, self._when_started = app, settings, started
         self._rpc: RpcServer | None = None
         self._signaled = asyncio.Event()
@@ -157,7 +172,9 @@ class GatewayServer(uvicorn.Server):
         loop = asyncio.get_running_loop()
         self._wake = lambda: loop.call_soon_threadsafe(self._signaled.set)
         while not await self.on_tick(0):
-            await self._signaled.wait()
+            self._beat()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._signaled.wait(), self._beat_every_s)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End ``main_loop``."""

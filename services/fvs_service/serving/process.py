@@ -1,7 +1,7 @@
 """The supervisor's child processes: ``python -m fvs_service.serving.process gateway|worker``.
 
 The first line of standard input is a ``ProcessOrder``. A gateway writes its ``Addresses`` to standard output
-once it answers.
+once it answers, and then its pulse (``pulse``).
 """
 
 import os
@@ -13,6 +13,7 @@ from fvs_service.gateway.addresses import Addresses
 from fvs_service.logs import configure_logging, log_uncaught
 from fvs_service.serving.arenas import limit_arenas
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
+from fvs_service.serving.pulse import PULSE_S, beat
 from fvs_service.tracing import Tracing
 from fvs_service.worker.runners import LeasedRunners
 
@@ -34,7 +35,8 @@ def main() -> None:
 def _run_gateway(order: ProcessOrder) -> None:
     from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
 
-    run_gateway(order.settings, LeasedRunners, announce=_print)
+    os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
+    run_gateway(order.settings, LeasedRunners, announce=_print, beat=beat, beat_every_s=PULSE_S)
     os._exit(0)  # without waiting for threads whose requests have been given up
 
 

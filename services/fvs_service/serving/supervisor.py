@@ -29,6 +29,7 @@ from fvs_service.gateway.protection import require_protection
 from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
+from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
@@ -41,6 +42,8 @@ _KILLED_S = 1.0
 _QUICK_S = 5.0
 """After a child that died sooner than this, the pause before its next start doubles."""
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
+_SILENT_S = 60.0
+"""A gateway whose event loop has shown no sign of life for this long is killed, and started again."""
 
 _log = structlog.get_logger()
 
@@ -52,6 +55,7 @@ class _Child:
     name: str
     role: str
     process: "subprocess.Popen[str] | None" = None
+    pulse: Pulse | None = None
     started: float = 0.0
     pause_s: float = _FIRST_PAUSE_S
     due: float = field(default=0.0)
@@ -104,6 +108,7 @@ class Supervisor:
                 while not self._signals.wait(self._until_next_start_s()):
                     for child in self._children():
                         self._restart_if_dead(child)
+                    self._kill_silent_gateway()
                     reap_adopted({process.pid for process in self._running().values()})
             finally:
                 self._stop_all()
@@ -133,6 +138,8 @@ class Supervisor:
                 hint="Another program may use the port: choose another with --port (for gRPC --grpc-port), "
                 "or 0 for a free one.",
             )
+        assert self._gateway.process.stdout is not None
+        self._gateway.pulse = Pulse(self._gateway.process.stdout.fileno(), begun=True)
         addresses = Addresses.model_validate_json(line)
         # A restarted gateway must listen where clients found the first one.
         ports = {"port": urlsplit(addresses.url).port, "grpc_port": addresses.rpc_port}
@@ -168,7 +175,19 @@ class Supervisor:
         child.pause_s = min(2 * child.pause_s, _LAST_PAUSE_S) if lived_s < _QUICK_S else _FIRST_PAUSE_S
         _log.warning("child died", name=child.name, status=status, again_in_s=child.pause_s)
         child_process.close_pipes(child.process)
-        child.process, child.due = None, time.monotonic() + child.pause_s
+        child.process, child.pulse, child.due = None, None, time.monotonic() + child.pause_s
+
+    def _kill_silent_gateway(self) -> None:
+        gateway = self._gateway
+        if gateway.process is None:
+            return
+        if gateway.pulse is None:  # it was restarted
+            assert gateway.process.stdout is not None
+            gateway.pulse = Pulse(gateway.process.stdout.fileno())
+        silent_s = gateway.pulse.silent_s()
+        if silent_s > _SILENT_S:
+            _log.warning("child killed", name=gateway.name, silent_s=round(silent_s))
+            gateway.process.kill()
 
     def _running(self) -> "dict[str, subprocess.Popen[str]]":
         """The processes that have been started, by name."""

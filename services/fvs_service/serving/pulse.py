@@ -1,0 +1,44 @@
+"""The gateway's pulse: a process that hangs does not die, and nobody would restart it.
+
+The gateway's event loop writes an empty line to its standard output every ``PULSE_S``. Its supervisor kills
+it when none has come for long.
+"""
+
+import contextlib
+import os
+import time
+
+PULSE_S = 2.0
+_MOST_PER_LOOK_S = 10.0
+"""How much silence one look adds at most: the supervisor itself may have been frozen in between."""
+
+
+def beat() -> None:
+    """In the gateway, on its event loop: show that it runs. Never waits for the reader."""
+    with contextlib.suppress(OSError):  # the pipe is full when the supervisor is frozen
+        os.write(1, b"\n")
+
+
+class Pulse:
+    """In the supervisor: the beats of one process, read from ``pipe``, its standard output.
+
+    ``begun``: its first line has been read already.
+    """
+
+    def __init__(self, pipe: int, *, begun: bool = False) -> None:
+        os.set_blocking(pipe, False)
+        self._pipe = pipe
+        self._looked = time.monotonic()
+        self._silent_s = 0.0
+        self._begun = begun
+
+    def silent_s(self) -> float:
+        """How long there has been no beat, to be asked every few seconds; 0 before its first line."""
+        now = time.monotonic()
+        if self._begun:
+            self._silent_s += min(now - self._looked, _MOST_PER_LOOK_S)
+        self._looked = now
+        with contextlib.suppress(BlockingIOError):
+            if os.read(self._pipe, 4096):
+                self._begun, self._silent_s = True, 0.0
+        return self._silent_s
