@@ -1,7 +1,7 @@
 """Pose priors: where images were taken, and which way the camera looked, before structure from motion.
 
-Sources are GPS and gimbals, a planner's targets, a dataset. They are noisy, and may be wrong altogether; what
-they say of a model, and it of them, is in ``verification``.
+Sources are GPS and gimbals, a planner's targets, a dataset. They are noisy, and may be wrong altogether;
+``verification`` compares them with a model.
 """
 
 from typing import Self

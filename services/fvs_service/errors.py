@@ -258,7 +258,7 @@ class LimitExceededError(
     status=429,
     rpc_status="RESOURCE_EXHAUSTED",
 ):
-    """The tenant has reached a limit; ``retry_after_s`` says when to try again."""
+    """The tenant has reached a limit; ``retry_after_s`` is the time until a retry can succeed."""
 
     def __init__(self, message: str, *, hint: str = "", retry_after_s: int = 5) -> None:
         super().__init__(message, hint=hint, retry_after_s=retry_after_s)

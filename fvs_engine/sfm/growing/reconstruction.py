@@ -116,7 +116,7 @@ class GrowingReconstruction:
 
     @property
     def quarantined(self) -> Mapping[str, str]:
-        """Images on which pycolmap dies, which no job gets → the reasons."""
+        """Images that crash pycolmap, which no job gets → the reasons."""
         return self._folder.sfm.quarantine.reasons
 
     @property
@@ -142,7 +142,7 @@ class GrowingReconstruction:
         the views from which the result counts its changes, by default those before the call. A caller that
         was killed after a commit has older ones.
 
-        Images on which pycolmap dies are quarantined: they are no longer added, and a warning names them.
+        Images that crash pycolmap are quarantined: they are no longer added, and a warning names them.
 
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
@@ -197,7 +197,7 @@ class GrowingReconstruction:
     ) -> dict[str, AnyView]:
         """Estimate the poses of other images in the current model, which does not change.
 
-        Those without a pose, whose matches or ``priors`` contradict it, or on which pycolmap dies, are
+        Those without a pose, whose matches or ``priors`` contradict it, or which crash pycolmap, are
         left out; registered images have their current poses. The result depends on the current model only,
         not on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
         """

@@ -47,7 +47,7 @@ class GrowthState(Record):
 
     generation: int = 0
     bootstrap_images: int = 0
-    """The vocabulary was computed from so many of the first images."""
+    """Number of the first images, from which the vocabulary was computed."""
 
     adjusted_images: int = 0
     adjusted_points: int = 0
@@ -57,7 +57,7 @@ class GrowthState(Record):
     """Number of added images at the last re-map, whether its model was chosen or not."""
 
     mapped_support: float = 0.0
-    """Match support of the model chosen then."""
+    """Match support of the model that this re-map chose."""
 
     @property
     def unregistered(self) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ def residual_share(priors: PosePriors, centres: Mapping[str, Array]) -> float | 
 
 
 def contradict(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
-    """Whether the position priors say anything of these centres, and hardly any fits them."""
+    """Whether there are enough accurate position priors of these centres, and hardly any fits them."""
     share = residual_share(priors, centres)
     count = len(centres.keys() & priors.by_name.keys())
     return share is not None and (

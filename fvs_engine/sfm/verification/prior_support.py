@@ -21,7 +21,7 @@ SIGMAS = 2.0
 """Standard deviations of the priors that a contradiction must exceed."""
 
 _MAX_LIMIT_DEG = 60.0
-"""A pair whose limit is wider, because its images are near to each other, says nothing."""
+"""A pair whose limit is wider, because its images are near to each other, is no evidence."""
 
 _MIN_PAIRS = 6
 _SAMPLES = 500

@@ -120,7 +120,7 @@ def listen(config: uvicorn.Config) -> socket.socket:
 
 
 class GatewayServer(uvicorn.Server):
-    """Serves REST and, unless the settings say otherwise, gRPC on one event loop.
+    """Serves REST and, unless the settings turn it off, gRPC on one event loop.
 
     Calls ``started`` with the port of gRPC, None without it, once it serves requests; then ``beat`` every
     ``beat_every_s``, if given.

@@ -26,8 +26,8 @@ class Dispatcher:
     """Runs the jobs of a worker and starts the runners that rankings need, until it is stopped.
 
     The jobs that the worker has taken and does not run are run first: those of its predecessor of the same
-    name, and those that could not be put back because the database was unavailable. ``has_room`` says whether
-    a job may start now. It looks for jobs and requests when it is woken, and every ``poll_s``.
+    name, and those that could not be put back because the database was unavailable. ``has_room`` returns
+    whether a job may start now. It looks for jobs and requests when it is woken, and every ``poll_s``.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ _SILENCE_S = 30.0
 def wait(session: Session, job: J, timeout_s: float | None, on_progress: Callable[[J], object] | None) -> J:
     """Return the job once it has succeeded; ``on_progress`` gets every change.
 
-    The job is fetched whenever a stream of events begins and whenever an event says that its state changed,
+    The job is fetched whenever a stream of events begins and whenever an event reports a change of its state,
     so the result never depends on events alone. Raises ``JobFailedError``, ``JobCanceledError`` or, when the
     job has not ended after ``timeout_s``, ``WaitTimeoutError``.
     """
