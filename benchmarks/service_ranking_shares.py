@@ -65,7 +65,6 @@ _FUNCTIONS: tuple[tuple[Any, str, str], ...] = (
     (Database, "reading", READ),
     (Rankings, "_prepare", POSES_IN),
     (LeasedRunners, "rank", RUNNER),
-    (LeasedRunners, "_address", RUNNER),
     (Rankings, "_finish", POSES_OUT),
     (Database, "writing", WRITE),
     (Ranking, "model_dump_json", RESPONSE),

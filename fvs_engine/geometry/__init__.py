@@ -7,7 +7,7 @@ from fvs_engine.geometry.alignment.similarity import (
     umeyama,
 )
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
-from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at
+from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at, look_at_from_each
 from fvs_engine.geometry.paths import interpolate, smooth_path
 from fvs_engine.geometry.rotations import (
     angle_between,
@@ -30,6 +30,7 @@ __all__ = [
     "angle_between",
     "interpolate",
     "look_at",
+    "look_at_from_each",
     "matrix_from_quaternion",
     "quaternion_from_matrix",
     "robust_umeyama",

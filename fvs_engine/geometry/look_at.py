@@ -1,8 +1,5 @@
 """Look-at poses, and the camera axes of OpenGL."""
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -24,21 +21,33 @@ def look_at(centre: ArrayLike, target: ArrayLike, up: ArrayLike) -> RigidTransfo
     upright in the image replaces it. Raises ``InvalidInputError`` when ``target`` is the centre, ``up``
     is zero or a number is not finite.
     """
-    origin = finite_array("centre", centre, (3,))
-    forward = (finite_array("target", target, (3,)) - origin).tolist()
-    upwards = finite_array("up", up, (3,)).tolist()
-    distance, height = math.hypot(*forward), math.hypot(*upwards)
-    if distance <= 1e-12 * np.abs(origin).max() or distance == 0:
+    (camera,) = look_at_from_each(np.asarray(centre)[None], target, up)
+    if camera is None:
         raise InvalidInputError("A camera cannot look at its own centre.")
+    return camera
+
+
+def look_at_from_each(
+    centres: ArrayLike, targets: ArrayLike, up: ArrayLike
+) -> tuple[RigidTransform | None, ...]:
+    """``look_at`` from each of ``centres`` [N, 3] at ``targets``, [N, 3] or one [3] for all.
+
+    They are computed together, which takes a fraction of the time. None where the target is the centre.
+    """
+    origins = finite_array("centres", centres, (len(np.asarray(centres)), 3))
+    aims = finite_array("targets", targets, (3,) if np.ndim(targets) == 1 else origins.shape)
+    upwards = finite_array("up", up, (3,))
+    height = np.linalg.norm(upwards)
     if height == 0:
         raise InvalidInputError("The up vector is zero.")
-    z = _divided(forward, distance)
-    x = cross(z, _divided(upwards, height))
-    if math.hypot(*x) < 1e-6:
-        x = cross(z, np.eye(3)[np.argmin(np.abs(z))].tolist())
-    x = _divided(x, math.hypot(*x))
-    return RigidTransform(np.array([x, cross(z, x), z]).T, origin)
-
-
-def _divided(vector: Sequence[float], by: float) -> tuple[float, float, float]:
-    return vector[0] / by, vector[1] / by, vector[2] / by
+    forward = aims - origins
+    distances = np.linalg.norm(forward, axis=1)
+    seen = distances > 1e-12 * np.abs(origins).max(axis=1, initial=0.0)
+    z = (forward[seen] / distances[seen, None]).T
+    x = np.array(cross(z, upwards / height))
+    along = np.linalg.norm(x, axis=0) < 1e-6
+    if along.any():
+        x[:, along] = cross(z[:, along], np.eye(3)[:, np.argmin(np.abs(z[:, along]), axis=0)])
+    x /= np.linalg.norm(x, axis=0)
+    cameras = iter(RigidTransform.many(np.array([x, cross(z, x), z]).transpose(2, 1, 0), origins[seen]))
+    return tuple(next(cameras) if one else None for one in seen.tolist())

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,8 +55,10 @@ def rotation_matrices(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return matrices
 
 
-def cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    """The cross product a × b of two vectors [3], in plain numbers."""
+def cross(
+    a: Sequence[float] | NDArray[np.float64], b: Sequence[float] | NDArray[np.float64]
+) -> tuple[Any, Any, Any]:
+    """The cross product a × b of two vectors [3] in plain numbers, or of arrays [3, N]; x, y and z."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

@@ -308,7 +308,7 @@ class Settings(BaseSettings):
     @property
     def on_one_machine(self) -> bool:
         """Whether no other machine shares the database."""
-        return self.database.startswith("sqlite")
+        return self.database_url is None or self.database_url.startswith("sqlite")
 
     @property
     def scenes(self) -> Path:

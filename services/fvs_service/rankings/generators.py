@@ -1,12 +1,14 @@
 """Generators of candidate poses, in the world frame."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import RigidTransform, look_at, matrix_from_quaternion, quaternion_from_matrix
+from fvs_engine.geometry import (
+    RigidTransform,
+    look_at_from_each,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 from fvs_service.errors import InvalidRequestError
 from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.rankings.scene_geometry import SceneGeometry
@@ -48,7 +50,7 @@ def _orbit(orbit: Orbit, scene: SceneGeometry) -> Candidates:
     height = float(np.median(offsets[:, 2])) if orbit.height_m is None else orbit.height_m
     angles = np.arange(orbit.count) * (2.0 * np.pi / orbit.count)
     ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(orbit.count, height)])
-    return _looking_at("orbit", centre + ring @ scene.level.T, lambda _position: centre, scene.up)
+    return _looking_at("orbit", centre + ring @ scene.level.T, centre, scene.up)
 
 
 def _grid(grid: Grid, scene: SceneGeometry) -> Candidates:
@@ -58,10 +60,11 @@ def _grid(grid: Grid, scene: SceneGeometry) -> Candidates:
     x = _spread(scene.lower[0], scene.upper[0], grid.columns)
     y = _spread(scene.lower[1], scene.upper[1], grid.rows)
     level = np.array([[across, along, middle[2] + height] for along in y for across in x])
+    positions = level @ scene.level.T
     if grid.look == "centre":
-        return _looking_at("grid", level @ scene.level.T, lambda _position: scene.centre, scene.up)
+        return _looking_at("grid", positions, scene.centre, scene.up)
     # Straight down, the images are upright towards the second level direction (north, in an ENU world).
-    return _looking_at("grid", level @ scene.level.T, lambda position: position - scene.up, scene.level[:, 1])
+    return _looking_at("grid", positions, positions - scene.up, scene.level[:, 1])
 
 
 def _between(scene: SceneGeometry) -> Candidates:
@@ -91,17 +94,13 @@ def _ball(generator: AroundCurrent, scene: SceneGeometry, current: Array, radius
     ring = np.sqrt(1.0 - z**2)
     directions = np.column_stack([ring * np.cos(angles), ring * np.sin(angles), z])
     positions = current + radius * np.cbrt(index / generator.count)[:, None] * directions @ scene.level.T
-    return _looking_at("around", positions, lambda _position: scene.centre, scene.up)
+    return _looking_at("around", positions, scene.centre, scene.up)
 
 
-def _looking_at(prefix: str, positions: Array, target: Callable[[Array], Array], up: Array) -> Candidates:
-    found = {}
-    for number, position in enumerate(positions):
-        try:
-            found[f"{prefix}-{number:04d}"] = look_at(position, target(position), up)
-        except InvalidInputError:  # the position is the target, so there is no viewing direction
-            continue
-    return found
+def _looking_at(prefix: str, positions: Array, targets: Array, up: Array) -> Candidates:
+    """Poses at ``positions`` but those that are their own target: they have no viewing direction."""
+    cameras = look_at_from_each(positions, targets, up)
+    return {f"{prefix}-{number:04d}": camera for number, camera in enumerate(cameras) if camera is not None}
 
 
 def _spread(lower: float, upper: float, count: int) -> Array:

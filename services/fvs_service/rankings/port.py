@@ -8,6 +8,8 @@ from collections.abc import AsyncGenerator, Mapping
 from enum import StrEnum
 from typing import Literal, Protocol, TypeAlias
 
+from pydantic import Field
+
 from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
@@ -21,9 +23,13 @@ class ViewImage(StrEnum):
 
 
 class Question(Record):
-    """A request about one scene. Who asks with which API key, and how long they wait, changes no answer."""
+    """A request about one scene. Who asks with which API key, and how long they wait, changes no answer.
+
+    ``endpoint`` is that of the scene's runner, when the asker has found one; it is not sent.
+    """
 
     scene_id: str
+    endpoint: str | None = Field(default=None, exclude=True, repr=False)
     snapshot_id: str
     api_key: str = ""
     timeout_s: float = 60.0

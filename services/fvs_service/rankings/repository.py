@@ -1,5 +1,6 @@
 """Rankings in the database."""
 
+import orjson
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
@@ -17,7 +18,7 @@ def add_ranking(session: Session, ranking: Ranking) -> None:
             "id": ranking.id,
             "scene_id": ranking.scene_id,
             "snapshot_id": ranking.snapshot_id,
-            "document": ranking.model_dump(mode="json"),
+            "document": orjson.Fragment(ranking.model_dump_json()),  # not through Python objects
             "created_at": ranking.created_at,
         },
     )

@@ -4,6 +4,7 @@ from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from anyio.to_thread import run_sync
@@ -26,6 +27,7 @@ from fvs_service.rankings.model import RankedCandidate, Ranking, RankingPart, Ra
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.warnings import warnings_of
+from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of, require_on_earth
 from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
@@ -39,6 +41,9 @@ from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import has_row
 
 _CACHED_SNAPSHOTS = 64
+
+ReadRequest: TypeAlias = Callable[[], RankingRequest]
+"""Gives a request; it is called in a thread, once the permission is checked."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class Rankings:
         self,
         principal: Principal,
         scene_id: str,
-        request: RankingRequest,
+        read: ReadRequest,
         timeout_s: float,
         key: str | None = None,
     ) -> Ranking:
@@ -105,7 +110,7 @@ class Rankings:
         Cancelling it stops the computation. Raises ``DeadlineError`` when it takes longer than ``timeout_s``.
         """
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
+            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
             question = prepared.question
@@ -116,13 +121,13 @@ class Rankings:
         self,
         principal: Principal,
         scene_id: str,
-        request: RankingRequest,
+        read: ReadRequest,
         timeout_s: float,
         key: str | None = None,
     ) -> AsyncGenerator[RankingPart, None]:
         """Rank candidates as ``create`` does; yields those that are scored, and last the ranking."""
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, request, timeout_s, key)
+            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
             if isinstance(prepared, Ranking):
                 yield RankingPart(ranking=prepared)
                 return
@@ -160,20 +165,22 @@ class Rankings:
         self,
         principal: Principal,
         scene_id: str,
-        request: RankingRequest,
+        read: ReadRequest,
         timeout_s: float,
         key: str | None,
     ) -> _Prepared | Ranking:
         """What to ask the runner, or the ranking that was made with the same idempotency key."""
         principal.require(Scope.OPERATE, scene_id)
-        remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
         with self._database.reading() as session:
             scene = scene_head_of(session, principal, scene_id)
+            request = read()
+            remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
             earlier = self._earlier(session, principal, remembered)
             if earlier is not None:
                 return earlier
             if request.snapshot_id is not None:
                 snapshot_of(session, principal, request.snapshot_id)  # the cache may outlive it
+            endpoint = find_endpoint(session, scene_id)
         snapshot_id = request.snapshot_id or scene.snapshot_id
         if snapshot_id is None:
             raise NoSnapshotError(
@@ -200,6 +207,7 @@ class Rankings:
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
         question = RankViews(
             scene_id=scene.id,
+            endpoint=endpoint,
             snapshot_id=snapshot.id,
             api_key=principal.key_id,
             timeout_s=timeout_s,
@@ -257,11 +265,13 @@ class Rankings:
         with self._database.reading() as session:
             scene = find_scene_head(session, ranking.scene_id)
             snapshot_of(session, principal, ranking.snapshot_id)
+            endpoint = find_endpoint(session, scene.id)
         frame = WorldFrame(scene.origin, ranking.alignment)
         camera = self._cameras(ranking.snapshot_id).camera.pinhole
         (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
         question = RenderView(
             scene_id=scene.id,
+            endpoint=endpoint,
             snapshot_id=ranking.snapshot_id,
             api_key=principal.key_id,
             timeout_s=timeout_s,

@@ -101,6 +101,12 @@ class Leases:
                 raise _stale(lease)
 
 
+def find_endpoint(session: Session, scene_id: str) -> str | None:
+    """The endpoint of the scene's runner, by the lease in force; None without one."""
+    row = session.execute(_HOLDER, {"scene_id": scene_id}).one_or_none()
+    return None if row is None else row.endpoint
+
+
 def require_lease(session: Session, lease: Lease) -> None:
     """Make the transaction of ``session`` depend on ``lease``; raises ``StaleLeaseError``.
 

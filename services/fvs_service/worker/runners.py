@@ -30,8 +30,9 @@ _START_S = 45.0
 """How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
 _START_AGAIN_S = 2.0
 _POLL_S = 0.1
+_FEW_VIEWS = 100
 _SMALL_BYTES = 16_384
-"""Smaller responses, as of a hundred candidates, are read on the event loop: a thread would cost more."""
+"""Questions with few views are written, and small responses read, on the event loop: a thread costs more."""
 _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
@@ -131,11 +132,13 @@ class LeasedRunners:
         """
         give_up = time.monotonic() + _START_S
         started = -math.inf
+        found = request.endpoint
         while True:
-            endpoint, line = await run_sync(self._address, request, until)
+            endpoint = found or await run_sync(self._endpoint, request.scene_id)
+            found = None  # the scene may have another runner by now
             if endpoint is not None:
                 asked = time.monotonic()
-                yield endpoint, line  # of a dead runner too: its lease lasts a while longer
+                yield endpoint, await _line(request, until)  # of a dead runner too: its lease lasts longer
                 give_up += time.monotonic() - asked
             if time.monotonic() - started > _START_AGAIN_S:
                 await run_sync(self._requests.add, request.scene_id)
@@ -148,12 +151,18 @@ class LeasedRunners:
                 )
             await asyncio.sleep(_POLL_S)
 
-    def _address(self, request: RankViews | RenderView, until: float) -> tuple[str | None, bytes]:
-        """The endpoint of the scene's runner, None without one, and the request for it."""
-        holder = self._leases.holder(request.scene_id)
-        left_s = max(0.0, until - time.monotonic())
-        line = request.model_copy(update={"timeout_s": left_s}).model_dump_json().encode()
-        return None if holder is None else holder.endpoint, line
+    def _endpoint(self, scene_id: str) -> str | None:
+        """The endpoint of the scene's runner; None without one."""
+        holder = self._leases.holder(scene_id)
+        return None if holder is None else holder.endpoint
+
+
+async def _line(request: RankViews | RenderView, until: float) -> bytes:
+    """The request as it is sent, with the time that is left."""
+    left = request.model_copy(update={"timeout_s": max(0.0, until - time.monotonic())})
+    if isinstance(left, RenderView) or len(left.views) <= _FEW_VIEWS:
+        return left.model_dump_json().encode()
+    return (await run_sync(left.model_dump_json)).encode()
 
 
 def _part(document: Any) -> tuple[CandidateScore, ...] | RankedViews:

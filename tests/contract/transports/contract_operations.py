@@ -151,13 +151,17 @@ OPERATIONS: dict[str, Operation] = {
     "RankViews": Operation(
         "POST",
         "/v1/scenes/{scene_id}/rankings",
-        lambda app, who, call: app.rankings.create(who, call.scene_id, call.body, 60.0, call.idempotency_key),
+        lambda app, who, call: app.rankings.create(
+            who, call.scene_id, lambda: call.body, 60.0, call.idempotency_key
+        ),
         ("ranking", RankingRequest),
     ),
     "StreamRankViews": Operation(
         "POST",
         "/v1/scenes/{scene_id}/rankings",
-        lambda app, who, call: app.rankings.stream(who, call.scene_id, call.body, 60.0, call.idempotency_key),
+        lambda app, who, call: app.rankings.stream(
+            who, call.scene_id, lambda: call.body, 60.0, call.idempotency_key
+        ),
         ("ranking", RankingRequest),
         streamed=True,
     ),

@@ -14,6 +14,7 @@ from fvs_engine.geometry import (
     angle_between,
     interpolate,
     look_at,
+    look_at_from_each,
     smooth_path,
 )
 
@@ -53,6 +54,17 @@ def test_a_camera_cannot_look_at_itself_or_without_up():
         look_at([1, 2, 3], [1, 2, 4], [0, 0, 0])
     with pytest.raises(InvalidInputError):
         look_at([1, np.nan, 3], [1, 2, 4], [0, 0, 1])
+
+
+def test_cameras_that_look_at_targets_together_are_those_one_by_one():
+    centres = [[1.0, 2, 10], [3, 0, 0], [1, 2, 3], [-4, 1, 2]]
+    for targets in ([1.0, 2, 3], [[1.0, 2, 0], [0, 0, 0], [1, 2, 3], [5, 5, 5]]):
+        cameras = look_at_from_each(centres, targets, [0, 0, 1])
+        assert cameras[2] is None  # its target is its centre
+        for place in (0, 1, 3):
+            alone = look_at(centres[place], np.broadcast_to(targets, (4, 3))[place], [0, 0, 1])
+            np.testing.assert_allclose(cameras[place].matrix, alone.matrix, atol=1e-14)
+    assert look_at_from_each(np.zeros((0, 3)), [1, 0, 0], [0, 0, 1]) == ()
 
 
 def test_opengl_cameras_look_along_minus_z_with_y_up():

@@ -62,6 +62,21 @@ def test_slerp_takes_many_shares_at_once():
     np.testing.assert_allclose(path[2], [np.sqrt(0.5), np.sqrt(0.5), 0, 0], atol=1e-15)
 
 
+@given(quaternion=quaternions, noise=st.floats(0, 0.1), seed=st.integers(0, 1000))
+def test_the_quaternion_of_a_noisy_rotation_is_that_of_the_nearest_one(quaternion, noise, seed):
+    noisy = matrix_from_quaternion(quaternion) + noise * np.random.default_rng(seed).uniform(-1, 1, (3, 3))
+    left, _, right = np.linalg.svd(noisy)  # its orthogonal factor is the nearest rotation
+    np.testing.assert_allclose(
+        matrix_from_quaternion(quaternion_from_matrix(noisy)), left @ right, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_half_a_turn_has_one_quaternion(axis):
+    half_a_turn = 2.0 * np.outer(np.eye(3)[axis], np.eye(3)[axis]) - np.eye(3)
+    np.testing.assert_array_equal(quaternion_from_matrix(half_a_turn), np.eye(4)[axis + 1])
+
+
 def test_arrays_keep_their_shape():
     many = np.random.default_rng(0).normal(size=(2, 3, 4))
     matrices = matrix_from_quaternion(many)

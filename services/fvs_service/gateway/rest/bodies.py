@@ -39,26 +39,51 @@ def json_body(
     FastAPI would read, parse and validate a body on the event loop, before any dependency runs. One that is
     large is not even read before the permission is known.
     """
+    received = unread_json_body(kind, permission)
 
     async def read(request: Request, require: Annotated[Permission, Depends(permission)]) -> ModelT:
-        limits = application_of(request).storage.settings.limits
-        if not _is_small(request):
-            await anyio.to_thread.run_sync(require)
-            content = await _received(request, _most_values(limits))
-            one_at_a_time = request.app.state.parsing
-            return await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=one_at_a_time)
-        content = await request.body()
+        parsed = await received(request, require)
 
         def checked() -> ModelT:
             require()
-            _require_some(content)
-            _require_json(request)
-            return parse(kind, content, limits)
+            return parsed()
 
         return await anyio.to_thread.run_sync(checked)
 
     read.kind = kind  # type: ignore[attr-defined]  # for the OpenAPI document
     return read
+
+
+def unread_json_body(
+    kind: type[ModelT], permission: Callable[..., Awaitable[Permission]]
+) -> Callable[..., Awaitable[Callable[[], ModelT]]]:
+    """A dependency that gives a function, which reads the body in a thread that has checked the permission.
+
+    For operations that check it in a thread anyway: ``json_body`` would take another one. As there, large
+    bodies are received and parsed for a caller who has the ``permission``; the function then returns them.
+    """
+
+    async def receive(
+        request: Request, require: Annotated[Permission, Depends(permission)]
+    ) -> Callable[[], ModelT]:
+        limits = application_of(request).storage.settings.limits
+        if not _is_small(request):
+            await anyio.to_thread.run_sync(require)
+            content = await _received(request, _most_values(limits))
+            one_at_a_time = request.app.state.parsing
+            found = await anyio.to_thread.run_sync(parse, kind, content, limits, limiter=one_at_a_time)
+            return lambda: found
+        content = await request.body()
+
+        def parsed() -> ModelT:
+            _require_some(content)
+            _require_json(request)
+            return parse(kind, content, limits)
+
+        return parsed
+
+    receive.kind = kind  # type: ignore[attr-defined]  # for the OpenAPI document
+    return receive
 
 
 def _is_small(request: Request) -> bool:

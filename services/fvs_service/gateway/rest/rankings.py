@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from fvs_service.gateway.rest.bodies import json_body
+from fvs_service.gateway.rest.bodies import unread_json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -20,10 +20,13 @@ from fvs_service.gateway.rest.ranking_stream import MEDIA_TYPE, ranking_stream
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.rankings.model import Ranking, RankingRequest
 from fvs_service.rankings.port import ViewImage
+from fvs_service.rankings.service import ReadRequest
 
 router = json_router("/v1", "rankings")
 
 _STREAM = {200: {"description": "The parts of the ranking.", "content": {MEDIA_TYPE: {}}}}
+_FEW_CANDIDATES = 100
+"""Rankings of so many are written on the event loop: a thread would cost more. Others would block it."""
 _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
 
 
@@ -39,7 +42,7 @@ async def create_ranking(
     metrics: Counters,
     caller: Caller,
     scene_id: SceneId,
-    request: Annotated[RankingRequest, Depends(json_body(RankingRequest, to_operate))],
+    read: Annotated[ReadRequest, Depends(unread_json_body(RankingRequest, to_operate))],
     timeout_s: TimeoutS,
     key: IdempotencyKey = None,
 ) -> Response:
@@ -50,13 +53,14 @@ async def create_ranking(
     the first of them is an event `problem`.
     """
     if MEDIA_TYPE in http.headers.get("accept", ""):
-        stream = app.rankings.stream(caller, scene_id, request, timeout_s, key)
+        stream = app.rankings.stream(caller, scene_id, read, timeout_s, key)
         return await ranking_stream(http, metrics, stream)
     with metrics.rankings_open.track_inprogress():
-        ranking = await while_connected(http, app.rankings.create(caller, scene_id, request, timeout_s, key))
+        ranking = await while_connected(http, app.rankings.create(caller, scene_id, read, timeout_s, key))
     metrics.count_ranking(ranking.request.method, ranking.seconds, ranking.waited_s)
+    few = ranking.total <= _FEW_CANDIDATES
     return Response(
-        await run_in_threadpool(ranking.model_dump_json),  # long lists would block the event loop
+        ranking.model_dump_json() if few else await run_in_threadpool(ranking.model_dump_json),
         status_code=201,
         headers={"Location": f"/v1/rankings/{ranking.id}"},
         media_type="application/json",

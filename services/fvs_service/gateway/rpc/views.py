@@ -14,8 +14,13 @@ from fvs_service.model import Model
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.model import Ranking, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
+from fvs_service.rankings.service import ReadRequest
 
 _RankRequest: TypeAlias = pb.RankViewsRequest | pb.StreamRankViewsRequest
+
+
+_SMALL_BYTES = 16_384
+"""Larger requests are read one at a time."""
 
 
 class _Wanted(Model):
@@ -32,7 +37,7 @@ class ViewServicer:
 
     async def rank_views(self, call: Call, caller: Principal, request: pb.RankViewsRequest) -> Ranking:
         """Rank candidates for the next image."""
-        wanted = await self._wanted(call, caller, request)
+        wanted = await self._unread(call, caller, request)
         metrics = call.gateway.metrics
         with metrics.rankings_open.track_inprogress():
             ranking = await self._app.rankings.create(
@@ -45,7 +50,7 @@ class ViewServicer:
         self, call: Call, caller: Principal, request: pb.StreamRankViewsRequest
     ) -> AsyncIterator[RankingPart]:
         """Rank candidates, and return them as they are scored."""
-        wanted = await self._wanted(call, caller, request)
+        wanted = await self._unread(call, caller, request)
         metrics, key = call.gateway.metrics, idempotency_key(request)
         stream = self._app.rankings.stream(caller, request.scene_id, wanted, call.timeout_s(), key)
         with metrics.rankings_open.track_inprogress():
@@ -74,11 +79,18 @@ class ViewServicer:
             )
         return pb.CandidateRender(png=png)
 
-    async def _wanted(self, call: Call, caller: Principal, request: _RankRequest) -> RankingRequest:
+    async def _unread(self, call: Call, caller: Principal, request: _RankRequest) -> ReadRequest:
+        """The request, to be read in a thread that has checked the permission; a large one has been read."""
         limits = self._app.storage.settings.limits
+
+        def parsed() -> RankingRequest:
+            return read(RankingRequest, request.ranking, limits)
 
         def checked() -> RankingRequest:
             self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
-            return read(RankingRequest, request.ranking, limits)
+            return parsed()
 
-        return await call.run(request.ByteSize(), checked)
+        if (size_bytes := request.ByteSize()) <= _SMALL_BYTES:
+            return parsed
+        found = await call.run(size_bytes, checked)
+        return lambda: found
