@@ -62,7 +62,7 @@ _FUNCTIONS: tuple[tuple[Any, str, str], ...] = (
     (bodies, "parse", REQUEST),
     (operations, "parsed", REQUEST),
     (views, "read", REQUEST),
-    (Database, "reading", READ),
+    (Database, "querying", READ),
     (Rankings, "_prepare", POSES_IN),
     (LeasedRunners, "rank", RUNNER),
     (Rankings, "_finish", POSES_OUT),

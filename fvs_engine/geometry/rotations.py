@@ -25,25 +25,16 @@ def matrix_from_quaternion(quaternion_wxyz: ArrayLike) -> Array:
 def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     """Unit quaternions wxyz [..., 4] of rotation matrices [..., 3, 3]; of ±q, the one with w ≥ 0.
 
-    Where w is 0, x is positive, and so on. A matrix that is a rotation but for rounding gives its nearest
-    rotation. Raises ``InvalidInputError`` for a matrix that is singular, a reflection or not finite.
-    Source: Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", 2000.
+    A matrix that is a rotation but for rounding gives its nearest rotation. Raises ``InvalidInputError`` for
+    a matrix that is singular, a reflection or not finite.
     """
     matrix = np.asarray(rotation, dtype=np.float64)
     if matrix.shape[-2:] != (3, 3):
         raise InvalidInputError(f"Rotations must have shape [..., 3, 3], not {list(matrix.shape)}.")
     if not np.isfinite(matrix).all() or (np.linalg.det(matrix) <= 0).any():
         raise InvalidInputError("A rotation matrix is singular, a reflection or not finite.")
-    # The quaternion q of the nearest rotation is the one that maximises qᵀ K q.
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(matrix, (-2, -1), (0, 1))
-    k = np.empty((*matrix.shape[:-2], 4, 4))  # eigh reads the lower triangle
-    k[..., 0, 0], k[..., 1, 1] = xx + yy + zz, xx - yy - zz
-    k[..., 2, 2], k[..., 3, 3] = yy - xx - zz, zz - xx - yy
-    k[..., 1, 0], k[..., 2, 0], k[..., 3, 0] = zy - yz, xz - zx, yx - xy
-    k[..., 2, 1], k[..., 3, 1], k[..., 3, 2] = xy + yx, xz + zx, yz + zy
-    quaternion = np.linalg.eigh(k)[1][..., -1]
-    leading = np.take_along_axis(quaternion, (quaternion != 0).argmax(axis=-1)[..., None], axis=-1)
-    return np.asarray(quaternion * np.sign(leading))
+    flat = _scipy().from_matrix(matrix.reshape(-1, 3, 3))
+    return np.asarray(flat.as_quat(canonical=True, scalar_first=True).reshape(*matrix.shape[:-2], 4))
 
 
 def matrix_from_rotation_vector(rotation_vector: ArrayLike) -> Array:

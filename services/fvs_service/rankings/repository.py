@@ -1,19 +1,27 @@
 """Rankings in the database."""
 
 import orjson
-from sqlalchemy import insert, select
+from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.model import Ranking
+from fvs_service.storage.database import Reader
 from fvs_service.storage.tables import RankingRow, SceneRow, columns_of
+
+_RANKINGS, _SCENES = columns_of(RankingRow), columns_of(SceneRow)
+_RANKING = (
+    select(_RANKINGS.c.document, _RANKINGS.c.scene_id, _SCENES.c.tenant_id)
+    .join(_SCENES, _SCENES.c.id == _RANKINGS.c.scene_id)
+    .where(_RANKINGS.c.id == bindparam("ranking_id"))
+)
 
 
 def add_ranking(session: Session, ranking: Ranking) -> None:
     """Add a ranking."""
     session.execute(
-        insert(columns_of(RankingRow)),
+        insert(_RANKINGS),
         {
             "id": ranking.id,
             "scene_id": ranking.scene_id,
@@ -24,13 +32,9 @@ def add_ranking(session: Session, ranking: Ranking) -> None:
     )
 
 
-def ranking_of(session: Session, principal: Principal, ranking_id: str) -> Ranking:
+def ranking_of(reader: Reader, principal: Principal, ranking_id: str) -> Ranking:
     """A ranking of the principal's tenant; raises ``NotFoundError``."""
-    found = session.execute(
-        select(RankingRow, SceneRow)
-        .join(SceneRow, SceneRow.id == RankingRow.scene_id)
-        .where(RankingRow.id == ranking_id)
-    ).one_or_none()
-    if found is None or not principal.owns(found[1].tenant_id, found[1].id):
+    found = reader.execute(_RANKING, {"ranking_id": ranking_id}).one_or_none()
+    if found is None or not principal.owns(found.tenant_id, found.scene_id):
         raise NotFoundError("There is no such ranking.")
-    return Ranking.model_validate(found[0].document)
+    return Ranking.model_validate(found.document)

@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 from anyio.to_thread import run_sync
 from numpy.typing import NDArray
-from sqlalchemy.orm import Session
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
@@ -36,7 +35,7 @@ from fvs_service.snapshots.repository import find_snapshot, snapshot_of
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import has_row
 
@@ -171,16 +170,17 @@ class Rankings:
     ) -> _Prepared | Ranking:
         """What to ask the runner, or the ranking that was made with the same idempotency key."""
         principal.require(Scope.OPERATE, scene_id)
-        with self._database.reading() as session:
-            scene = scene_head_of(session, principal, scene_id)
+        with self._database.querying() as reader:
+            scene = scene_head_of(reader, principal, scene_id)
             request = read()
             remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
-            earlier = self._earlier(session, principal, remembered)
+            earlier = self._earlier(reader, principal, remembered)
             if earlier is not None:
                 return earlier
-            if request.snapshot_id is not None:
+            endpoint = find_endpoint(reader, scene_id)
+        if request.snapshot_id is not None:
+            with self._database.reading() as session:
                 snapshot_of(session, principal, request.snapshot_id)  # the cache may outlive it
-            endpoint = find_endpoint(session, scene_id)
         snapshot_id = request.snapshot_id or scene.snapshot_id
         if snapshot_id is None:
             raise NoSnapshotError(
@@ -290,9 +290,9 @@ class Rankings:
             if not has_row(session, key):  # deleted meanwhile
                 self._blobs.remove(key)
 
-    def _earlier(self, session: Session, principal: Principal, key: IdempotencyKey) -> Ranking | None:
+    def _earlier(self, reader: Reader, principal: Principal, key: IdempotencyKey) -> Ranking | None:
         """The ranking that an earlier request with the same idempotency key made."""
-        return key.resource(session, lambda made: repository.ranking_of(session, principal, made))
+        return key.resource(reader, lambda made: repository.ranking_of(reader, principal, made))
 
     def _poses(
         self,

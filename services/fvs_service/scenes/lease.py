@@ -11,7 +11,7 @@ from sqlalchemy import CursorResult, bindparam, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError, StaleLeaseError
-from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.database import Database, Reader, now_ms
 from fvs_service.storage.tables import SceneLeaseRow, SceneRow, columns_of
 
 _LEASES = columns_of(SceneLeaseRow)
@@ -101,9 +101,9 @@ class Leases:
                 raise _stale(lease)
 
 
-def find_endpoint(session: Session, scene_id: str) -> str | None:
+def find_endpoint(reader: Reader, scene_id: str) -> str | None:
     """The endpoint of the scene's runner, by the lease in force; None without one."""
-    row = session.execute(_HOLDER, {"scene_id": scene_id}).one_or_none()
+    row = reader.execute(_HOLDER, {"scene_id": scene_id}).one_or_none()
     return None if row is None else row.endpoint
 
 

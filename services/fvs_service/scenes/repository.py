@@ -20,6 +20,7 @@ from fvs_service.scenes.model import (
     SceneRequest,
     SceneSize,
 )
+from fvs_service.storage.database import Reader
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow, columns_of
 
 _ALIGNMENT = TypeAdapter(Alignment)
@@ -66,9 +67,9 @@ def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
     return _scene(session, _row_of(session, principal, scene_id))
 
 
-def scene_head_of(session: Session, principal: Principal, scene_id: str) -> SceneHead:
+def scene_head_of(reader: Reader, principal: Principal, scene_id: str) -> SceneHead:
     """The head of a scene of the principal's tenant, in a single query; raises ``NotFoundError``."""
-    row = _head_row(session, scene_id)
+    row = _head_row(reader, scene_id)
     if not principal.owns(row.tenant_id, scene_id):
         raise NotFoundError(_NO_SCENE)
     return _head(row)
@@ -79,9 +80,9 @@ def find_scene(session: Session, scene_id: str) -> Scene:
     return _scene(session, _row(session, scene_id))
 
 
-def find_scene_head(session: Session, scene_id: str) -> SceneHead:
+def find_scene_head(reader: Reader, scene_id: str) -> SceneHead:
     """The head of a scene of any tenant, in a single query; raises ``NotFoundError``."""
-    return _head(_head_row(session, scene_id))
+    return _head(_head_row(reader, scene_id))
 
 
 def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit: int) -> tuple[Scene, ...]:
@@ -176,8 +177,8 @@ def _row(session: Session, scene_id: str) -> SceneRow:
     return row
 
 
-def _head_row(session: Session, scene_id: str) -> _HeadRow:
-    row = session.execute(_HEAD, {"scene_id": scene_id}).one_or_none()
+def _head_row(reader: Reader, scene_id: str) -> _HeadRow:
+    row = reader.execute(_HEAD, {"scene_id": scene_id}).one_or_none()
     if row is None:
         raise NotFoundError(_NO_SCENE)
     return row

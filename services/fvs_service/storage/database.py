@@ -10,7 +10,7 @@ import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import orjson
 from sqlalchemy import (
@@ -56,6 +56,10 @@ _JSON: Mapping[str, Any] = {
     "json_serializer": lambda document: orjson.dumps(document).decode(),
     "json_deserializer": orjson.loads,
 }
+
+
+Reader: TypeAlias = Session | Connection
+"""What reads without making objects of rows."""
 
 
 class now_ms(FunctionElement[int]):  # noqa: N801 - the name of an SQL function
@@ -115,6 +119,12 @@ class Database:
         """A session that reads one consistent state."""
         with _reachable(), Session(self._reader) as session:
             yield session
+
+    @contextmanager
+    def querying(self) -> Iterator[Connection]:
+        """A connection that reads one consistent state: statements without objects take half of the time."""
+        with _reachable(), self._reader.connect() as connection:
+            yield connection
 
     @contextmanager
     def writing(self, *subjects: str) -> Iterator[Session]:

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from fvs_service.errors import GoneError, KeyReusedError, NotFoundError
 from fvs_service.model import Model, now
+from fvs_service.storage.database import Reader
 from fvs_service.storage.tables import IdempotencyRow, columns_of
 
 _KEYS = columns_of(IdempotencyRow)
@@ -26,13 +27,13 @@ class IdempotencyKey:
         self._tenant_id, self._key = tenant_id, key
         self._operation, self._request = operation, request
 
-    def resource(self, session: Session, find: Callable[[str], _Resource]) -> _Resource | None:
+    def resource(self, reader: Reader, find: Callable[[str], _Resource]) -> _Resource | None:
         """The resource that this key created, found by its id; None for a new key.
 
         Raises ``KeyReusedError`` for another request, ``GoneError`` when the resource has been deleted: a
         late repetition must not create it again.
         """
-        resource_id = self.resource_id(session)
+        resource_id = self.resource_id(reader)
         if resource_id is None:
             return None
         try:
@@ -43,11 +44,11 @@ class IdempotencyKey:
                 hint="Use a new key to create another one.",
             ) from error
 
-    def resource_id(self, session: Session) -> str | None:
+    def resource_id(self, reader: Reader) -> str | None:
         """The id of the resource that this key created; raises ``KeyReusedError`` for another request."""
         if self._key is None:
             return None
-        row = session.execute(_KNOWN, {"tenant_id": self._tenant_id, "key": self._key}).one_or_none()
+        row = reader.execute(_KNOWN, {"tenant_id": self._tenant_id, "key": self._key}).one_or_none()
         if row is None:
             return None
         if row.fingerprint != self._fingerprint():
