@@ -258,8 +258,15 @@ class GrowingReconstruction:
         decided = veto(stages, current, candidates, priors)
         priors, ignored = decided.priors, (*frozen, *decided.ignored)
         news = [sentence for sentence in ignored if sentence not in self._state.priors_ignored]
-        change = register(stages, self._image_dir, self._state, candidates, priors, current, following)
-        changed, warnings = change.changed, (*news, *decided.warnings, *stages.warnings, *change.warnings)
+        news += [
+            f"{name} is not registered: {reason}."
+            for name, reason in decided.without_pairs.items()
+            if name not in self._state.rejected
+        ]
+        rejected = self._state.rejected | decided.without_pairs
+        state = self._state.model_copy(update={"rejected": rejected})
+        change = register(stages, self._image_dir, state, candidates, priors, current, following)
+        changed, warnings = change.changed, (*news, *stages.warnings, *change.warnings)
         matching = self._count_matching_unregistered(change.state)
         reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
         if reason is not None:

@@ -1,7 +1,7 @@
 """The veto of pose priors over pairs of look-alike places, before images are registered by these."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fvs_engine.sfm.colmap.database import restore_pairs
@@ -15,17 +15,22 @@ _ORIENTATIONS_IGNORED = (
     "count, and which way round."
 )
 
+_CONTRADICTED = (
+    "its position prior contradicts all of its verified pairs, so that it shows a look-alike place, or the "
+    "position is wrong"
+)
+
 
 @dataclass(frozen=True)
 class Veto:
     """``priors`` to go on with: none when the images contradict them; ``ignored`` says what is not used.
 
-    ``warnings`` are about single images.
+    ``without_pairs``: images that have no verified pair left → the reason.
     """
 
     priors: PosePriors
-    ignored: tuple[str, ...]
-    warnings: tuple[str, ...]
+    ignored: tuple[str, ...] = ()
+    without_pairs: dict[str, str] = field(default_factory=dict)
 
 
 def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> Veto:
@@ -35,7 +40,7 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
     """
     if not priors.by_name:
         match_pairs(stages, restore_pairs(stages.folder.database))
-        return Veto(priors, (), ())
+        return Veto(priors)
     arguments = {
         "database": str(stages.folder.database),
         "model_dir": str(model_dir),
@@ -48,10 +53,9 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer["contradicted_support"]
         if support is not None and support < MIN_PRIOR_SUPPORT:
-            return Veto(PosePriors(), (PRIORS_IGNORED,), ())
-    lonely = (
-        f"{name} is not registered: its position prior contradicts all of its {pairs} verified pairs. Either "
-        "it shows a look-alike place, or the position is wrong."
-        for name, pairs in answer["without"].items()
+            return Veto(PosePriors(), (PRIORS_IGNORED,))
+    return Veto(
+        priors,
+        () if answer["oriented"] else (_ORIENTATIONS_IGNORED,),
+        dict.fromkeys(answer["without"], _CONTRADICTED),
     )
-    return Veto(priors, () if answer["oriented"] else (_ORIENTATIONS_IGNORED,), tuple(lonely))

@@ -20,7 +20,7 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import contradict
 from fvs_engine.sfm.verification.prior_support import prior_support
-from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs
+from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs, orientations_contradict
 
 Report = Callable[[int], None]
 
@@ -35,17 +35,18 @@ def veto(
 
     Nothing is vetoed when the priors do not agree with the model: ``contradicted_support`` is then their
     support by the pairs in the model, else None. ``without``: those of ``names`` that have no verified pair
-    left → the number of their vetoed pairs. ``oriented``: whether the orientations are believed.
+    left. ``oriented``: False when orientations are not believed.
     """
     model = pycolmap.Reconstruction(model_dir)
     poses = camera_poses(model)
     known = PosePriors.model_validate(priors)
     frame = believed_frame(known, poses)
+    oriented = not orientations_contradict(known, poses)
     path = Path(database)
     every = read_verified_pairs(path, MIN_PAIR_MATCHES)
     if frame is None:
         support = _support(model, every, path, known)
-        return {"believed": False, "oriented": True, "contradicted_support": support, "without": {}}
+        return {"believed": False, "oriented": oriented, "contradicted_support": support, "without": []}
     ids = image_ids(path)
     numbers = {ids[name] for name in names}
     # Only intrinsics that the model has estimated: with a guessed focal length every direction is wrong.
@@ -66,18 +67,13 @@ def veto(
         frame,
     )
     veto_pairs(path, [(pair.first, pair.second) for pair in vetoed])
-    counts = {
-        name: (
-            sum(ids[name] in (pair.first, pair.second) for pair in vetoed),
-            sum(ids[name] in (pair.first, pair.second) for pair in pairs),
-        )
-        for name in names
-    }
+    left = {i for pair in every if pair not in vetoed for i in (pair.first, pair.second)}
+    lost = {i for pair in vetoed for i in (pair.first, pair.second)} - left
     return {
         "believed": True,
-        "oriented": frame.oriented or not any(prior.orientation_wxyz for prior in known.by_name.values()),
+        "oriented": oriented,
         "contradicted_support": None,
-        "without": {name: n for name, (n, of) in counts.items() if n == of > 0},
+        "without": [name for name in names if ids[name] in lost],
     }
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import mean_rotation
+from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import angle_deg, relative_pose
@@ -56,12 +57,46 @@ def believed_frame(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> P
     if aligned is None or contradict(priors, centres):
         return None
     report, _, _ = aligned
-    by_positions = report.transform.rotation
     by_orientations = _rotation_by_orientations(priors, poses)
+    if by_orientations is not None and not _fits(by_orientations, report, priors, centres, shared):
+        by_orientations = None
     if report.ill_conditioned:
         return None if by_orientations is None else PriorFrame(by_orientations, oriented=True)
-    oriented = by_orientations is not None and angle_deg(by_orientations @ by_positions.T) <= _MAX_TURN_DEG
-    return PriorFrame(by_positions, oriented)
+    return PriorFrame(report.transform.rotation, by_orientations is not None)
+
+
+def orientations_contradict(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> bool:
+    """Whether the orientations contradict each other, or positions that agree with the model."""
+    oriented = [
+        name for name in poses if name in priors.by_name and priors.by_name[name].rotation is not None
+    ]
+    if len(oriented) < _MIN_ORIENTATIONS:
+        return False
+    by_orientations = _rotation_by_orientations(priors, poses)
+    if by_orientations is None:
+        return True
+    centres = {name: pose.translation for name, pose in poses.items()}
+    shared = sorted(centres.keys() & priors.by_name.keys())
+    aligned = align_positions(priors, centres, shared)
+    if aligned is None or contradict(priors, centres):
+        return False
+    return not _fits(by_orientations, aligned[0], priors, centres, shared)
+
+
+def _fits(
+    rotation: Array,
+    report: AlignmentReport,
+    priors: PosePriors,
+    centres: Mapping[str, Array],
+    shared: list[str],
+) -> bool:
+    """Whether a rotation world_from_model fits the positions; on a line they leave a turn about it open."""
+    if not report.ill_conditioned:
+        return angle_deg(rotation @ report.transform.rotation.T) <= _MAX_TURN_DEG
+    model = np.stack([centres[name] for name in shared])[report.inliers]
+    world = priors.positions(shared)[report.inliers]
+    turned = (model - model.mean(axis=0)) @ rotation.T
+    return _angle_between(turned.ravel(), (world - world.mean(axis=0)).ravel()) <= _MAX_TURN_DEG
 
 
 def contradicted_pairs(

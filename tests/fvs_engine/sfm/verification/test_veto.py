@@ -8,7 +8,12 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform, SimilarityTransform, look_at
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.veto import PriorFrame, believed_frame, contradicted_pairs
+from fvs_engine.sfm.verification.veto import (
+    PriorFrame,
+    believed_frame,
+    contradicted_pairs,
+    orientations_contradict,
+)
 
 CAMERA = pycolmap.Camera(
     model="SIMPLE_PINHOLE", width=640, height=480, params=np.array([500.0, 320.0, 240.0]), camera_id=1
@@ -115,6 +120,8 @@ def test_orientations_judge_pairs_of_images_that_are_both_new(poses: Poses, regi
     assert not vetoed(("10", "13"), right, registered, priors)
     assert vetoed(("10", "13"), wrong, registered, priors)
     flipped = PosePriors(by_name={name: _turned(prior) for name, prior in priors.by_name.items()})
+    assert orientations_contradict(flipped, registered)
+    assert not orientations_contradict(priors, registered)
     assert not vetoed(("10", "13"), right, registered, flipped)  # as without orientations
     assert not vetoed(("10", "13"), wrong, registered, flipped)
     positions = {
@@ -151,6 +158,9 @@ def test_on_a_line_orientations_fix_the_rotation():
     assert isinstance(frame, PriorFrame)
     assert frame.oriented
     np.testing.assert_allclose(frame.world_from_model, WORLD_FROM_MODEL.rotation, atol=0.02)
+    turned = {name: _turned(prior) for name, prior in priors_of(straight, 0.001).by_name.items()}
+    assert believed_frame(PosePriors(by_name=turned), straight) is None  # they contradict the line
+    assert orientations_contradict(PosePriors(by_name=turned), straight)
     positions = PosePriors(
         by_name={
             name: PosePrior(position=prior.position) for name, prior in priors_of(straight).by_name.items()
