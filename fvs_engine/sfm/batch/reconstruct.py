@@ -88,7 +88,7 @@ def _reconstruct(
     if (finished := finished_result(folder)) is not None and finished.report.mapper != GIVEN:
         return finished
     extract_features(stages, image_dir, names)
-    match_features(stages, names)
+    match_features(stages, names, priors)
     evidence = read_model_evidence(stages, priors)
     scenes = map_images(stages, image_dir, len(names), evidence)
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)

@@ -2,30 +2,36 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.sfm.colmap.database import (
     count_rows,
-    gps_positions,
     image_ids,
     matched_pairs,
     read_descriptors,
 )
 from fvs_engine.sfm.matching.pairs import exhaustive_pairs, selected_pairs
 from fvs_engine.sfm.matching.retrieval import global_descriptors
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.verification.positions import usable_priors
 
 _BLOCK_IMAGES = 10
 """Matching commits after blocks of this many images squared: an interruption loses at most one."""
 
 
-def match_features(stages: Stages, names: Sequence[str]) -> None:
-    """Match all pairs of a small set, selected ones of a large set; pairs that are done are skipped."""
+def match_features(stages: Stages, names: Sequence[str], priors: PosePriors | None = None) -> None:
+    """Match all pairs of a small set, selected ones of a large set; pairs that are done are skipped.
+
+    Those near in space are selected by ``priors``, by default the GPS positions in the images' EXIF.
+    """
     database = stages.folder.database
     ids = image_ids(database)
     known = [name for name in names if name in ids]
     exhaustive = len(known) <= stages.settings.exhaustive_up_to
     with stages.timed("pairs"):
-        pairs = exhaustive_pairs(len(known)) if exhaustive else _select(stages, known)
+        pairs = exhaustive_pairs(len(known)) if exhaustive else _select(stages, known, priors)
     stages.pairs_matched = len(pairs)
     _match(stages, [(known[i], known[j]) for i, j in pairs], ids, listed=not exhaustive)
 
@@ -68,7 +74,7 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
     stages.monitor.report("matching", len(pairs), len(pairs))
 
 
-def _select(stages: Stages, names: Sequence[str]) -> list[tuple[int, int]]:
+def _select(stages: Stages, names: Sequence[str], given: PosePriors | None) -> list[tuple[int, int]]:
     database = stages.folder.database
     ids = image_ids(database)
     numbers = [ids[name] for name in names]
@@ -80,10 +86,11 @@ def _select(stages: Stages, names: Sequence[str]) -> list[tuple[int, int]]:
     descriptors = global_descriptors(
         lambda i: read_descriptors(database, numbers[i]), len(names), stages.settings.seed, on_image
     )
-    gps = gps_positions(database)
-    return selected_pairs(
-        len(names), descriptors, {i: gps[number] for i, number in enumerate(numbers) if number in gps}
-    )
+    priors, _ = usable_priors(given, database)
+    positions = {
+        i: np.array(priors.by_name[name].position) for i, name in enumerate(names) if name in priors.by_name
+    }
+    return selected_pairs(len(names), descriptors, positions)
 
 
 def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]]) -> str:

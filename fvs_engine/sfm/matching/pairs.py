@@ -12,7 +12,7 @@ _IN_ORDER = 8
 """Number of following images that each one is matched with; further ones at distances 2^k after that."""
 
 _IN_SPACE = 12
-"""Number of nearest images by GPS that each one is matched with."""
+"""Number of nearest images by position prior that each one is matched with."""
 
 _BY_SIMILARITY = 12
 """Number of most similar images that each one is matched with."""
@@ -24,17 +24,17 @@ def exhaustive_pairs(count: int) -> list[Pair]:
 
 
 def selected_pairs(
-    count: int, descriptors: NDArray[np.float32], positions_m: Mapping[int, NDArray[np.float64]]
+    count: int, descriptors: NDArray[np.float32], positions: Mapping[int, NDArray[np.float64]]
 ) -> list[Pair]:
     """Pairs that are near in capture order or in space, or similar: linear in the number of images.
 
-    ``descriptors`` [count, D] are unit global descriptors (``retrieval``), ``positions_m`` maps the indices
-    with a GPS fix to [3]. Every criterion adds pairs, so a misleading one (shuffled names, bad GPS) costs
-    only time.
+    ``descriptors`` [count, D] are unit global descriptors (``retrieval``), ``positions`` maps the indices
+    with a position prior to [3]. Every criterion adds pairs, so a misleading one (shuffled names, bad
+    positions) costs only time.
     """
     pairs = set(_in_order(count)) | set(_by_similarity(descriptors))
-    if positions_m:
-        pairs |= set(_in_space(positions_m))
+    if positions:
+        pairs |= set(_in_space(positions))
     return sorted(pairs)
 
 
@@ -54,9 +54,9 @@ def _by_similarity(descriptors: NDArray[np.float32]) -> list[Pair]:
     return _sorted_pairs((i, int(j)) for i, row in enumerate(nearest) for j in row if j != i)
 
 
-def _in_space(positions_m: Mapping[int, NDArray[np.float64]]) -> list[Pair]:
-    indices = list(positions_m)
-    tree = cKDTree(np.stack([positions_m[i] for i in indices]))
+def _in_space(positions: Mapping[int, NDArray[np.float64]]) -> list[Pair]:
+    indices = list(positions)
+    tree = cKDTree(np.stack([positions[i] for i in indices]))
     neighbours = min(_IN_SPACE + 1, len(indices))
     _, nearest = tree.query(tree.data, k=[*range(1, neighbours + 1)])
     return _sorted_pairs(

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -6,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import SimilarityTransform
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.positions import misplaced, residual_share
+from fvs_engine.sfm.verification.positions import contradict, misplaced, residual_share, usable_priors
 
 WORLD_FROM_MODEL = SimilarityTransform(
     3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
@@ -70,3 +72,31 @@ def test_the_residual_tells_a_wrong_model_from_a_right_one():
     share = residual_share(known, mixed)
     assert share is not None
     assert share > 0.25
+
+
+def test_positions_contradict_when_hardly_any_fits_and_not_for_a_few_that_are_wrong():
+    centres = orbit(20)
+    places = in_world(centres)
+    assert not contradict(priors(places), centres)
+    away = {name: place + np.array([0.0, 0.0, 40.0]) for name, place in list(places.items())[:5]}
+    assert not contradict(priors(places | away), centres)
+    away = {
+        name: place + np.array([0.0, 40.0, 40.0]) * k
+        for k, (name, place) in enumerate(places.items())
+        if k % 5 < 2
+    }
+    assert contradict(priors(places | away), centres)
+    shuffled = dict(zip(places, np.random.default_rng(0).permutation(list(places.values())), strict=True))
+    assert contradict(priors(shuffled), centres)
+    assert not contradict(PosePriors(), centres)
+
+
+def test_the_positions_of_a_frozen_receiver_are_not_used(tmp_path: Path):
+    places = in_world(orbit(9))
+    frozen = places | dict.fromkeys(["06", "07", "08"], places["05"])
+    usable, warnings = usable_priors(priors(frozen), tmp_path / "unread.db")
+    assert sorted(usable.by_name) == ["00", "01", "02", "03", "04"]
+    assert len(warnings) == 1
+    assert "4 of 9 images" in warnings[0]
+    twice = priors(places | {"06": places["05"]})
+    assert usable_priors(twice, tmp_path / "unread.db") == (twice, ())
