@@ -330,7 +330,7 @@ def require_no_orphans(watch: Watch) -> None:
     """Check that orphaned processes end within a lease."""
     until = time.monotonic() + LEASE_S
     while orphans := watch.orphans():
-        require(time.monotonic() < until, f"processes were left behind: {orphans}")
+        require(time.monotonic() < until, f"processes were left behind: {watch.describe(orphans)}")
         time.sleep(0.1)
 
 

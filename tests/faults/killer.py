@@ -70,11 +70,19 @@ class Watch:
         return Moment(job, f"{kind}: {stage or 'queued'}", self._targets())
 
     def orphans(self) -> list[int]:
-        """Processes of the service that survived their parents."""
-        once = dict(self._born)
-        own = {pid for pids in self._targets().values() for pid in pids}
-        births = {pid: born for pid, _, born in _processes()}
-        return [pid for pid, born in once.items() if pid not in own and births.get(pid) == born]
+        """Processes of the service that survived their parents, and are not the supervisor's either."""
+        processes = list(_processes())
+        parents = {pid: parent for pid, parent, _ in processes}
+        births = {pid: born for pid, _, born in processes}
+        return [
+            pid
+            for pid, born in self._born.items()
+            if births.get(pid) == born and not self._is_below(pid, parents)
+        ]
+
+    def describe(self, pids: Sequence[int]) -> str:
+        """The commands of processes."""
+        return "; ".join(f"{pid}: {_command(pid)}" for pid in pids)
 
     def _targets(self) -> dict[str, list[int]]:
         """The service's processes by target."""
