@@ -98,7 +98,10 @@ def import_transforms_json(file: Path) -> Reconstruction:
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise InvalidInputError(f"Frame {number} of {file} has no file_path.")
-        name, image = _locate(file, frame["file_path"])
+        plain = PurePosixPath(frame["file_path"].replace("\\", "/"))
+        if not plain.name:
+            raise InvalidInputError(f"The file_path of frame {number} of {file} is not the path of a file.")
+        name, image = _locate(file, plain)
         if name in views:
             raise InvalidInputError(f"{file} has more than one frame for {name}.")
         camera = _camera(file, {**head, **frame}, image)
@@ -113,9 +116,8 @@ def _read_object(file: Path) -> dict[str, Any]:
     return head
 
 
-def _locate(file: Path, file_path: str) -> tuple[str, Path | None]:
+def _locate(file: Path, plain: PurePosixPath) -> tuple[str, Path | None]:
     """The view's name and its image, None if it does not exist; Blender omits the suffix ``.png``."""
-    plain = PurePosixPath(file_path.replace("\\", "/"))
     for candidate in (plain, plain.with_name(plain.name + ".png")):
         if (file.parent / candidate).is_file():
             return candidate.as_posix(), file.parent / candidate

@@ -79,6 +79,7 @@ def test_what_is_no_image_is_named(tmp_path: Path):
         ({**HEAD, "frames": []}, "no frames"),
         ({**HEAD, "frames": [{"file_path": "a.jpg"}]}, r"a\.jpg"),
         ({**HEAD, "frames": [{"transform_matrix": np.eye(4).tolist()}]}, "no file_path"),
+        *(({**HEAD, "frames": [frame(name)]}, "not the path of a file") for name in (".", "", "/", "./")),
         ({**HEAD, "frames": [frame("a.jpg", x=math.nan)]}, r"a\.jpg.*not finite"),
         ({**HEAD, "fl_x": math.inf, "frames": [frame("a.jpg")]}, "fl_x.*not a finite"),
         ({**HEAD, "frames": [frame("a.jpg"), frame("a.jpg")]}, "more than one"),
