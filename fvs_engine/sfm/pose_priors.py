@@ -60,6 +60,12 @@ class PosePrior(Record):
         """world_from_camera's rotation [3, 3]; None when it is not known."""
         return None if self.orientation_wxyz is None else matrix_from_quaternion(self.orientation_wxyz)
 
+    @property
+    def world_from_camera(self) -> RigidTransform | None:
+        """The whole expected pose; None when only the position is known."""
+        rotation = self.rotation
+        return None if rotation is None else RigidTransform(rotation, np.array(self.position))
+
 
 class PosePriors(Record):
     """The pose priors of images by name; images without one are left out."""

@@ -18,6 +18,9 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 _BEST_MATCHED = 3
 """Number of an image's best matched neighbours at which the search in space starts."""
 
+_ALSO_SIMILAR = 4
+"""Most similar images that one is matched with besides those that its pose prior suggests."""
+
 Descriptors = Callable[[str], NDArray[np.float32]]
 """Name → descriptors [K, 128]."""
 
@@ -62,28 +65,41 @@ def match_with_neighbours(
     centres: Mapping[str, NDArray[np.float64]],
     retrieval: ImageRetrieval,
     fetch: Callable[[Sequence[str]], None] | None = None,
+    predicted: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, list[str]]:
     """Match each of ``images`` with its neighbours among ``earlier`` (in the order of adding).
 
-    First those that capture order and similarity suggest, then those with cameras near those that matched
-    best. ``fetch`` is called with the images whose features are needed next. Returns each image's neighbours.
+    First those that ``predicted`` names for it (by overlap, the most likely first) and some that are similar.
+    For images that it leaves out, and those of which none of these matches: the neighbours that capture
+    order and similarity suggest, and then those with cameras near those that matched best. ``fetch`` is
+    called with the images whose features are needed next. Returns each image's neighbours.
     """
     growth = stages.settings.growth
-    chosen = {}
-    for name in images:
+    expected = {name: predicted[name] for name in images if name in predicted} if predicted else {}
+    chosen: dict[str, list[str]] = {name: [] for name in images}
+    for name, likely in expected.items():
+        others = [other for other in earlier if other != name]
+        chosen[name] = list(dict.fromkeys([*likely, *retrieval.most_similar(name, others, _ALSO_SIMILAR)]))
+    _match(stages, chosen, fetch)
+    verified = verified_matches(stages.folder.database, MIN_PAIR_MATCHES) if expected else {}
+    unexpected = [name for name in images if not _matched(verified, name, chosen[name])]
+    for name in unexpected:
         stages.monitor.check()
-        chosen[name] = first_neighbours(name, earlier, retrieval, growth)
+        first = first_neighbours(name, earlier, retrieval, growth)
+        chosen[name] = list(dict.fromkeys([*chosen[name], *first]))
     _match(stages, chosen, fetch)
     verified = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
-    for name in images:
-        matches = {
-            other: max(verified.get((name, other), 0), verified.get((other, name), 0))
-            for other in chosen[name]
-        }
-        matched = {other: count for other, count in matches.items() if count > 0}
-        chosen[name] = list(dict.fromkeys([*chosen[name], *neighbours_in_space(matched, centres, growth)]))
+    for name in unexpected:
+        near = neighbours_in_space(_matched(verified, name, chosen[name]), centres, growth)
+        chosen[name] = list(dict.fromkeys([*chosen[name], *near]))
     _match(stages, chosen, fetch)
     return chosen
+
+
+def _matched(verified: Mapping[tuple[str, str], int], name: str, others: Sequence[str]) -> dict[str, int]:
+    """Those of ``others`` that form a ``verified`` pair with an image → the number of matches."""
+    counts = {other: max(verified.get((name, other), 0), verified.get((other, name), 0)) for other in others}
+    return {other: count for other, count in counts.items() if count > 0}
 
 
 def _match(

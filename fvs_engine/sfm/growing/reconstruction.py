@@ -23,6 +23,7 @@ from fvs_engine.sfm.colmap.database import (
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
+from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.update import PoseUpdate
@@ -253,8 +254,9 @@ class GrowingReconstruction:
     def _grow(self, monitor: Monitor, given: PosePriors | None) -> _Messages:
         stages = Stages(self._folder.sfm, self._settings, monitor)
         current, following = self._folder.model(self.generation), self._folder.next_model
-        candidates = self._match_unregistered(stages)
+        usable = self._extract_features(stages)
         priors, frozen = usable_priors(given, stages.folder.database)
+        candidates = self._match_unregistered(stages, usable, priors)
         decided = veto(stages, current, candidates, priors)
         priors, ignored = decided.priors, (*frozen, *decided.ignored)
         news = [sentence for sentence in ignored if sentence not in self._state.priors_ignored]
@@ -297,8 +299,8 @@ class GrowingReconstruction:
             self._state = state
         remove_images(self._folder.sfm.database, names)
 
-    def _match_unregistered(self, stages: Stages) -> list[str]:
-        """Extract and match features of the unregistered images; returns those that match anything."""
+    def _extract_features(self, stages: Stages) -> list[str]:
+        """Extract features of all added images; returns the images that have some."""
         database = stages.folder.database
         if not self._database_is_sound:
             require_sound_database(database)
@@ -306,15 +308,25 @@ class GrowingReconstruction:
         names = list(self._state.images)
         add_features(stages, self._image_dir, names)
         features = feature_counts(database)
-        usable = [name for name in names if features.get(name, 0) > 0]
         blank = [name for name in self._state.pending if features.get(name, 0) == 0]
         if blank:
             stages.warnings.append(f"No features could be found in {', '.join(blank)}.")
+        return [name for name in names if features.get(name, 0) > 0]
+
+    def _match_unregistered(self, stages: Stages, usable: Sequence[str], priors: PosePriors) -> list[str]:
+        """Match the unregistered ones of the ``usable`` images; returns those that match anything."""
+        current = self.reconstruction
         unregistered = [name for name in self.unregistered if name in set(usable)]
         match_with_neighbours(
-            stages, unregistered, usable, self.reconstruction.centres(), self._open_retrieval()
+            stages,
+            unregistered,
+            usable,
+            current.centres(),
+            self._open_retrieval(),
+            predicted=predicted_neighbours(unregistered, priors, current),
         )
-        matched = {name for pair in verified_matches(database, MIN_PAIR_MATCHES) for name in pair}
+        pairs = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
+        matched = {name for pair in pairs for name in pair}
         return [name for name in unregistered if name in matched]
 
     def _count_matching_unregistered(self, state: GrowthState) -> int:

@@ -157,7 +157,7 @@ def test_on_a_line_orientations_fix_the_rotation():
     frame = believed_frame(priors_of(straight, 0.001), straight)
     assert isinstance(frame, PriorFrame)
     assert frame.oriented
-    np.testing.assert_allclose(frame.world_from_model, WORLD_FROM_MODEL.rotation, atol=0.02)
+    np.testing.assert_allclose(frame.world_from_model.rotation, WORLD_FROM_MODEL.rotation, atol=0.02)
     turned = {name: _turned(prior) for name, prior in priors_of(straight, 0.001).by_name.items()}
     assert believed_frame(PosePriors(by_name=turned), straight) is None  # they contradict the line
     assert orientations_contradict(PosePriors(by_name=turned), straight)
