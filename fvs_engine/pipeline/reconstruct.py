@@ -26,10 +26,10 @@ _BYTES_PER_PIXEL = 4
 _BYTES_PER_PHOTOGRAPH = 4_000_000
 """Disk space for its features and matches."""
 
-_LASTING = {
+_LASTING = (
     *("quality", "training_long_side_px", "test_every", "seed"),
     *("colmap", "transforms", "camera_model", "intrinsics"),
-}
+)
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
 Warn = Callable[[str], None]
@@ -171,7 +171,7 @@ def _require_compatible(
     # Until there are cameras, other settings and more photographs are the remedy for a rejected model;
     # structure from motion deletes outdated files itself.
     settled = earlier.cameras is not None
-    old, new = (each.model_dump(include=_LASTING) for each in (earlier.settings, settings))
+    old, new = ({name: getattr(each, name) for name in _LASTING} for each in (earlier.settings, settings))
     changed = differences(old, new) if settled else []
     known = {record.sha256: record.name for record in earlier.images.photographs}
     given = {record.sha256: record.name for record in images.photographs}

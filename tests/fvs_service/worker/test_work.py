@@ -98,7 +98,7 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
     prepared = PreparedImages(images, {})
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: prepared)
-    monkeypatch.setattr(scene_jobs, "position_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
     jobs = SceneJobs(
         tmp_path,
