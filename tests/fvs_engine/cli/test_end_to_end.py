@@ -166,8 +166,8 @@ def forget_training(out: Path) -> None:
 def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     fvs_command: FvsCommand, fvs_until: FvsUntil, photographs: Path, out: Path
 ) -> None:
-    # Gaussians are added after iteration 100, by what was learned in all iterations before.
-    iterations, added_at = 210, 100
+    # Gaussians are added up to iteration 1,000, by what was learned in the hundred iterations before.
+    iterations, last_added_at = 2_000, 1_000
     arguments = ("reconstruct", photographs, "--out", out, "--iterations", iterations, *OPTIONS[2:])
     point_cloud = out / "splat" / "point_cloud.ply"
     forget_training(out)
@@ -185,7 +185,7 @@ def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     assert status == EXIT_CODES["cancelled"]
     assert "Run the same command again to resume." in rest
     stopped = json.loads((out / "manifest.json").read_text())["training"]["iterations"]
-    assert 20 <= stopped < added_at
+    assert 20 <= stopped < last_added_at
 
     subprocess.run(fvs_command(*arguments), check=True, capture_output=True)
     assert point_cloud.read_bytes() == uninterrupted
