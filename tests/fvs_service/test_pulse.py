@@ -18,7 +18,7 @@ from fvs_service.serving import supervisor
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
-supervisor._SILENT_S, supervisor._LOOK_S = 4.0, 0.5
+supervisor._SILENT_S, supervisor._LOOK_S = 8.0, 0.5
 settings = Settings(root=Path(sys.argv[1]), port=0, grpc=False)
 role = supervisor.Role.GATEWAY
 with StopSignals(8, lambda: None) as signals:

@@ -8,7 +8,7 @@ import contextlib
 import os
 import time
 
-PULSE_S = 2.0
+PULSE_S = 5.0
 _MOST_PER_LOOK_S = 10.0
 """How much silence one look adds at most: the supervisor itself may have been frozen in between."""
 
