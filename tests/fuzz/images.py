@@ -18,7 +18,7 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parent))  # for the children, which import this file by its path
 from fuzzing import Files, Target, run
 
-from fvs_engine.geometry.priors import read_priors
+from fvs_engine.images.metadata import read_priors
 
 _LIMITS = Limits(image_pixels=1_000_000, image_decoding_bytes=20_000_000).of_images
 _XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">

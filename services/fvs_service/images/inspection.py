@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fvs_engine.geometry.priors import PhotographPriors, read_priors
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import (
     ImageLimits,
@@ -20,6 +19,7 @@ from fvs_engine.images.limits import (
     TooSmallError,
     UnusableImageError,
 )
+from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.images.pixels import decode
 from fvs_service.images.model import ImageWarning, Verdict
 

@@ -7,7 +7,7 @@ import piexif
 import pytest
 from PIL import Image
 
-from fvs_engine.geometry.priors import PhotographPriors, read_priors
+from fvs_engine.images.metadata import PhotographPriors, read_priors
 
 DEGREES, MINUTES, SECONDS = (48, 1), (18, 1), (3600, 100)
 
