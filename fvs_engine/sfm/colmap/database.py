@@ -117,7 +117,7 @@ def veto_pairs(path: Path, pairs: Iterable[tuple[int, int]]) -> None:
 
 
 def restore_pairs(path: Path) -> list[tuple[str, str]]:
-    """Forget all vetoes; returns the pairs of names that are to be verified again."""
+    """Undo all vetoes; return the pairs of names to verify again."""
     names = {image_id: name for name, image_id in image_ids(path).items()}
     with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
         vetoed = f"two_view_geometries WHERE config = {_VETOED}"

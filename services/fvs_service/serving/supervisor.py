@@ -43,7 +43,7 @@ _QUICK_S = 5.0
 """After a child that died sooner than this, the pause before its next start doubles."""
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
 _SILENT_S = 60.0
-"""A gateway whose event loop has shown no sign of life for this long is killed, and started again."""
+"""Silence of a gateway's event loop after which the gateway is killed and restarted."""
 
 _log = structlog.get_logger()
 

@@ -41,7 +41,7 @@ def rotations(poses: dict[int, RigidTransform]) -> dict[int, np.ndarray]:
 
 
 def priors(order: list[int], *, oriented: bool = False, sigma_deg: float = 5.0) -> PosePriors:
-    """Camera k is told the place, with noise, of camera ``order[k]``."""
+    """Position priors with noise: camera k has that of camera ``order[k]``."""
     random, poses = np.random.default_rng(2), ring()
     by_name = {}
     for k, other in enumerate(order):
