@@ -8,7 +8,8 @@
 * tenant A's fine model of `--iterations` iterations has trained for some seconds; then tenant B queues a fine
   model of 100 iterations.
 
-For each: the time until B's job started and until it ended, and the number of A's jobs that ended before it.
+For each: the time until B's job started and until it ended, the number of A's jobs that ended before it, and
+the time until all of A's had ended: B would have waited for as long, were jobs first come, first served.
 """
 
 import argparse
@@ -56,7 +57,7 @@ def new_scene(client: Client, photographs: Path) -> Scene:
 
 
 def wait_of(case: str, job: Job, others: Sequence[Job]) -> dict[str, Any]:
-    """The row of a case: when ``job`` started and ended, and how many of the ``others`` ended before."""
+    """The row of a case: when ``job`` started and ended, and how many of the ``others`` ended before it."""
     queued = time.monotonic()
     started = 0.0
     while job.state not in ("succeeded", "failed", "canceled"):
@@ -67,12 +68,15 @@ def wait_of(case: str, job: Job, others: Sequence[Job]) -> dict[str, Any]:
             started = time.monotonic() - queued
     took = time.monotonic() - queued
     ended = sum(other.refresh().finished_at is not None for other in others)
+    for other in others:
+        other.wait()
     return {
         "case": case,
         "B started after, s": started,
         "B ended after, s": took,
         "B's state": str(job.state),
         "A's jobs that ended before": f"{ended} of {len(others)}",
+        "A's jobs had all ended after, s": time.monotonic() - queued,
     }
 
 
@@ -106,8 +110,6 @@ def main() -> None:
             scenes = [new_scene(a, photographs) for _ in range(options.jobs)]
             updates = [scene.update() for scene in scenes]
             rows = [wait_of(f"{options.jobs} updates of A, one of B", own.update(), updates)]
-            for update in updates:
-                update.cancel()
             fine = trained.fine(iterations=options.iterations)
             while fine.refresh().stage != "train":
                 time.sleep(_POLL_S)

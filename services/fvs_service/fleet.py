@@ -11,9 +11,9 @@ from fvs_service.model import Count, Model, Number
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
 
-HEARTBEAT_S = 3.0
+HEARTBEAT_S = 4.0
 """How often a worker sends a heartbeat."""
-_SILENT_S = 4 * HEARTBEAT_S
+_SILENT_S = 3 * HEARTBEAT_S
 """A worker without a heartbeat for this long is reported as not alive, and nothing is expected of it.
 It may only be frozen, so it keeps its jobs."""
 MISSED_LEASES = 3

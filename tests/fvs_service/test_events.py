@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from fvs_service.events.repository import last_number
+from fvs_service.events.repository import last_number, skip_lost_numbers
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
@@ -50,6 +50,18 @@ def test_past_and_coming_events_arrive_in_order(server: Any) -> None:
     assert data[1]["data"]["job_id"] == job_id
     numbers = [int(message["id"]) for message in seen]
     assert numbers == sorted(numbers)
+
+
+def test_a_starting_service_gives_new_events_numbers_that_no_lost_event_had(server: Any) -> None:
+    database = server.application.storage.database
+    server.scene()
+    with database.reading() as session:
+        before = last_number(session)
+    with database.writing() as session:
+        skip_lost_numbers(session)
+    server.scene()
+    with database.reading() as session:
+        assert last_number(session) > before + 1_000
 
 
 def test_a_broken_stream_resumes_where_it_ended(server: Any) -> None:

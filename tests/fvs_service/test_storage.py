@@ -104,6 +104,17 @@ def test_transactions_that_read_and_then_write_wait_for_each_other(tmp_path: Pat
     assert failures == []
 
 
+def test_a_transaction_waits_for_the_disk_unless_it_need_not_be_durable(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    modes = []
+    for durable in (True, False, True):
+        with database.writing(durable=durable) as session:
+            modes.append(session.execute(text("PRAGMA synchronous")).scalar_one())
+    database.close()
+    full, normal = 2, 1  # SQLite's names of the levels
+    assert modes == [full, normal, full]
+
+
 def test_ids_sort_by_time_and_match_their_pattern() -> None:
     import re
     import time

@@ -243,7 +243,8 @@ class Rankings:
             warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
             created_at=now(),
         )
-        with self._database.writing(principal.tenant_id, scene_id) as session:
+        # A ranking that a power cut undoes can be asked for again; a sync would take as long as all else.
+        with self._database.writing(principal.tenant_id, scene_id, durable=False) as session:
             scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
             earlier = self._earlier(session, principal, prepared.remembered)
             if earlier is not None:  # the same request, sent twice at once

@@ -24,6 +24,7 @@ from fvs_service.errors import (
     StorageUnavailableError,
     UnavailableError,
 )
+from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.protection import require_protection
 from fvs_service.serving.identity import machine_name
@@ -96,6 +97,8 @@ class Supervisor:
             adopt_orphans()
             with open_storage(self._settings) as storage:  # the processes meet a database that is migrated
                 _require_blobs(storage)
+                with storage.database.writing() as session:
+                    skip_lost_numbers(session)
             try:
                 if self._role is not Role.WORKER:
                     addresses = self._start_gateway()

@@ -52,6 +52,11 @@ _VERSIONS = "alembic_version"
 KNOWN_VERSIONS = tuple(sorted(file.name[:4] for file in (_MIGRATIONS / "versions").glob("[0-9]*.py")))
 """Versions of the schema, oldest first: the numbers that the names of the migrations begin with."""
 _LOCKED = "fvs_locked"
+_READ = ("BEGIN",)
+_WRITE = ("PRAGMA synchronous = FULL", "BEGIN IMMEDIATE")
+"""SQLite's statements before a transaction; a committed write survives a power cut."""
+_WRITE_WITHOUT_SYNC = ("PRAGMA synchronous = NORMAL", "BEGIN IMMEDIATE")
+"""Without waiting for the disk; the database stays consistent all the same."""
 _JSON: Mapping[str, Any] = {
     "json_serializer": lambda document: orjson.dumps(document).decode(),
     "json_deserializer": orjson.loads,
@@ -89,7 +94,8 @@ class Database:
     def __init__(self, url: str) -> None:
         parsed = make_url(url)
         self._engine = _sqlite(parsed) if parsed.get_backend_name() == "sqlite" else _postgresql(parsed)
-        self._writer = self._engine.execution_options(fvs_begin="BEGIN IMMEDIATE")
+        self._writer = self._engine.execution_options(fvs_begin=_WRITE)
+        self._writer_without_sync = self._engine.execution_options(fvs_begin=_WRITE_WITHOUT_SYNC)
         self._reader = self._engine
         if self._engine.dialect.name == "postgresql":  # SQLite reads one state in any transaction
             self._reader = self._engine.execution_options(
@@ -127,13 +133,16 @@ class Database:
             yield connection
 
     @contextmanager
-    def writing(self, *subjects: str) -> Iterator[Session]:
+    def writing(self, *subjects: str, durable: bool = True) -> Iterator[Session]:
         """One transaction: committed when the block ends, rolled back when it raises.
 
-        It begins when no other transaction about one of the ``subjects`` is in progress. Raises
-        ``OutOfSpaceError`` when the disk is full.
+        It begins when no other transaction about one of the ``subjects`` is in progress. Unless ``durable``,
+        SQLite does not wait for the disk: the transaction survives the end of every process, but a power cut
+        may undo it, with all of its kind since the last durable one. Raises ``OutOfSpaceError`` when the disk
+        is full.
         """
-        with _reachable(), Session(self._writer) as session, session.begin():
+        writer = self._writer if durable else self._writer_without_sync
+        with _reachable(), Session(writer) as session, session.begin():
             lock(session, *subjects)
             yield session
 
@@ -239,11 +248,11 @@ def _sqlite(url: URL) -> Engine:
     def _configure(connection: sqlite3.Connection, _record: Any) -> None:
         connection.isolation_level = None  # transactions begin below, not in the driver
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")  # a committed write survives a power cut
         connection.execute("PRAGMA foreign_keys = ON")
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        connection.exec_driver_sql(connection.get_execution_options().get("fvs_begin", "BEGIN"))
+        for statement in connection.get_execution_options().get("fvs_begin", _READ):
+            connection.exec_driver_sql(statement)
 
     return engine

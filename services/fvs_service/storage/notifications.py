@@ -58,7 +58,7 @@ def subscribe(engine: Engine, callbacks: Mapping[Topic, Callable[[], object]]) -
     if engine.dialect.name == "postgresql":
         return listen_notify.Listener(engine, named)
     folder = _folder(engine)
-    return _Deaf() if folder is None else named_pipes.Listener(folder, named)
+    return _NoSubscription() if folder is None else named_pipes.Listener(folder, named)
 
 
 def _folder(engine: Engine) -> Path | None:
@@ -69,7 +69,7 @@ def _folder(engine: Engine) -> Path | None:
     return Path(f"{file}-listeners")
 
 
-class _Deaf:
+class _NoSubscription:
     """A subscription where there are no notifications."""
 
     def close(self) -> None:

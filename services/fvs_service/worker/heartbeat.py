@@ -3,11 +3,27 @@
 A worker that was only frozen finds at its next heartbeat that it was declared dead.
 """
 
-from sqlalchemy import delete, select, update
+from dataclasses import dataclass
+
+from sqlalchemy import delete, insert, update
 
 from fvs_service.fleet import MISSED_LEASES
 from fvs_service.storage.database import Database, now_ms
-from fvs_service.storage.tables import WorkerRow
+from fvs_service.storage.tables import WorkerRow, columns_of
+
+_WORKERS = columns_of(WorkerRow)
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """What the database answers to a heartbeat.
+
+    ``known``: it knew the worker, and no other has declared it dead. ``dead``: the ids of dead workers; each
+    goes to one caller only, unless that one dies too. The caller puts back their jobs, then calls ``forget``.
+    """
+
+    known: bool
+    dead: tuple[str, ...]
 
 
 class Heartbeats:
@@ -26,8 +42,8 @@ class Heartbeats:
         backend: str = "auto",
         work: str = "all",
         runner_bytes: int = 0,
-    ) -> bool:
-        """Record that this worker is alive; False when it was unknown, or was declared dead.
+    ) -> Heartbeat:
+        """Record that this worker is alive, and claim the dead ones.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
         ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.
@@ -38,40 +54,25 @@ class Heartbeats:
             "backend": backend,
             "work": work,
             "runner_bytes": runner_bytes,
+            "beaten_at_ms": now_ms(),
+            "expires_at_ms": now_ms() + self._duration_ms,
         }
-        until = now_ms() + self._duration_ms
+        # One transaction: it is most of what an idle worker does.
         with self._database.writing() as session:
             known = session.scalar(
-                update(WorkerRow)
-                .where(WorkerRow.id == worker_id)
-                .values(beaten_at_ms=now_ms(), expires_at_ms=until, **state)
-                .returning(WorkerRow.id)
+                update(_WORKERS).where(_WORKERS.c.id == worker_id).values(state).returning(_WORKERS.c.id)
             )
             if known is None:
-                session.add(WorkerRow(id=worker_id, beaten_at_ms=now_ms(), expires_at_ms=until, **state))
-        return known is not None
-
-    def claim_dead(self, worker_id: str) -> tuple[str, ...]:
-        """The ids of dead workers; each goes to one caller only, unless that one dies too.
-
-        The caller puts back their jobs and then calls ``forget``.
-        """
-        with self._database.reading() as session:
+                session.execute(insert(_WORKERS).values(id=worker_id, **state))
             dead = session.scalars(
-                select(WorkerRow.id).where(WorkerRow.expires_at_ms < now_ms(), WorkerRow.id != worker_id)
-            ).all()
-        if not dead:
-            return ()
-        with self._database.writing() as session:
-            claimed = session.scalars(
-                update(WorkerRow)
-                .where(WorkerRow.id.in_(dead), WorkerRow.expires_at_ms < now_ms())
+                update(_WORKERS)
+                .where(_WORKERS.c.expires_at_ms < now_ms(), _WORKERS.c.id != worker_id)
                 .values(expires_at_ms=now_ms() + self._duration_ms)
-                .returning(WorkerRow.id)
-            )
-            return tuple(claimed)
+                .returning(_WORKERS.c.id)
+            ).all()
+        return Heartbeat(known is not None, tuple(dead))
 
     def forget(self, worker_id: str) -> None:
         """Delete the row of a dead worker, after its jobs were put back."""
         with self._database.writing() as session:
-            session.execute(delete(WorkerRow).where(WorkerRow.id == worker_id))
+            session.execute(delete(_WORKERS).where(_WORKERS.c.id == worker_id))

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Iterable
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -37,12 +38,13 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     room = Room(settings)
     # First of all: else others might put back the jobs that this worker is about to resume.
     heartbeats = Heartbeats(storage.database, settings.lease_s)
-    heartbeats.beat(
+    heartbeat = heartbeats.beat(
         worker_id,
         slots=settings.worker.jobs_at_once,
         backend=settings.worker.backend,
         work=settings.worker.work,
     )
+    _reap(heartbeat.dead, storage, heartbeats)
     scenes = LeasedScenes(storage, worker_id)
     attempts = Attempts(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -81,7 +83,7 @@ def _maintain(
     Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
     """
     try:
-        known = heartbeats.beat(
+        heartbeat = heartbeats.beat(
             worker_id,
             slots=storage.settings.worker.jobs_at_once,
             disk_full=room.short,
@@ -89,10 +91,15 @@ def _maintain(
             work=storage.settings.worker.work,
             runner_bytes=scenes.resident_bytes,
         )
-        if not known:
+        if not heartbeat.known:
             raise _ReplacedError
-        for dead in heartbeats.claim_dead(worker_id):
-            _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
-            heartbeats.forget(dead)
+        _reap(heartbeat.dead, storage, heartbeats)
     except (SQLAlchemyError, ServiceError) as error:
         _log.warning("database unavailable", reason=type(error).__name__)
+
+
+def _reap(dead: Iterable[str], storage: Storage, heartbeats: Heartbeats) -> None:
+    """Put back the jobs of dead workers."""
+    for worker_id in dead:
+        _log.warning("reaping", worker=worker_id, jobs=storage.queue.put_back_all(worker_id))
+        heartbeats.forget(worker_id)

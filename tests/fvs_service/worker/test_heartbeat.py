@@ -25,31 +25,32 @@ def _much_later(database: Database) -> None:
 def test_a_worker_without_heartbeats_is_claimed_by_one_other(database: Database) -> None:
     heartbeats = Heartbeats(database, lease_s=600)
     heartbeats.beat("old")
-    assert heartbeats.claim_dead("new") == ()
+    assert heartbeats.beat("new").dead == ()
     _much_later(database)
-    heartbeats.beat("new")
-    assert heartbeats.claim_dead("old") == ()  # nobody takes itself, and the other lives
-    assert heartbeats.claim_dead("new") == ("old",)
-    assert heartbeats.claim_dead("new") == ()
+    assert heartbeats.beat("new").dead == ("old",)
+    assert heartbeats.beat("new").dead == ()
+    _much_later(database)
+    assert heartbeats.beat("old").dead == ("new",)  # nobody claims itself
 
 
 def test_a_dead_worker_is_claimed_again_when_its_claimant_dies(database: Database) -> None:
     heartbeats = Heartbeats(database, lease_s=600)
     heartbeats.beat("old")
     _much_later(database)
-    assert heartbeats.claim_dead("first") == ("old",)
+    assert heartbeats.beat("first").dead == ("old",)
     _much_later(database)
-    assert heartbeats.claim_dead("second") == ("old",)
+    assert set(heartbeats.beat("second").dead) == {"first", "old"}
+    heartbeats.forget("first")
     heartbeats.forget("old")
     _much_later(database)
-    assert heartbeats.claim_dead("second") == ()
+    assert heartbeats.beat("second").dead == ()
 
 
 def test_a_worker_that_was_taken_for_dead_learns_of_it(database: Database) -> None:
     heartbeats = Heartbeats(database, lease_s=600)
-    assert not heartbeats.beat("old")
-    assert heartbeats.beat("old")
+    assert not heartbeats.beat("old").known
+    assert heartbeats.beat("old").known
     _much_later(database)
-    assert heartbeats.claim_dead("new") == ("old",)
+    assert heartbeats.beat("new").dead == ("old",)
     heartbeats.forget("old")
-    assert not heartbeats.beat("old")
+    assert not heartbeats.beat("old").known
