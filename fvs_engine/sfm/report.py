@@ -10,6 +10,26 @@ GIVEN = "given"
 """Used instead of a mapper's name when the poses were given."""
 
 
+class WitnessEvidence(Record):
+    """Evidence of matches of other features, of which no model was made."""
+
+    pairs: int
+    """Verified pairs whose two images are both in the model."""
+
+    matches: int
+    match_support: float | None
+    """Share of the matches that fit the poses; None without matches, as the two that follow."""
+
+    rotation_support: float | None
+    translation_support: float | None
+
+    contradicted_images: tuple[str, ...]
+    """Images of which most matches with the rest of the model contradict their poses."""
+
+    silent_on_images: tuple[str, ...]
+    """Images that hardly a match joins with the rest of the model."""
+
+
 class Evidence(Record):
     """Evidence for a model's poses from the two-view geometries, which do not depend on the model."""
 
@@ -34,6 +54,9 @@ class Evidence(Record):
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""
 
+    loosely_linked_images: tuple[str, ...]
+    """Images that only pairs of few matches connect with the rest, as look-alike places often are."""
+
     misplaced_images: tuple[str, ...]
     """Images that are far from their position priors, after an alignment that most of the others fit."""
 
@@ -42,6 +65,9 @@ class Evidence(Record):
 
     prior_support: float | None
     """Share of the pairs (weighted by matches) whose own baselines fit the position priors."""
+
+    witness: WitnessEvidence | None
+    """None where the witness was not asked: it is not installed, or position priors confirm the model."""
 
 
 class CandidateReport(Record):

@@ -128,6 +128,9 @@ class SfmSettings(Record):
     both_mappers_up_to: int = Field(default=100, ge=0)
     """Up to this number of images both mappers run; above, the second only when the first is doubtful."""
 
+    witness: bool = True
+    """Check models that no position priors confirm by ALIKED's features, where these are installed."""
+
     gate: GateSettings = GateSettings()
     growth: GrowthSettings = GrowthSettings()
     seed: int = Field(default=0, ge=0)

@@ -5,7 +5,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,9 @@ from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 
+_NOT_MAPPING = ("gate", "both_mappers_up_to", "witness")
+"""Settings that do not change the mappers' models."""
+
 
 @dataclass(frozen=True)
 class SfmFolder:
@@ -32,6 +35,11 @@ class SfmFolder:
     def database(self) -> Path:
         """Features, matches and two-view geometries."""
         return self.root / "database.db"
+
+    @property
+    def witness(self) -> Path:
+        """ALIKED's features, matches and two-view geometries, with the image ids of ``database``."""
+        return self.root / "witness.db"
 
     @property
     def calibrated(self) -> Path:
@@ -71,6 +79,12 @@ class SfmFolder:
     def mapping(self, mapper: str) -> Path:
         """A mapper's models, in folders 0, 1 and so on."""
         return self.root / "mapping" / mapper
+
+    def remove_images(self, names: Iterable[str]) -> None:
+        """Remove images from the databases; unknown names are ignored."""
+        gone = list(names)
+        remove_images(self.database, gone)
+        remove_images(self.witness, gone)
 
     def partial(self, final: Path) -> Path:
         """Where ``final`` is written until it is whole."""
@@ -119,7 +133,7 @@ class Stages:
         }
         sizes = {name: (image_dir / name).stat().st_size for name in names}
         state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
-        mapping = {key: value for key, value in settings.items() if key not in ("gate", "both_mappers_up_to")}
+        mapping = {key: value for key, value in settings.items() if key not in _NOT_MAPPING}
         state["models"] = _digest([mapping, names])
         before: dict[str, Any] = {}
         with contextlib.suppress(OSError, ValueError):
@@ -127,8 +141,9 @@ class Stages:
         changed = any(before.get("images", {}).get(name, size) != size for name, size in sizes.items())
         if before.get("features") != state["features"] or changed:
             delete_database(self.folder.database)
+            delete_database(self.folder.witness)
         elif self.folder.database.exists():
-            remove_images(self.folder.database, image_ids(self.folder.database).keys() - sizes.keys())
+            self.folder.remove_images(image_ids(self.folder.database).keys() - sizes.keys())
         if before.get("models") != state["models"] or changed:
             delete_database(self.folder.calibrated)
             shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)

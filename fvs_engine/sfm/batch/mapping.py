@@ -1,7 +1,9 @@
 """Stage three: the two mappers, their models on disk, and the evidence for each."""
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,31 +21,47 @@ from fvs_engine.sfm.colmap.database import (
     verified_pair_count,
 )
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
+from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.evidence import gather_evidence
+from fvs_engine.sfm.verification.evidence import gather_evidence, gather_witness_evidence
 from fvs_engine.sfm.verification.gate import (
     MAX_UNSUPPORTED_SHARE,
     Candidate,
+    contradicted_images,
     priors_are_wrong,
+    priors_confirm,
+    unsupported_images,
 )
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_priors
+from fvs_engine.sfm.verification.witness import WitnessMatches
 
 
 @dataclass(frozen=True, eq=False)
 class ModelEvidence:
-    """Evidence inputs for any model: verified pairs with relative poses, keypoints, position priors."""
+    """Evidence inputs for any model: verified pairs with relative poses, keypoints, position priors.
+
+    ``witness`` gives the matches that no model is made of; it is asked once, when a model needs it.
+    """
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
     priors: PosePriors
+    witness: Callable[[], WitnessMatches | None] = field(default=lambda: None)
 
     def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """The evidence for ``model``; None when no verified pair lies within it."""
-        return gather_evidence(model, self.pairs, self.keypoints, self.priors, monitor.check)
+        evidence = gather_evidence(model, self.pairs, self.keypoints, self.priors, monitor.check)
+        if evidence is None or priors_confirm(evidence):
+            return evidence
+        matches = self.witness()
+        if matches is None:
+            return evidence
+        said = gather_witness_evidence(model, matches.pairs, matches.keypoints, monitor.check)
+        return evidence.model_copy(update={"witness": said})
 
     def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
         """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
@@ -67,7 +85,7 @@ class MappedScene:
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that every pair, or their position prior, contradicts are removed when they are few.
+        Images that every pair, the witness or their position prior contradicts are removed when they are few.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
@@ -86,10 +104,13 @@ class MappedScene:
         return MappedScene(largest, Candidate(mapper, centres, evidence), others)
 
 
-def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> ModelEvidence:
+def read_model_evidence(
+    stages: Stages, priors: PosePriors | None = None, image_dir: Path | None = None
+) -> ModelEvidence:
     """Calibrate the view graph unless that is done, and read pairs, keypoints and position priors.
 
-    ``priors`` replace the GPS positions in the images' EXIF.
+    ``priors`` replace the GPS positions in the images' EXIF. With ``image_dir``, the folder of the images,
+    the witness is asked about models that no priors confirm.
     """
     calibrate_view_graph(stages)
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
@@ -106,7 +127,9 @@ def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> Mod
     keypoints = read_keypoints(stages.folder.database, ids)
     usable, warnings = usable_priors(priors, stages.folder.database)
     stages.warnings.extend(warnings)
-    return ModelEvidence(pairs, keypoints, usable)
+    if image_dir is None:
+        return ModelEvidence(pairs, keypoints, usable)
+    return ModelEvidence(pairs, keypoints, usable, functools.cache(partial(ask_witness, stages, image_dir)))
 
 
 def calibrate_view_graph(stages: Stages) -> None:
@@ -192,8 +215,11 @@ def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
     """The images that are removed from the model."""
     images = model.num_reg_images()
     found: set[str] = set()
-    if len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * images:
-        found.update(evidence.unsupported_images)
+    unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
+    if len(unsupported) <= MAX_UNSUPPORTED_SHARE * images:
+        found.update(unsupported)
+    if len(contradicted) <= MAX_MISPLACED_SHARE * images:
+        found.update(contradicted)
     if not priors_are_wrong(evidence) and len(evidence.misplaced_images) <= MAX_MISPLACED_SHARE * images:
         found.update(evidence.misplaced_images)
     return sorted(found)

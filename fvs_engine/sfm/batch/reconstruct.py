@@ -89,7 +89,7 @@ def _reconstruct(
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names, priors)
-    evidence = read_model_evidence(stages, priors)
+    evidence = read_model_evidence(stages, priors, image_dir)
     scenes = map_images(stages, image_dir, len(names), evidence)
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     return _conclude(stages, names, scenes, decision)

@@ -16,7 +16,6 @@ from fvs_engine.sfm.colmap.database import (
     feature_counts,
     image_ids,
     read_descriptors,
-    remove_images,
     require_sound_database,
     verified_matches,
 )
@@ -297,7 +296,7 @@ class GrowingReconstruction:
         elif state != self._state:
             self._folder.save(state)
             self._state = state
-        remove_images(self._folder.sfm.database, names)
+        self._folder.sfm.remove_images(names)
 
     def _extract_features(self, stages: Stages) -> list[str]:
         """Extract features of all added images; returns the images that have some."""

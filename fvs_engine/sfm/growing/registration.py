@@ -12,10 +12,11 @@ from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_
 from fvs_engine.sfm.batch.reconstruct import map_images
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import Candidate, Decision, decide
+from fvs_engine.sfm.verification.gate import Candidate, Decision, decide, few_matches
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
@@ -52,11 +53,13 @@ def register(
 ) -> ModelChange:
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A pose that ``priors`` contradict is rejected, too.
+    A pose that ``priors`` contradict, or, where there are none, the witness, is rejected, too.
     """
     if not names:
         return ModelChange(state)
     settings = stages.settings
+    without = [name for name in names if name not in priors.by_name]
+    asked = ask_witness(stages, image_dir, without) if without else None
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):
         answer = stages.native_over(
@@ -70,6 +73,7 @@ def register(
                 "names": list(some),
                 "refine": settings.intrinsics is None,
                 "priors": priors.model_dump(mode="json"),
+                "witness": None if asked is None else str(stages.folder.witness),
                 "min_image_support": settings.growth.min_image_support,
                 "adjust_every": settings.growth.adjust_every,
                 "adjusted_images": state.adjusted_images,
@@ -89,6 +93,9 @@ def register(
     ]
     if lost:
         warnings.append(f"Global bundle adjustment left {', '.join(lost)} without a pose.")
+    loose = [name for name in answer["loose"] if name in without]
+    if loose:
+        warnings.append(f"DOUBTFUL CAMERAS: {few_matches(loose)}")
     support = answer["match_support"]
     if support is not None and support < settings.gate.min_match_support:
         warnings.append(f"DOUBTFUL CAMERAS: {support:.1%} of the verified matches fit them.")
@@ -137,7 +144,7 @@ def remap(
     """
     names = list(state.images)
     stages.open(image_dir, names, 2)  # deletes the mappers' models of fewer images
-    evidence = read_model_evidence(stages, priors)
+    evidence = read_model_evidence(stages, priors, image_dir)
     current = open_colmap(model_dir)
     scenes = [
         _as_scene(stages, current, evidence),

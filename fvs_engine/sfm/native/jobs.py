@@ -243,6 +243,7 @@ def find_job(name: str) -> Callable[..., Any]:
     """The job of that name; the imports of those below would slow the start of every other one."""
     if name in JOBS:
         return JOBS[name]
+    from fvs_engine.sfm.native.aliked import extract_aliked, match_aliked
     from fvs_engine.sfm.native.localisation import copy_features, localise
     from fvs_engine.sfm.native.registration import register
     from fvs_engine.sfm.native.veto import veto
@@ -252,5 +253,7 @@ def find_job(name: str) -> Callable[..., Any]:
         "localise": localise,
         "copy_features": copy_features,
         "veto": veto,
+        "extract_aliked": extract_aliked,
+        "match_aliked": match_aliked,
     }
     return others[name]

@@ -1,4 +1,4 @@
-"""Check of the pose estimated for one image: against its verified matches and its position prior."""
+"""Check of the pose estimated for one image: against its verified matches, the witness's, and its prior."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs, explains
+from fvs_engine.sfm.verification.links import Links
+from fvs_engine.sfm.verification.pair_check import (
+    EXPLAINED,
+    MIN_PAIR_MATCHES,
+    PairCheck,
+    check_pairs,
+    explains,
+)
 from fvs_engine.sfm.verification.positions import misplaced
+from fvs_engine.sfm.verification.witness import WitnessMatches
 
 Keypoints = Mapping[int, NDArray[np.float64]]
 
@@ -20,30 +28,40 @@ Keypoints = Mapping[int, NDArray[np.float64]]
 class PoseCheck:
     """Verified pairs, keypoints by image id and position priors, none of which depends on the model.
 
-    ``min_image_support``: share of an image's matches that its pose must explain.
+    ``min_image_support``: share of an image's matches that its pose must explain. ``witness``: matches of
+    other features, with the ids of the model's images; None without.
     """
 
     pairs: Sequence[VerifiedPair]
     keypoints: Keypoints
     min_image_support: float
     priors: PosePriors
+    witness: WitnessMatches | None = None
 
     @staticmethod
-    def read(database: str, min_image_support: float, priors: PosePriors) -> "PoseCheck":
-        """Read the pairs and keypoints of a database."""
+    def read(
+        database: str, min_image_support: float, priors: PosePriors, witness: str | None = None
+    ) -> "PoseCheck":
+        """Read the pairs and keypoints of a database, and of the ``witness``'s."""
         pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-        return PoseCheck(pairs, read_keypoints(Path(database), ids), min_image_support, priors)
+        keypoints = read_keypoints(Path(database), ids)
+        said = None if witness is None else WitnessMatches.read(Path(witness))
+        return PoseCheck(pairs, keypoints, min_image_support, priors, said)
 
     def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""
-        own = [pair for pair in self.pairs if image_id in (pair.first, pair.second)]
-        involved = {i for pair in own for i in (pair.first, pair.second)}
-        checks = check_pairs(model, own, {i: self.keypoints[i] for i in involved}, relative_poses=False)
+        checks = _checks_of(image_id, model, self.pairs, self.keypoints)
         matches = sum(check.matches for check in checks)
         supported = sum(check.supported for check in checks)
         if not any(explains(check) for check in checks) or supported < self.min_image_support * matches:
             return f"{supported} of its {matches} verified matches fit its estimated pose"
+        if self.witness is not None:
+            checks = _checks_of(image_id, model, self.witness.pairs, self.witness.keypoints)
+            matches = sum(check.matches for check in checks)
+            supported = sum(check.supported for check in checks)
+            if supported < EXPLAINED * matches:
+                return f"{supported} of its {matches} matches of other features fit its estimated pose"
         registered = [image for image in model.images.values() if image.has_pose]
         centres = {image.name: np.asarray(image.projection_center()) for image in registered}
         distance = misplaced(self.priors, centres).get(model.image(image_id).name)
@@ -56,3 +74,21 @@ class PoseCheck:
         checks = check_pairs(model, self.pairs, self.keypoints, relative_poses=False)
         matches = sum(check.matches for check in checks)
         return sum(check.supported for check in checks) / matches if matches > 0 else None
+
+    def loosely_linked(self, model: pycolmap.Reconstruction) -> frozenset[str]:
+        """The images of ``model`` that pairs of few matches only connect with the rest, the witness's too."""
+        loose = Links.of(model, check_pairs(model, self.pairs, self.keypoints, relative_poses=False)).loose
+        if self.witness is None or not loose:
+            return loose
+        witness = self.witness
+        said = Links.of(model, check_pairs(model, witness.pairs, witness.keypoints, relative_poses=False))
+        return loose & (said.unconnected | said.contradicted)
+
+
+def _checks_of(
+    image_id: int, model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair], keypoints: Keypoints
+) -> list[PairCheck]:
+    """The pairs of one image against a model."""
+    own = [pair for pair in pairs if image_id in (pair.first, pair.second)]
+    involved = {i for pair in own for i in (pair.first, pair.second)}
+    return check_pairs(model, own, {i: keypoints[i] for i in involved}, relative_poses=False)

@@ -46,6 +46,7 @@ def register(
     names: list[str],
     refine: bool,
     priors: dict[str, Any],
+    witness: str | None,
     min_image_support: float,
     adjust_every: float,
     adjusted_images: int,
@@ -55,10 +56,11 @@ def register(
 ) -> dict[str, Any]:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``priors`` are ``PosePriors`` as JSON.
+    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database.
 
-    Returns the names newly ``registered``, all ``posed`` names, those ``rejected`` with the reasons, the
-    model's size at its last global bundle adjustment, and, if one was now, its ``match_support``.
+    Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``), all
+    ``posed`` names, those ``rejected`` with the reasons, the model's size at its last global bundle
+    adjustment, and, if one was now, its ``match_support``.
     """
     pycolmap.set_random_seed(seed)
     model = pycolmap.Reconstruction(model_dir)
@@ -67,12 +69,12 @@ def register(
         model,
         _load(database, [image.name for image in model.images.values()] + names),
         _pipeline_options(refine, seed, threads),
-        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors)),
+        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness),
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
     adjusted = False
-    for registered in growth.register(names):
-        report(registered)
+    for number in growth.register(names):
+        report(number)
         if adjustments.due(model):
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
@@ -83,8 +85,11 @@ def register(
     model.update_point_3d_errors()
     model.write_binary(out_dir)
     posed = {image.name for image in model.images.values() if image.has_pose}
+    registered = [name for name in growth.registered if name in posed]
+    loose = growth.check.loosely_linked(model) if registered else frozenset()
     return {
-        "registered": [name for name in growth.registered if name in posed],
+        "registered": registered,
+        "loose": [name for name in registered if name in loose],
         "posed": sorted(posed),
         "rejected": growth.rejected,
         "adjusted_images": adjustments.images,

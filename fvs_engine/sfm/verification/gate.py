@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
+from fvs_engine.images.names import listed
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE
@@ -70,9 +71,11 @@ class Decision:
 def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     """Judge every candidate and choose the best supported one that is not rejected.
 
-    A candidate is accepted on its own evidence. One with somewhat too little becomes doubtful, usable with a
-    warning, if another mapper or GPS agrees with it: a repeated pattern rarely causes the same errors
-    in both. Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
+    A candidate is accepted on its own evidence. One with somewhat too little is accepted if the witness
+    confirms it, and becomes doubtful, usable with a warning, if another mapper or GPS agrees with it: a
+    repeated pattern rarely causes the same errors in both. One with images that hang on few matches is
+    doubtful unless the witness or GPS confirms it. Among accepted ones that disagree, the better supported
+    is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -136,14 +139,19 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
     images = len(candidate.centres)
-    if len(evidence.unsupported_images) > MAX_UNSUPPORTED_SHARE * images:
+    unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
+    if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
+        rejections.append(f"Matches contradict the poses of {len(unsupported)} of its {images} images.")
+    if len(contradicted) > MAX_MISPLACED_SHARE * images:
         rejections.append(
-            f"Matches contradict the poses of {len(evidence.unsupported_images)} of its {images} images."
+            f"Matches of other features contradict the poses of {len(contradicted)} of its {images} images."
         )
     if not priors_are_wrong(evidence):
         rejections += _contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
+    if _witness_confirms(evidence, images, settings):
+        return Judgement("accepted", (support, "Matches of other features confirm it."))
     weaknesses = []
     if evidence.match_support < settings.min_match_support:
         weaknesses.append(f"Only {support}")
@@ -152,12 +160,66 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         weaknesses.append(
             f"Only {directions:.1%} of the independent directions between cameras agree with it."
         )
-    if not weaknesses:
-        return Judgement("accepted", (support,))
     confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
-    if confirmation is None:
+    if weaknesses and confirmation is None:
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
-    return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
+    if weaknesses:
+        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
+    loose = () if priors_confirm(evidence) else loose_images(evidence)
+    if loose:
+        return Judgement("doubtful", (few_matches(loose),))
+    return Judgement("accepted", (support,))
+
+
+def unsupported_images(evidence: Evidence) -> list[str]:
+    """The images that the matches do not connect with the rest, without those that the witness connects."""
+    witness = evidence.witness
+    if witness is None:
+        return list(evidence.unsupported_images)
+    open_ = {*witness.silent_on_images, *witness.contradicted_images}
+    return [name for name in evidence.unsupported_images if name in open_]
+
+
+def contradicted_images(evidence: Evidence) -> tuple[str, ...]:
+    """The images whose poses the witness contradicts."""
+    return () if evidence.witness is None else evidence.witness.contradicted_images
+
+
+def loose_images(evidence: Evidence) -> list[str]:
+    """The images that only pairs of few matches connect with the rest, without those the witness connects.
+
+    Look-alike places are connected like that, whatever share of the matches fits; so are views far from all
+    others.
+    """
+    witness = evidence.witness
+    if witness is None:
+        return list(evidence.loosely_linked_images)
+    return [name for name in evidence.loosely_linked_images if name in witness.silent_on_images]
+
+
+def few_matches(names: Sequence[str]) -> str:
+    """Why the poses of these images are doubtful, and the remedy."""
+    return (
+        f"Few matches join {listed(names)} with the rest; a look-alike place joins images like that, too. "
+        "Photographs from in between would show which."
+    )
+
+
+def _witness_confirms(evidence: Evidence, images: int, settings: GateSettings) -> bool:
+    """Whether the witness connects all images that need it, and its shares are those of a right model."""
+    witness = evidence.witness
+    if witness is None or witness.match_support is None:
+        return False
+    if witness.contradicted_images or loose_images(evidence):
+        return False
+    if len(witness.silent_on_images) > MAX_UNSUPPORTED_SHARE * images:
+        return False
+    shares = (
+        (witness.match_support, settings.min_match_support),
+        (witness.rotation_support, settings.min_rotation_support),
+        (witness.translation_support, settings.min_translation_support),
+    )
+    return all(share is not None and share >= least for share, least in shares)
 
 
 def priors_are_wrong(evidence: Evidence) -> bool:
@@ -184,8 +246,13 @@ def _confirmation(
         for agreement in agreements
     ):
         return "two mappers agree on"
+    return "GPS confirms" if priors_confirm(evidence) else None
+
+
+def priors_confirm(evidence: Evidence) -> bool:
+    """Whether the position priors are evidence, and the camera centres fit them well."""
     residual = None if priors_are_wrong(evidence) else evidence.prior_residual_share
-    return "GPS confirms" if residual is not None and residual <= _CONFIRMING_PRIOR_SHARE else None
+    return residual is not None and residual <= _CONFIRMING_PRIOR_SHARE
 
 
 def _rank(candidate: Candidate, judgement: Judgement) -> float:

@@ -1,5 +1,6 @@
 """Verified pairs against a model's poses, which they do not depend on."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -31,14 +32,16 @@ EXPLAINED = 0.5
 class PairCheck:
     """One pair against a model; angles in degrees, NaN when there is nothing to compare.
 
-    ``baseline`` is the direction [3] in which the first camera sees the second, from the matches of the pair
-    alone; None when they leave it open.
+    ``features`` is the geometric mean of the two images' numbers of key points. ``baseline`` is the direction
+    [3] in which the first camera sees the second, from the matches of the pair alone; None when they leave it
+    open.
     """
 
     first: int
     second: int
     matches: int
     supported: int
+    features: float
     rotation_error_deg: float
     direction_error_deg: float
     baseline: Array | None = None
@@ -90,6 +93,7 @@ def check_pairs(
                 pair.second,
                 len(pair.matches),
                 int(supported.sum()),
+                math.sqrt(len(rays[pair.first]) * len(rays[pair.second])),
                 rotation_error,
                 direction_error,
                 None if estimated is None else _unit(estimated.inverse().translation),

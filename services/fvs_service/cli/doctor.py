@@ -26,13 +26,17 @@ def doctor(
     """Check the database, the object store, clocks, workers and disks, and whether rows and blobs match.
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
-    of lost workers. It may run beside the service. The exit status is 0 when nothing is found, else 13.
+    of lost workers, and says whether the extra aliked is installed. It may run beside the service. The exit
+    status is 0 when nothing is found, else 13.
     """
+    from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
     from fvs_service.application import open_storage
     from fvs_service.doctor.deployment import troubles
     from fvs_service.doctor.examination import examine
     from fvs_service.errors import ServiceError
 
+    installed = "installed" if aliked_weights() is not None else f"not installed ({INSTALL})"
+    typer.echo(f"Extra aliked, a second opinion on models without pose priors: {installed}.", err=True)
     with contextlib.ExitStack() as opened:
         try:
             storage = opened.enter_context(open_storage(settings_of(root=root)))

@@ -1,17 +1,13 @@
-import itertools
-
 import numpy as np
-import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.verification.evidence import _unsupported, cycle_consistency
-from fvs_engine.sfm.verification.pair_check import PairCheck, _supported, angle_deg
+from fvs_engine.sfm.verification.evidence import cycle_consistency
+from fvs_engine.sfm.verification.pair_check import _supported, angle_deg
 
 NO_MATCHES = np.zeros((0, 2), dtype=np.uint32)
 
@@ -59,22 +55,3 @@ def test_cycles_close_or_do_not():
     assert cycle_consistency(triplet(4.0)) == 1.0
     assert cycle_consistency(triplet(6.0)) == 0.0
     assert cycle_consistency(triplet(0.0)[:2]) is None
-
-
-def test_a_group_that_most_matches_contradict_is_not_tied_by_the_one_pair_that_fits(
-    kermit_sfm: SfmResult, kermit_names: list[str]
-):
-    """Three images among themselves fit well, as they do when all are displaced together."""
-    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
-    ids = {image.name: image_id for image_id, image in model.images.items()}
-    group, rest = kermit_names[8:], kermit_names[:8]
-
-    def check(first: str, second: str, matches: int, supported: int) -> PairCheck:
-        return PairCheck(ids[first], ids[second], matches, supported, 0.0, 0.0)
-
-    within = [check(a, b, 500, 490) for names in (group, rest) for a, b in itertools.combinations(names, 2)]
-    fits = [check(rest[0], group[0], 60, 60)]
-    assert _unsupported(model, [*within, *fits]) == []
-    assert _unsupported(model, [*within, *fits, check(rest[1], group[1], 50, 0)]) == []
-    assert _unsupported(model, [*within, *fits, check(rest[1], group[1], 70, 0)]) == group
-    assert _unsupported(model, within) == group

@@ -12,7 +12,7 @@ from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.report import Evidence
+from fvs_engine.sfm.report import Evidence, WitnessEvidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
@@ -30,9 +30,11 @@ def evidence(**changes: object) -> Evidence:
         translation_support=0.95,
         cycle_consistency=0.9,
         unsupported_images=(),
+        loosely_linked_images=(),
         misplaced_images=(),
         prior_residual_share=None,
         prior_support=None,
+        witness=None,
     )
     return Evidence.model_validate(good.model_dump() | changes)
 
@@ -163,6 +165,70 @@ def test_priors_that_the_pairs_contradict_confirm_no_model():
     weak = {"match_support": 0.87, "prior_residual_share": 0.05}
     assert decide([candidate("incremental", **weak)], SETTINGS).chosen == 0
     assert decide([candidate("incremental", prior_support=0.3, **weak)], SETTINGS).chosen is None
+
+
+def witness(**changes: object) -> WitnessEvidence:
+    agrees = WitnessEvidence(
+        pairs=40,
+        matches=4000,
+        match_support=0.97,
+        rotation_support=0.95,
+        translation_support=0.95,
+        contradicted_images=(),
+        silent_on_images=(),
+    )
+    return agrees.model_copy(update=changes)
+
+
+FEW = tuple(NAMES[:2])
+"""Images that few matches join with the rest."""
+
+
+def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
+    decision = decide([candidate("incremental", loosely_linked_images=FEW)], SETTINGS)
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "0.jpg, 1.jpg" in decision.warnings[0]
+
+
+@pytest.mark.parametrize("confirmation", [{"witness": witness()}, {"prior_residual_share": 0.05}])
+def test_the_witness_or_gps_ends_the_doubt_about_few_matches(confirmation: dict[str, object]):
+    decision = decide([candidate("incremental", loosely_linked_images=FEW, **confirmation)], SETTINGS)
+    assert decision.judgements[0].verdict == "accepted"
+
+
+def test_a_witness_that_is_silent_about_them_does_not():
+    silent = witness(silent_on_images=FEW[:1])
+    decision = decide([candidate("incremental", loosely_linked_images=FEW, witness=silent)], SETTINGS)
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "0.jpg with" in decision.warnings[0]
+
+
+def test_the_witness_confirms_a_right_model_with_weak_directions_alone():
+    """Evidence that twelve views of a real scene had, far from one another and right to 0.6 %."""
+    weak = {"match_support": 0.93, "translation_support": 0.786}
+    assert decide([candidate("incremental", **weak)], SETTINGS).chosen is None
+    confirmed = decide([candidate("incremental", witness=witness(), **weak)], SETTINGS)
+    assert confirmed.judgements[0].verdict == "accepted"
+    as_weak = witness(translation_support=0.7)
+    assert decide([candidate("incremental", witness=as_weak, **weak)], SETTINGS).chosen is None
+
+
+def test_images_that_the_witness_connects_are_not_unsupported():
+    """A seam of false pairs beside right ones: four of twenty views of a real scene, all right."""
+    seam = {"unsupported_images": tuple(NAMES[:3])}
+    assert decide([candidate("incremental", **seam)], SETTINGS).chosen is None
+    decision = decide([candidate("incremental", witness=witness(), **seam)], SETTINGS)
+    assert decision.judgements[0].verdict == "accepted"
+    silent = witness(silent_on_images=tuple(NAMES[:3]))
+    assert decide([candidate("incremental", witness=silent, **seam)], SETTINGS).chosen is None
+
+
+def test_a_model_of_which_the_witness_contradicts_too_much_is_rejected():
+    decision = decide(
+        [candidate("incremental", witness=witness(contradicted_images=tuple(NAMES[:5])))], SETTINGS
+    )
+    assert decision.chosen is None
+    assert "other features contradict the poses of 5" in decision.judgements[0].reasons[0]
 
 
 def test_a_model_without_verified_pairs_is_rejected():

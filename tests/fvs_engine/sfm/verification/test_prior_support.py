@@ -32,7 +32,7 @@ def baselines(poses: dict[int, RigidTransform]) -> list[PairCheck]:
         for step in range(1, 5):
             second = (first + step) % COUNT
             seen = poses[first].inverse().apply(poses[second].translation)
-            checks.append(PairCheck(first, second, 100, 100, 0.0, 0.0, seen / np.linalg.norm(seen)))
+            checks.append(PairCheck(first, second, 100, 100, 2000.0, 0.0, 0.0, seen / np.linalg.norm(seen)))
     return checks
 
 
@@ -70,7 +70,9 @@ def test_the_priors_of_a_wrong_model_still_fit_its_pairs():
     for index in random.choice(len(checks), size=len(checks) // 3, replace=False):
         check = checks[index]
         away = random.normal(size=3)
-        checks[index] = PairCheck(check.first, check.second, 100, 100, 0.0, 0.0, away / np.linalg.norm(away))
+        checks[index] = PairCheck(
+            check.first, check.second, 100, 100, 2000.0, 0.0, 0.0, away / np.linalg.norm(away)
+        )
     order = list(range(COUNT))
     by_model = prior_support(checks, NAMES, rotations(ring()), priors(order))
     assert by_model is not None
