@@ -37,10 +37,10 @@ shapes, units and errors are in the docstrings. This page has the top-level modu
 
 _SETTINGS = """# Settings
 
-The service reads its settings from environment variables when it starts. When a value is not valid,
-`fvs serve` names the variable and does not start. A variable with the suffix `_FILE` names a file that has
-the value, which suits secrets: `FVS_DATABASE_URL_FILE=/run/secrets/database-url`. Units are in the names:
-`_S` is seconds, `_BYTES` bytes, `_PX` pixels. [Run the service](../operate/running.md#settings) has the
+The service reads its settings from environment variables when it starts. When a value is not valid, or
+a name is no setting, `fvs serve` names the variable and does not start. A variable with the suffix `_FILE`
+names a file that has the value, which suits secrets: `FVS_DATABASE_URL_FILE=/run/secrets/database-url`.
+Units are in the names: `_S` is seconds, `_BYTES` bytes, `_PX` pixels. [Run the service](../operate/running.md#settings) has the
 settings that most installations need.
 """
 

@@ -51,6 +51,7 @@ _PROCESS_FILES = (
     "fvs_engine/splat/test_processes.py",
     "fvs_service/test_abandoned_rankings.py",
     "fvs_service/test_streamed_rankings.py",
+    "fvs_service/test_certificates.py",
     "fvs_service/test_connection.py",
     "fvs_service/test_serve.py",
     "fvs_service/test_stop_signals.py",

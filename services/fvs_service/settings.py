@@ -1,15 +1,12 @@
 """The settings of the service: one frozen object."""
 
 import ipaddress
-import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, FilePath, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
-    EnvSettingsSource,
     NoDecode,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
@@ -17,11 +14,10 @@ from pydantic_settings import (
 
 from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
+from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
 
 MEGABYTE = 1_000_000
 GIGABYTE = 1_000 * MEGABYTE
-_PREFIX = "FVS_"
-_FILE = "_FILE"
 
 
 def _names(value: object) -> object:
@@ -194,18 +190,6 @@ class Retention(Record):
     """Number of days for which an idempotency key is kept: a repeated request creates nothing new."""
 
 
-class _FilesOfEnvironment(EnvSettingsSource):
-    """Values of variables from files, for secrets: ``FVS_DATABASE_URL_FILE``."""
-
-    def _load_env_vars(self) -> Mapping[str, Any]:
-        named = {name: file for name, file in os.environ.items() if name.startswith(_PREFIX)}
-        return {
-            name.removesuffix(_FILE).lower(): Path(file).read_text(encoding="utf-8").strip()
-            for name, file in named.items()
-            if name.endswith(_FILE)
-        }
-
-
 class Settings(BaseSettings):
     """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
@@ -214,7 +198,7 @@ class Settings(BaseSettings):
     """
 
     model_config = SettingsConfigDict(
-        env_prefix=_PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
+        env_prefix=PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
     )
 
     root: Path = Path("fvs-service")
@@ -237,9 +221,9 @@ class Settings(BaseSettings):
     require_keys: bool = False
     """Require API keys also on loopback."""
     tls_certificate: FilePath | None = None
-    """PEM file with the certificate chain for TLS."""
+    """PEM file with the certificate chain for TLS; needs ``tls_key``."""
     tls_key: FilePath | None = None
-    """PEM file with the certificate's private key."""
+    """PEM file with the certificate's private key, without a passphrase. It may be the same file."""
     tls_client_ca: FilePath | None = None
     """PEM file with the authority that must have signed the certificates of clients (mTLS)."""
     reserve_bytes: _Room = 500 * MEGABYTE
@@ -291,7 +275,8 @@ class Settings(BaseSettings):
         file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Values from code, from the environment, from files that the environment names."""
-        return init_settings, env_settings, _FilesOfEnvironment(settings_cls)
+        files, unknown = FilesOfEnvironment(settings_cls), UnknownOfEnvironment(settings_cls)
+        return init_settings, env_settings, files, unknown
 
     @field_validator("grpc")
     @classmethod
@@ -299,6 +284,20 @@ class Settings(BaseSettings):
         if not grpc and not known.data.get("rest", True):
             raise ValueError("a gateway without REST needs gRPC")
         return grpc
+
+    @field_validator("tls_key")
+    @classmethod
+    def _completes_tls(cls, key: FilePath | None, known: ValidationInfo) -> FilePath | None:
+        if "tls_certificate" in known.data and (key is None) != (known.data["tls_certificate"] is None):
+            raise ValueError("TLS needs FVS_TLS_CERTIFICATE and FVS_TLS_KEY; one file may have both")
+        return key
+
+    @field_validator("tls_client_ca")
+    @classmethod
+    def _belongs_to_tls(cls, authority: FilePath | None, known: ValidationInfo) -> FilePath | None:
+        if authority is not None and known.data.get("tls_certificate", authority) is None:
+            raise ValueError("mTLS needs FVS_TLS_CERTIFICATE and FVS_TLS_KEY, too")
+        return authority
 
     @property
     def database(self) -> str:

@@ -1,13 +1,21 @@
-"""Every number of the settings has a range: refused by name outside of it, harmless at its ends."""
+"""Settings that cannot be used are refused by name; those at the ends of their ranges are harmless."""
 
+import contextlib
+import itertools
+import re
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from fvs_service.cli.options import settings_of
+from fvs_service.environment import OF_OTHERS, variables_of
 from fvs_service.settings import Settings
 from fvs_service.worker.sweep import Sweeps
 from pydantic import ValidationError
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 _SCHEMA = Settings.model_json_schema()
 _PROCESSES = ("inspectors",)
 """Each of them would be started."""
@@ -74,3 +82,67 @@ def test_the_service_starts_and_sweeps_at_the_ends_of_all_ranges(open_gateway: A
         job_id = gateway.queue(scene)
         assert gateway.client.get(f"/v1/jobs/{job_id}").json()["state"] == "queued"
     Sweeps(gateway.application.storage).sweep()
+
+
+@pytest.mark.parametrize(
+    ("variable", "nearest"),
+    [
+        ("FVS_RESERVE_BYTE", "FVS_RESERVE_BYTES"),
+        ("FVS_TLS_CERT", "FVS_TLS_CERTIFICATE"),
+        ("FVS_REQUIRE_KEY", "FVS_REQUIRE_KEYS"),
+        ("FVS_WORKER_COUNT", "FVS_WORKER__COUNT"),
+        ("FVS_WORKER__COUNTS", "FVS_WORKER__COUNT"),
+        ("FVS_ROOT__IMAGE_BYTES", "FVS_LIMITS__IMAGE_BYTES"),
+    ],
+)
+def test_a_misspelt_variable_is_refused_with_the_nearest_name(
+    variable: str, nearest: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(variable, "1")
+    with pytest.raises(typer.Exit):
+        settings_of()
+    assert capsys.readouterr().err == (
+        f"Error: {variable}: There is no such setting. Did you mean {nearest}?\n"
+    )
+
+
+def test_a_misspelt_variable_for_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "secret").write_text("secret")
+    monkeypatch.setenv("FVS_DATABASE_ULR_FILE", str(tmp_path / "secret"))
+    with pytest.raises(ValidationError) as error:
+        Settings()
+    assert {one["loc"] for one in error.value.errors()} == {("database_ulr",)}
+    assert "secret" not in str(error.value)
+
+
+def test_variables_of_other_programs_of_the_project_are_let_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in OF_OTHERS:
+        monkeypatch.setenv(variable, "x")
+    assert Settings() == Settings(root="fvs-service")
+
+
+def test_every_variable_that_the_project_names_is_known() -> None:
+    """Else a program of its own that starts the service with its environment would be refused."""
+    known = {*variables_of(Settings), *OF_OTHERS}
+    for folder in ("clients", "tests", "benchmarks", "demo", "deploy"):
+        for file in (REPOSITORY / folder).rglob("*.py"):
+            if file != Path(__file__):
+                read = re.findall(r"""["'](FVS_[A-Z_]*[A-Z])["']""", file.read_text(encoding="utf-8"))
+                assert {name.removesuffix("_FILE") for name in read} <= known, file
+
+
+_TLS = ("tls_certificate", "tls_key", "tls_client_ca")
+
+
+@pytest.mark.parametrize("given", [set(names) for k in range(4) for names in itertools.combinations(_TLS, k)])
+def test_tls_has_a_certificate_and_a_key_and_mtls_both(given: set[str], tmp_path: Path) -> None:
+    file = tmp_path / "some.pem"
+    file.touch()
+    wrong = set()
+    if ("tls_certificate" in given) != ("tls_key" in given):
+        wrong.add("tls_key")
+    if "tls_client_ca" in given and "tls_certificate" not in given:
+        wrong.add("tls_client_ca")
+    with pytest.raises(ValidationError) if wrong else contextlib.nullcontext() as error:
+        Settings(**dict.fromkeys(given, file))
+    assert {one["loc"][0] for one in (error.value.errors() if error else ())} == wrong

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fvs_service.cli.serve import RootOption, settings_of
+from fvs_service.cli.options import RootOption, settings_of
 
 _EXIT_FOUND = 13
 

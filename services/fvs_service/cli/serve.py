@@ -4,27 +4,21 @@ import os
 import sys
 from collections.abc import Mapping
 from datetime import timedelta
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fvs_engine.cli.exit_codes import USAGE
+from fvs_service.cli.options import RootOption, settings_of
 from fvs_service.principal import LOCAL_TENANT, Scope
 
 if TYPE_CHECKING:
     from fvs_service.serving.stop_signals import StopSignals
-    from fvs_service.settings import Settings
 
 STOP_WITHIN_S = 6.0
 """Longest time from SIGTERM to the end of the last process. Containers are killed after 10 s."""
 
 keys = typer.Typer(help="Create, list and revoke API keys.", no_args_is_help=True)
-
-RootOption = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Folder of the service's data.", show_default="fvs-service"),
-]
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -180,21 +174,3 @@ def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: RootO
             storage.keys.revoke(key_id)
         except ServiceError as error:
             raise typer.BadParameter(f"{error.message} {error.hint}") from error
-
-
-def settings_of(**given: object) -> "Settings":
-    """The settings from the environment and the given ones; ends the program when they are not valid."""
-    from pydantic import ValidationError
-
-    from fvs_service.settings import Settings
-
-    try:
-        return Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-    except OSError as error:
-        typer.echo(f"Error: the file that an FVS_…_FILE variable names cannot be read: {error}.", err=True)
-        raise typer.Exit(USAGE) from error
-    except ValidationError as error:
-        for wrong in error.errors():
-            variable = "FVS_" + "__".join(map(str, wrong["loc"])).upper()
-            typer.echo(f"Error: {variable}: {wrong['msg']}.", err=True)
-        raise typer.Exit(USAGE) from error

@@ -26,6 +26,7 @@ from fvs_service.errors import (
 )
 from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
+from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
 from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
@@ -86,12 +87,14 @@ class Supervisor:
     def run(self, announce: Callable[[str], object]) -> None:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
-        Raises ``ForbiddenError`` when other machines can reach the service and no API key protects it,
+        Raises ``InvalidInputError`` when a file for TLS cannot be used,
+        ``ForbiddenError`` when other machines can reach the service and no API key protects it,
         ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
         written, ``UnavailableError`` when the gateway does not start, the database cannot be reached, or the
         object store refuses.
         """
         if self._role is not Role.WORKER:
+            require_certificates(self._settings)
             require_protection(self._settings)
         with _only_service_in(self._settings.root):
             adopt_orphans()

@@ -81,8 +81,9 @@ class RpcServer:
 
     def _bind(self, address: str) -> int:
         settings = self._settings
-        if settings.tls_certificate is None or settings.tls_key is None:
+        if settings.tls_certificate is None:
             return int(self._server.add_insecure_port(address))
+        assert settings.tls_key is not None  # the settings require both
         authority = settings.tls_client_ca
         credentials = grpc.ssl_server_credentials(
             [(settings.tls_key.read_bytes(), settings.tls_certificate.read_bytes())],
