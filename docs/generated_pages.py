@@ -40,8 +40,8 @@ _SETTINGS = """# Settings
 The service reads its settings from environment variables when it starts. When a value is not valid, or
 a name is no setting, `fvs serve` names the variable and does not start. A variable with the suffix `_FILE`
 names a file that has the value, which suits secrets: `FVS_DATABASE_URL_FILE=/run/secrets/database-url`.
-Units are in the names: `_S` is seconds, `_BYTES` bytes, `_PX` pixels. [Run the service](../operate/running.md#settings) has the
-settings that most installations need.
+Units are in the names: `_S` is seconds, `_BYTES` bytes, `_PX` pixels.
+[Run the service](../operate/running.md#settings) has the settings that most installations need.
 """
 
 

@@ -64,7 +64,7 @@ class UnknownOfEnvironment(PydanticBaseSettingsSource):
         return None, field_name, False
 
     def __call__(self) -> dict[str, Any]:
-        """The names of unknown variables, without the prefix; their values, which may be secret, are left out."""
+        """The names of unknown variables without the prefix; their values may be secret, so they stay out."""
         variables = (name.upper().removesuffix(_FILE) for name in os.environ)
         unknown = {name for name in variables if name.startswith(PREFIX)} - self._known
         names = (name.removeprefix(PREFIX).lower() for name in unknown)
