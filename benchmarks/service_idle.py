@@ -12,7 +12,6 @@ small model of a simulated courtyard, and its runner, which stays loaded.
 """
 
 import argparse
-import os
 import random
 import tempfile
 import threading
@@ -27,18 +26,13 @@ from fvs_client import Client, Event, EventKind, Scene
 from fvs_service.serving.process_tree import command_of, descendants
 from fvs_service.serving.running import GATEWAY, RUNNER, WORKER, RunningService, running_service
 from measurement import report
+from processor_time import own_s
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _SETTLE_S = 15.0
 _ROLES = {GATEWAY: "gateway", WORKER: "worker", RUNNER: "runner", "multiprocessing": "inspectors"}
-
-
-def processor_s(pid: int) -> float:
-    """The processor time that a process has used, all its threads together (Linux)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def role_of(pid: int, service: RunningService) -> str:
@@ -54,7 +48,7 @@ def used_s(service: RunningService) -> dict[str, float]:
     total: dict[str, float] = {}
     for pid in (service.pid, *descendants(service.pid)):
         role = role_of(pid, service)
-        total[role] = total.get(role, 0.0) + processor_s(pid)
+        total[role] = total.get(role, 0.0) + own_s(pid)
     return total
 
 
