@@ -173,7 +173,7 @@ def test_the_command_says_whether_the_witness_is_installed(
 
 def test_a_deployment_that_works_has_no_troubles(open_gateway: Callable[..., Any]) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, 20).beat("worker-0")
+    Heartbeats(storage.database, "worker-0", 20).beat()
     assert list(troubles(storage)) == []
 
 
@@ -181,8 +181,8 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
     open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, 20).beat("worker-0", disk_full=True)
-    Heartbeats(storage.database, 20).beat("worker-1")
+    Heartbeats(storage.database, "worker-0", 20).beat(disk_full=True)
+    Heartbeats(storage.database, "worker-1", 20).beat()
     with storage.database.writing() as session:
         session.execute(update(WorkerRow).where(WorkerRow.id == "worker-1").values(beaten_at_ms=0))
     ten_minutes_later = time.time() + 600
@@ -204,7 +204,7 @@ def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(
     open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, 20).beat("worker-0")
+    Heartbeats(storage.database, "worker-0", 20).beat()
     (tmp_path / "fvs-gpu-slots").symlink_to(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (trouble,) = troubles(storage)

@@ -13,9 +13,8 @@ def fleet(open_gateway: Any) -> Any:
     """A gateway with a worker that lives and one that fell silent 30 s ago."""
     gateway = open_gateway()
     database = gateway.application.storage.database
-    heartbeats = Heartbeats(database, gateway.settings.lease_s)
-    heartbeats.beat("worker-0", backend="cpu", runner_bytes=7_000)
-    heartbeats.beat("worker-1")
+    Heartbeats(database, "worker-0", gateway.settings.lease_s).beat(backend="cpu", runner_bytes=7_000)
+    Heartbeats(database, "worker-1", gateway.settings.lease_s).beat()
     with database.writing() as session:
         row = session.get(WorkerRow, "worker-1")
         assert row is not None

@@ -27,6 +27,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.database import Database
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import Table
+from fvs_service.worker.heartbeat import Heartbeats
 from postgresql_server import PostgresqlServer
 from sqlalchemy import text
 
@@ -192,6 +193,16 @@ def test_a_frozen_worker_cannot_commit_and_does_not_hold_up_others(postgresql: P
     with pytest.raises(ServiceError, match="has lost the lease"), database.writing(scene) as session:
         require_lease(session, lease)
     database.close()
+
+
+def test_workers_that_were_all_silent_claim_each_other_without_a_deadlock(database: Database) -> None:
+    workers = [Heartbeats(database, f"worker-{number}", lease_s=600) for number in range(4)]
+    for worker in workers:
+        worker.beat()
+    for _ in range(10):
+        with database.writing() as session:
+            session.execute(text("UPDATE workers SET expires_at_ms = 0"))
+        assert at_once(*[lambda worker=worker: worker.beat() for worker in workers]) == []
 
 
 def test_a_server_that_restarts_costs_an_error_and_nothing_else(own_server: PostgresqlServer) -> None:

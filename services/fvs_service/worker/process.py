@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-from collections.abc import Iterable
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -37,14 +36,12 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     settings = storage.settings
     room = Room(settings)
     # First of all: else others might put back the jobs that this worker is about to resume.
-    heartbeats = Heartbeats(storage.database, settings.lease_s)
-    heartbeat = heartbeats.beat(
-        worker_id,
+    heartbeats = Heartbeats(storage.database, worker_id, settings.lease_s)
+    heartbeats.beat(
         slots=settings.worker.jobs_at_once,
         backend=settings.worker.backend,
         work=settings.worker.work,
     )
-    _reap(heartbeat.dead, storage, heartbeats)
     scenes = LeasedScenes(storage, worker_id)
     attempts = Attempts(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -64,7 +61,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     _log.info("worker ready", worker=worker_id)
     try:
         while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
-            _maintain(storage, worker_id, heartbeats, room, scenes)
+            _maintain(storage, heartbeats, room, scenes)
     except _ReplacedError:
         _log.warning("replaced by another worker", worker=worker_id)
         os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
@@ -75,16 +72,13 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         scenes.stop()
 
 
-def _maintain(
-    storage: Storage, worker_id: str, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes
-) -> None:
+def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes) -> None:
     """Send a heartbeat, and put back the jobs of dead workers.
 
     Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
     """
     try:
         heartbeat = heartbeats.beat(
-            worker_id,
             slots=storage.settings.worker.jobs_at_once,
             disk_full=room.short,
             backend=scenes.backend,
@@ -93,13 +87,8 @@ def _maintain(
         )
         if not heartbeat.known:
             raise _ReplacedError
-        _reap(heartbeat.dead, storage, heartbeats)
+        for dead in heartbeat.dead:
+            _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
+            heartbeats.forget(dead)
     except (SQLAlchemyError, ServiceError) as error:
         _log.warning("database unavailable", reason=type(error).__name__)
-
-
-def _reap(dead: Iterable[str], storage: Storage, heartbeats: Heartbeats) -> None:
-    """Put back the jobs of dead workers."""
-    for worker_id in dead:
-        _log.warning("reaping", worker=worker_id, jobs=storage.queue.put_back_all(worker_id))
-        heartbeats.forget(worker_id)

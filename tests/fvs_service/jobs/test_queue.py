@@ -120,7 +120,7 @@ def test_the_jobs_of_a_dead_worker_wait_again(gateway: Any) -> None:
 def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> None:
     (job,) = _jobs(gateway, "a", 1)
     queue = _queue(gateway)
-    Heartbeats(gateway.application.storage.database, 20).beat("worker-0", slots=1)
+    Heartbeats(gateway.application.storage.database, "worker-0", 20).beat(slots=1)
     ticket = queue.take("worker-0")
     assert ticket is not None
     assert _waiting(gateway, "a", job) is None
@@ -136,15 +136,15 @@ def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> 
 def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
     a, b = _jobs(gateway, "a", 3), _jobs(gateway, "b", 1)
     assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
-    heartbeats = Heartbeats(gateway.application.storage.database, 20)
-    heartbeats.beat("worker-0", slots=1)
+    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0", 20)
+    heartbeats.beat(slots=1)
     places = [_waiting(gateway, "a", job)["place"] for job in a] + [_waiting(gateway, "b", b[0])["place"]]
     assert sorted(places) == [1, 2, 3, 4]
     assert _waiting(gateway, "a", a[2])["reason"] == "tenant-limit"
     behind = _waiting(gateway, "b", b[0])
     assert (behind["place"], behind["reason"]) == (2, "queue")
     assert behind["message"] == "1 job goes first."
-    heartbeats.beat("worker-0", slots=1, disk_full=True)
+    heartbeats.beat(slots=1, disk_full=True)
     assert _waiting(gateway, "b", b[0])["reason"] == "disk"
     with gateway.application.storage.database.writing() as session:
         session.execute(update(WorkerRow).values(beaten_at_ms=1))  # silent, and not declared dead yet
@@ -171,8 +171,8 @@ def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None
 
 def test_a_waiting_job_estimates_when_it_has_its_turn(gateway: Any) -> None:
     headers = gateway.key("a")
-    heartbeats = Heartbeats(gateway.application.storage.database, 20)
-    heartbeats.beat("worker-0", slots=1)
+    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0", 20)
+    heartbeats.beat(slots=1)
     first, second = _jobs(gateway, "a", 2)
     assert _waiting(gateway, "a", second)["eta_s"] is None  # nothing has ended yet
     gateway.model(gateway.scene(headers), headers)
@@ -186,8 +186,7 @@ def test_each_kind_of_work_has_a_queue_of_its_own(gateway: Any) -> None:
     fine = gateway.queue(scene, kind="fine", headers=headers)
     (update,) = _jobs(gateway, "b", 1)
     storage = gateway.application.storage
-    heartbeats = Heartbeats(storage.database, 20)
-    heartbeats.beat("cpu", work="sfm")
+    Heartbeats(storage.database, "cpu", 20).beat(work="sfm")
     assert "that trains" in _waiting(gateway, "a", fine)["message"]
     assert _waiting(gateway, "b", update)["reason"] == "queue"
     cpu, gpu = (
@@ -209,7 +208,7 @@ def test_each_kind_of_work_has_a_queue_of_its_own(gateway: Any) -> None:
     cpu.put_back(ticket, "cpu")
     assert cpu.take("cpu") is None
     assert _waiting(gateway, "b", update)["reason"] == "no-worker"
-    heartbeats.beat("gpu", work="training")
+    Heartbeats(storage.database, "gpu", 20).beat(work="training")
     assert _waiting(gateway, "b", update)["reason"] == "queue"
     assert gpu.take("gpu") == ticket
     storage.ledger.cancel(lease, update)
@@ -234,7 +233,7 @@ def test_a_fine_model_pauses_for_an_update_only_while_a_worker_lives_that_runs_i
     assert ticket is not None
     gateway.queue(scene, headers=headers)
     assert not gpu.must_pause(fine, turn_may_end=True)
-    Heartbeats(database, 20).beat("cpu", work="sfm")
+    Heartbeats(database, "cpu", 20).beat(work="sfm")
     assert gpu.must_pause(fine, turn_may_end=True)
     gpu.put_back(ticket, "gpu")
     assert gpu.take("gpu") is None  # it would pause again at once

@@ -22,35 +22,54 @@ def _much_later(database: Database) -> None:
         session.execute(update(WorkerRow).values(expires_at_ms=0))
 
 
+class _Worker(Heartbeats):
+    """A worker with a clock of its own, that has sent its first heartbeat."""
+
+    def __init__(self, database: Database, worker_id: str) -> None:
+        self.time_s = 0.0
+        super().__init__(database, worker_id, lease_s=600, clock=lambda: self.time_s)
+        self.beat()
+
+
 def test_a_worker_without_heartbeats_is_claimed_by_one_other(database: Database) -> None:
-    heartbeats = Heartbeats(database, lease_s=600)
-    heartbeats.beat("old")
-    assert heartbeats.beat("new").dead == ()
+    old, new = _Worker(database, "old"), _Worker(database, "new")
+    assert new.beat().dead == ()
     _much_later(database)
-    assert heartbeats.beat("new").dead == ("old",)
-    assert heartbeats.beat("new").dead == ()
+    assert new.beat().dead == ("old",)
+    assert new.beat().dead == ()
     _much_later(database)
-    assert heartbeats.beat("old").dead == ("new",)  # nobody claims itself
+    assert old.beat().dead == ("new",)  # nobody claims itself
 
 
 def test_a_dead_worker_is_claimed_again_when_its_claimant_dies(database: Database) -> None:
-    heartbeats = Heartbeats(database, lease_s=600)
-    heartbeats.beat("old")
+    first, second = _Worker(database, "first"), _Worker(database, "second")
+    _Worker(database, "old")
+    second.beat()
+    with database.writing() as session:
+        session.execute(update(WorkerRow).where(WorkerRow.id == "old").values(expires_at_ms=0))
+    assert first.beat().dead == ("old",)
     _much_later(database)
-    assert heartbeats.beat("first").dead == ("old",)
+    assert set(second.beat().dead) == {"first", "old"}
+    second.forget("first")
+    second.forget("old")
     _much_later(database)
-    assert set(heartbeats.beat("second").dead) == {"first", "old"}
-    heartbeats.forget("first")
-    heartbeats.forget("old")
+    assert second.beat().dead == ()
+
+
+def test_a_worker_that_was_silent_itself_claims_nobody(database: Database) -> None:
+    silent = _Worker(database, "silent")
+    _Worker(database, "other")
     _much_later(database)
-    assert heartbeats.beat("second").dead == ()
+    silent.time_s += 3 * 600 + 1
+    assert silent.beat().dead == ()  # the database may have been away, and the other is about to beat
+    assert silent.beat().dead == ("other",)
 
 
 def test_a_worker_that_was_taken_for_dead_learns_of_it(database: Database) -> None:
-    heartbeats = Heartbeats(database, lease_s=600)
-    assert not heartbeats.beat("old").known
-    assert heartbeats.beat("old").known
+    old, new = Heartbeats(database, "old", lease_s=600), _Worker(database, "new")
+    assert not old.beat().known
+    assert old.beat().known
     _much_later(database)
-    assert heartbeats.beat("new").dead == ("old",)
-    heartbeats.forget("old")
-    assert not heartbeats.beat("old").known
+    assert new.beat().dead == ("old",)
+    new.forget("old")
+    assert not old.beat().known

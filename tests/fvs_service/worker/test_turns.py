@@ -114,7 +114,7 @@ def worker(gateway: Any, runner: CountingRunner) -> Iterator[Callable[[], None]]
         poll_s=0.02,
         has_room=lambda: not room.short,
     )
-    Heartbeats(storage.database, 20).beat(_WORKER)
+    Heartbeats(storage.database, _WORKER, 20).beat()
     yield dispatcher.start
     runner.endless.clear()
     dispatcher.stop()
