@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from sqlalchemy import select, update
+from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError, UnauthenticatedError
 from fvs_service.model import now
@@ -112,6 +113,14 @@ class Keys:
             if row is None or not matches or not _key(row).valid:
                 raise _unknown()
             return Principal(row.tenant_id, frozenset(map(Scope, row.scopes)), row.scene_id, row.id)
+
+    def require_valid(self, session: Session, principal: Principal) -> None:
+        """Raise ``UnauthenticatedError`` if the principal's key has been revoked, or has expired."""
+        if not principal.key_id:
+            return
+        row = session.get(ApiKeyRow, principal.key_id)
+        if row is None or not _key(row).valid:
+            raise _unknown()
 
 
 def bearer_key(authorization: str) -> str | None:

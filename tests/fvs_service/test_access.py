@@ -159,6 +159,17 @@ def test_keys_expire_and_are_revoked(locked: Any) -> None:
     assert locked.client.get("/v1/scenes", headers=good).status_code == 401
 
 
+def test_a_stream_ends_when_its_key_is_revoked(locked: Any) -> None:
+    key, other = locked.key("owner"), locked.key("owner")
+    scene = locked.scene(other)
+    with locked.client.stream("GET", f"/v1/scenes/{scene}/events", headers=key) as stream:
+        lines = stream.iter_lines()
+        assert "event: scene.created" in lines
+        locked.application.storage.keys.revoke(key["Authorization"].split("_")[1])
+        locked.queue(scene, headers=other)
+        assert not any(line.startswith("event:") for line in lines)
+
+
 def test_credentials_of_another_kind_are_refused_even_where_none_are_needed(gateway: Any) -> None:
     assert gateway.client.get("/v1/scenes").status_code == 200
     for authorization in ("Basic dTpw", "Bearer", "Bearer fvs_x_y", "fvs_x_y"):

@@ -77,6 +77,18 @@ def test_a_broken_stream_resumes_where_it_ended(server: Any) -> None:
         assert next(_messages(stream.iter_lines())) == second
 
 
+def test_a_stream_that_is_ahead_of_a_restored_backup_begins_with_the_gap(server: Any) -> None:
+    scene = server.scene()
+    headers = {"Last-Event-ID": "1000000"}
+    with server.client.stream("GET", f"/v1/scenes/{scene}/events", headers=headers) as stream:
+        messages = (message for message in _messages(stream.iter_lines()) if "event" in message)
+        gap = next(messages)
+        server.queue(scene)
+        assert next(messages)["event"] == "job.queued"
+    assert gap["event"] == "events.deleted"
+    assert int(gap["id"]) < 1_000_000
+
+
 def test_a_tail_leaves_out_the_past_unless_it_is_resumed(server: Any) -> None:
     scene = server.scene()
     path = f"/v1/scenes/{scene}/events"

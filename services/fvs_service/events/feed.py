@@ -11,7 +11,9 @@ from typing import TypeVar
 import anyio.to_thread
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
+from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import ServiceError
 from fvs_service.events.model import Event, EventKind
@@ -37,6 +39,7 @@ class EventFeed:
     def __init__(
         self,
         database: Database,
+        keys: Keys,
         require: Callable[[Principal, str], object],
         *,
         poll_s: float,
@@ -44,6 +47,7 @@ class EventFeed:
         streams_per_tenant: int,
     ) -> None:
         self._database = database
+        self._keys = keys
         self._require = require
         self._poll_s, self._heartbeat_s = poll_s, heartbeat_s
         self.stream_limit = ConcurrencyLimit("event streams", streams_per_tenant)
@@ -94,17 +98,23 @@ class EventFeed:
             self._closed = True
             self._changed.notify_all()
 
-    async def follow(self, scene_id: str, after: int) -> AsyncIterator[Event | None]:
+    async def follow(self, principal: Principal, scene_id: str, after: int) -> AsyncIterator[Event | None]:
         """The events of a scene after number ``after``; None is a heartbeat without an event.
 
-        Ends only after the event that the scene was deleted, or when the feed is closed.
+        Ends only after the event that the scene was deleted, or when the feed is closed. Raises
+        ``UnauthenticatedError`` once the principal's key is no longer valid.
         """
+
+        def next_events(session: Session) -> tuple[Event, ...]:
+            self._keys.require_valid(session, principal)
+            return events_after(session, scene_id, after, _BATCH)
+
         self._followers += 1
         self._followed.set()
         try:
             while not self._closed:
                 seen = self._newest
-                events = await self._read(lambda session: events_after(session, scene_id, after, _BATCH))  # noqa: B023
+                events = await self._read(next_events)
                 for event in events:
                     after = event.number
                     yield event

@@ -50,11 +50,16 @@ def _number(session: Session) -> None:
 def events_after(session: Session, scene_id: str, number: int, limit: int = 256) -> tuple[Event, ...]:
     """The events of a scene after ``number``, the oldest first.
 
-    Where the retention has deleted some of them, the first one reports the gap.
+    Where the retention has deleted some of them, or a backup of before ``number`` was restored, the first one
+    reports the gap.
     """
     last_deleted = session.scalar(select(SceneRow.last_deleted_event).where(SceneRow.id == scene_id)) or 0
     if number < last_deleted:
-        return (_lacking(scene_id, last_deleted), *events_after(session, scene_id, last_deleted, limit))
+        gap = _gap(scene_id, last_deleted, "retention")
+        return (gap, *events_after(session, scene_id, last_deleted, limit))
+    newest = last_number(session)
+    if number > newest:
+        return (_gap(scene_id, newest, "restored backup"),)
     rows = session.scalars(
         select(EventRow)
         .where(EventRow.scene_id == scene_id, EventRow.number > number)
@@ -73,8 +78,9 @@ def events_after(session: Session, scene_id: str, number: int, limit: int = 256)
     )
 
 
-def _lacking(scene_id: str, number: int) -> Event:
-    data = {"reason": "retention"}
+def _gap(scene_id: str, number: int, reason: str) -> Event:
+    """Report that the events up to ``number`` are not known as the client has seen them."""
+    data = {"reason": reason}
     return Event(number=number, scene_id=scene_id, kind=EventKind.EVENTS_DELETED, data=data, created_at=now())
 
 

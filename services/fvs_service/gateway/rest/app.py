@@ -61,6 +61,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             application.staging.clear()
             feed = EventFeed(
                 application.storage.database,
+                application.storage.keys,
                 application.scenes.get,
                 poll_s=settings.event_poll_s,
                 heartbeat_s=settings.event_heartbeat_s,

@@ -1,17 +1,19 @@
 """Events over REST, as server-sent events (WHATWG HTML, section 9.2)."""
 
 from collections.abc import AsyncIterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Annotated
 
 from fastapi import Header, Query
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
+from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.events.model import Event
 from fvs_service.gateway.rest.dependencies import Caller, Counters, Feed, SceneId
 from fvs_service.gateway.rest.routing import json_router
+from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
 router = json_router("/v1/scenes", "events")
@@ -37,17 +39,18 @@ async def watch_events(
         after = await feed.newest()
     slot = ExitStack()
     slot.enter_context(feed.stream_limit.slot(caller.tenant_id))
-    stream = _stream(feed, metrics, slot, scene_id, after if last is None else last)
+    stream = _stream(feed, metrics, slot, caller, scene_id, after if last is None else last)
     return StreamingResponse(stream, media_type="text/event-stream")
 
 
 async def _stream(
-    feed: EventFeed, metrics: Metrics, slot: ExitStack, scene_id: str, after: int
+    feed: EventFeed, metrics: Metrics, slot: ExitStack, caller: Principal, scene_id: str, after: int
 ) -> AsyncIterator[str]:
-    with slot, metrics.streams.track_inprogress():
+    # A client whose key is no longer valid is told so when it connects again.
+    with slot, metrics.streams.track_inprogress(), suppress(UnauthenticatedError):
         # With this id a client that skipped past events can resume before the first new one.
         yield f"retry: {_RECONNECT_MS}\nid: {after}\n\n"
-        async for event in feed.follow(scene_id, after):
+        async for event in feed.follow(caller, scene_id, after):
             yield _HEARTBEAT if event is None else _message(event)
 
 

@@ -57,7 +57,7 @@ class JobServicer:
             yield job
             if job.state.ended:
                 return
-            async for event in feed.follow(job.scene_id, after):
+            async for event in feed.follow(caller, job.scene_id, after):
                 if event is not None and event.data.get("job_id") != job.id:
                     continue
                 now = await run_sync(self._app.jobs.get, caller, job.id)  # raises when it was deleted

@@ -67,7 +67,7 @@ class SceneServicer:
             after = await feed.newest()
         with feed.stream_limit.slot(caller.tenant_id), metrics.streams.track_inprogress():
             await call.begin(event_number=str(after))
-            async for event in feed.follow(scene_id, after):
+            async for event in feed.follow(caller, scene_id, after):
                 if event is None:
                     continue
                 yield event
