@@ -14,6 +14,7 @@ from fvs.v1 import images_pb2 as images
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
+from fvs_service.gateway.rpc import calls, server
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest
@@ -144,9 +145,11 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
     ],
 )
 def test_a_call_whose_request_does_not_come_ends(
-    open_rpc: Callable[..., tuple[Any, int]], method: str
+    open_rpc: Callable[..., tuple[Any, int]], tenant: Any, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(server, "_REQUEST_WITHIN_S", 0.2)  # of those that need no key
     _, port = open_rpc(upload_idle_s=0.2)
+    metadata = _metadata(tenant)
     never = threading.Event()
 
     def nothing() -> Iterator[bytes]:
@@ -154,7 +157,7 @@ def test_a_call_whose_request_does_not_come_ends(
         yield from ()
 
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
-        held = channel.stream_stream(f"/{method}")(nothing(), timeout=60)
+        held = channel.stream_stream(f"/{method}")(nothing(), timeout=60, metadata=metadata)
         with pytest.raises(grpc.RpcError) as caught:
             next(held)
         never.set()
@@ -162,7 +165,7 @@ def test_a_call_whose_request_does_not_come_ends(
         assert "No request arrived within 0.2 s" in caught.value.details()
         if "Reflection" not in method:
             with pytest.raises(grpc.RpcError) as caught:
-                next(channel.stream_stream(f"/{method}")(iter(()), timeout=60))
+                next(channel.stream_stream(f"/{method}")(iter(()), timeout=60, metadata=metadata))
             assert caught.value.code() is grpc.StatusCode.INVALID_ARGUMENT
 
 
@@ -212,10 +215,46 @@ def test_a_value_of_a_newer_client_is_refused(tenant: Any) -> None:
     assert "no value 99" in outcome.message
 
 
-def test_nothing_is_parsed_before_the_caller_is_known(rpc: Any) -> None:
-    raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(lambda: raw(b"\xff\xff"))
+@pytest.mark.parametrize("method", ["SceneService/CreateScene", "SceneService/WatchEvents"])
+def test_a_caller_without_a_key_is_refused_before_its_request_has_arrived(rpc: Any, method: str) -> None:
+    never = threading.Event()
+
+    def nothing() -> Iterator[bytes]:
+        never.wait(60)
+        yield from ()
+
+    raw = rpc.channel.stream_stream(f"/fvs.v1.{method}")
+    _, outcome = _refused(lambda: next(raw(nothing(), timeout=20)))
+    never.set()
     assert outcome.code == "unauthenticated"
+
+
+def test_a_tenant_cannot_take_the_calls_of_others(
+    open_rpc: Callable[..., tuple[Any, int]], gateway: Any, tenant: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "_CALLS_PER_TENANT", 3)
+    _, port = open_rpc()
+    other = gateway.application.storage.keys.create("other", tenant_id="somebody")
+    never = threading.Event()
+
+    def nothing() -> Iterator[bytes]:
+        never.wait(60)
+        yield from ()
+
+    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+        raw = channel.stream_stream("/fvs.v1.ImageService/UploadImage")
+        held = [raw(nothing(), metadata=_metadata(tenant)) for _ in range(4)]
+        deadline = time.monotonic() + 20
+        while not any(call.done() for call in held):  # one too many
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        listed = channel.unary_unary("/fvs.v1.SceneService/ListScenes")
+        _, refused = _refused(lambda: listed(b"", metadata=_metadata(tenant)))
+        assert (refused.code, refused.retryable) == ("limit-exceeded", True)
+        listed(b"", metadata=(("authorization", f"Bearer {other}"),))
+        for call in held:
+            call.cancel()
+        never.set()
 
 
 def test_a_key_on_hold_is_refused_as_over_rest(tenant: Any, gateway: Any) -> None:

@@ -155,7 +155,13 @@ class GatewayServer(uvicorn.Server):
             return
         state = self._app.state
         gateway = Gateway(
-            state.application, state.feed, state.metrics, state.loop_lag, state.parsing, state.refusals
+            state.application,
+            state.feed,
+            state.metrics,
+            state.loop_lag,
+            state.parsing,
+            state.refusals,
+            self._settings.upload_idle_s,
         )
         rpc = RpcServer(gateway, self._settings)
         try:

@@ -21,12 +21,14 @@ from google.protobuf.message import Message
 from fvs_engine.errors import EngineError
 from fvs_service.application import Application
 from fvs_service.auth import bearer_key
+from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
     InternalError,
     InvalidRequestError,
     ServiceError,
+    SlowRequestError,
     UnauthenticatedError,
     from_engine,
     stopping,
@@ -47,6 +49,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 Context: TypeAlias = grpc.aio.ServicerContext
 
 MAX_ID_CHARACTERS = 128
+_CALLS_PER_TENANT = 512
+"""Calls that a tenant may have open at once: others find a place in the server's total."""
 _METHOD = "RPC"
 """The method in log lines and metrics, where REST has GET or POST."""
 _LARGE_BYTES = 65_536
@@ -57,7 +61,11 @@ _log = structlog.get_logger()
 
 @dataclass
 class Gateway:
-    """What calls use of the gateway; ``running`` are the tasks of the calls, which a stop cuts."""
+    """What calls use of the gateway.
+
+    ``request_within_s``: the time within which a request must arrive; ``running``: the tasks of the calls,
+    which a stop cuts.
+    """
 
     application: Application
     feed: EventFeed
@@ -65,6 +73,8 @@ class Gateway:
     loop_lag: LoopLag
     parsing: anyio.CapacityLimiter
     refusals: Refusals
+    request_within_s: float
+    call_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("calls", _CALLS_PER_TENANT))
     stopping: bool = False
     running: set["asyncio.Task[Any]"] = field(default_factory=set)
 
@@ -97,6 +107,20 @@ class Call:
         """Count the call if it is refused."""
         if self._key is not None:
             self._gateway.refusals.count(self._key, self._principal, error)
+
+    async def read(self) -> bytes:
+        """The only message of the request; raises ``SlowRequestError`` if it does not arrive."""
+        within_s = self._gateway.request_within_s
+        try:
+            async with asyncio.timeout(within_s):
+                content: bytes = await self._context.read()
+        except TimeoutError as error:
+            raise SlowRequestError(
+                f"No request arrived within {within_s:g} s.", hint="Send it over a better connection."
+            ) from error
+        if content is grpc.aio.EOF:
+            raise InvalidRequestError("The call has no request.", hint="Send one message.")
+        return content
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
         """Run ``function``, which converts a message of ``size_bytes``, in a thread."""

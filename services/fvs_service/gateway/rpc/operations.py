@@ -11,9 +11,9 @@ A servicer's method gets the caller and the parsed request and returns a model, 
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import aclosing
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import grpc
 from anyio.to_thread import run_sync
@@ -26,6 +26,8 @@ from fvs_service.gateway.rpc.calls import Call, Context, Gateway, answer, parsed
 from fvs_service.gateway.rpc.conversion import write
 from fvs_service.model import Model
 from fvs_service.principal import Principal
+
+T = TypeVar("T")
 
 _WITH_LISTS = frozenset({"CheckImages", "RankViews", "StreamRankViews"})
 _WITHOUT_LISTS_BYTES = 65_536
@@ -73,39 +75,37 @@ class _Operation:
         self._with_body = has_body(method)
         self._most_bytes = json_bytes if method.name in _WITH_LISTS else min(json_bytes, _WITHOUT_LISTS_BYTES)
 
-    async def in_thread(self, content: bytes, context: Context) -> bytes:
+    async def in_thread(self, _: object, context: Context) -> bytes:
         """Answer a unary call with a synchronous method, which runs in a thread."""
 
-        async def work(call: Call) -> bytes:
-            caller = await self._caller(call, content)
+        async def work(call: Call, caller: Principal) -> bytes:
+            content = await self._content(call)
             return await call.run(
                 len(content), lambda: self._serialised(self._function(caller, self._parsed(content)))
             )
 
-        return await answer(self._gateway, context, self._name, work)
+        return await self._answer(context, work)
 
-    async def on_loop(self, content: bytes, context: Context) -> bytes:
+    async def on_loop(self, _: object, context: Context) -> bytes:
         """Answer a unary call with a coroutine method."""
 
-        async def work(call: Call) -> bytes:
-            caller = await self._caller(call, content)
-            request = await self._request(call, content)
+        async def work(call: Call, caller: Principal) -> bytes:
+            request = await self._request(call)
             result = await self._function(call, caller, request)
             return await run_sync(self._serialised, result)
 
-        return await answer(self._gateway, context, self._name, work)
+        return await self._answer(context, work)
 
-    async def to_stream(self, content: bytes, context: Context) -> None:
+    async def to_stream(self, _: object, context: Context) -> None:
         """Answer a call that streams its response."""
 
-        async def work(call: Call) -> None:
-            caller = await self._caller(call, content)
-            request = await self._request(call, content)
+        async def work(call: Call, caller: Principal) -> None:
+            request = await self._request(call)
             async with aclosing(self._function(call, caller, request)) as results:
                 async for result in results:
                     await call.write(await run_sync(self._serialised, result))
 
-        await answer(self._gateway, context, self._name, work)
+        await self._answer(context, work)
 
     async def from_stream(self, _: object, context: Context) -> bytes:
         """Answer a call that streams its request."""
@@ -114,22 +114,33 @@ class _Operation:
             content = await context.read()
             return None if content is grpc.aio.EOF else content
 
-        async def work(call: Call) -> bytes:
-            caller = await call.caller(with_body=self._with_body)
+        async def work(call: Call, caller: Principal) -> bytes:
             result = await self._function(call, caller, receive)
             return await run_sync(self._serialised, result)
 
-        return await answer(self._gateway, context, self._name, work)
+        return await self._answer(context, work)
 
-    async def _caller(self, call: Call, content: bytes) -> Principal:
-        caller = await call.caller(with_body=self._with_body)
+    async def _answer(self, context: Context, work: Callable[[Call, Principal], Awaitable[T]]) -> T:
+        """The result of ``work`` for a caller who is known, and has a slot, before a message is read."""
+
+        async def with_caller(call: Call) -> T:
+            caller = await call.caller(with_body=self._with_body)
+            with self._gateway.call_limit.slot(caller.tenant_id):
+                return await work(call, caller)
+
+        return await answer(self._gateway, context, self._name, with_caller)
+
+    async def _content(self, call: Call) -> bytes:
+        """The call's only message."""
+        content = await call.read()
         if len(content) > self._most_bytes:
             raise PayloadTooLargeError(
                 f"The request has more than {self._most_bytes} bytes.", hint="Split it into several calls."
             )
-        return caller
+        return content
 
-    async def _request(self, call: Call, content: bytes) -> Message:
+    async def _request(self, call: Call) -> Message:
+        content = await self._content(call)
         if len(content) <= _SMALL_BYTES:
             return self._parsed(content)
         return await call.run(len(content), lambda: self._parsed(content))
@@ -148,10 +159,11 @@ class _Operation:
 def _handler(
     gateway: Gateway, method: MethodDescriptor, function: Callable[..., Any]
 ) -> grpc.RpcMethodHandler:
+    """All requests are streams to gRPC, which reads the only message of others before it calls a handler."""
     operation = _Operation(gateway, method, function)
     if method.client_streaming:
         return grpc.stream_unary_rpc_method_handler(operation.from_stream)
     if method.server_streaming:
-        return grpc.unary_stream_rpc_method_handler(operation.to_stream)
+        return grpc.stream_stream_rpc_method_handler(operation.to_stream)
     of_loop = inspect.iscoroutinefunction(function)
-    return grpc.unary_unary_rpc_method_handler(operation.on_loop if of_loop else operation.in_thread)
+    return grpc.stream_unary_rpc_method_handler(operation.on_loop if of_loop else operation.in_thread)

@@ -1,4 +1,4 @@
-"""How long a call may wait for its request: gRPC itself waits forever, and calls are limited in number."""
+"""How long health and reflection wait for requests: gRPC itself waits forever, and its calls are limited."""
 
 import asyncio
 import inspect
@@ -14,14 +14,14 @@ Handler: TypeAlias = grpc.RpcMethodHandler
 
 
 class RequestPatience(grpc.aio.ServerInterceptor):  # type: ignore[misc]
-    """Ends calls whose request does not arrive within ``within_s``; before that the caller is unknown.
+    """Ends calls whose request does not arrive within ``within_s``, but those of the services of ``package``.
 
-    Calls with one request are handled as streams of one, which look the same to clients. Uploads, whose
-    parts have a pace of their own, are left as they are.
+    Calls with one request are handled as streams of one, which look the same to clients. The services of
+    the package read their requests themselves, once they know the caller.
     """
 
-    def __init__(self, within_s: float) -> None:
-        self._within_s = within_s
+    def __init__(self, within_s: float, package: str) -> None:
+        self._within_s, self._package = within_s, package
 
     async def intercept_service(
         self,
@@ -30,7 +30,7 @@ class RequestPatience(grpc.aio.ServerInterceptor):  # type: ignore[misc]
     ) -> Handler:
         """The handler of a call, which waits for the request no longer than it may."""
         handler: Any = await continuation(handler_call_details)
-        if handler is None or (handler.request_streaming and not handler.response_streaming):
+        if handler is None or handler_call_details.method.startswith(f"/{self._package}."):
             return handler
         if handler.request_streaming:
             return self._as_stream(handler, self._all_of(handler.stream_stream))

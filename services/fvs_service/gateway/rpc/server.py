@@ -27,6 +27,9 @@ _CALLS_PER_CONNECTION = 256
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _HANDSHAKE_MS = 20_000
 _METADATA_BYTES = 16_384
+_REQUEST_WITHIN_S = 2.0
+"""Time within which the requests of health and reflection must arrive: their callers need no key."""
+_PACKAGE = "fvs.v1"
 _CUT_S = 0.2
 """Calls are aborted this long before the server stops, so that their clients receive the reason."""
 
@@ -37,7 +40,7 @@ class RpcServer:
     def __init__(self, gateway: Gateway, settings: Settings) -> None:
         self._gateway, self._settings = gateway, settings
         self._server = grpc.aio.server(
-            interceptors=(RequestPatience(settings.upload_idle_s),),
+            interceptors=(RequestPatience(_REQUEST_WITHIN_S, _PACKAGE),),
             options=_options(settings.limits.json_bytes),
             maximum_concurrent_rpcs=_CALLS,
         )
