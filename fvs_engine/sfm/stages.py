@@ -127,6 +127,7 @@ class Stages:
 
     def _delete_stale(self, image_dir: Path, names: Sequence[str]) -> None:
         settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
+        # Upsampled or not, the features of one image match those of another: those that exist are kept.
         features = {
             key: settings[key]
             for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics", "focal_prior")

@@ -14,9 +14,9 @@ from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageRefusedError
 from fvs_service.model import now
 from fvs_service.storage.blobs import Blobs
-from fvs_service.storage.tables import JobRow, RemovalRow, WorkerRow
+from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
-from sqlalchemy import update
+from sqlalchemy import delete, update
 from typer import Typer
 from typer.testing import CliRunner
 
@@ -198,6 +198,21 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
         "worker-1 has sent no heartbeat",
     ):
         assert part in said
+
+
+@pytest.mark.parametrize("lost", ["blobs", "database"])
+def test_a_database_and_a_store_that_do_not_know_each_other_are_not_mended(gateway: Any, lost: str) -> None:
+    scene, storage = _scene(gateway), gateway.application.storage
+    if lost == "blobs":
+        for blob in list(storage.blobs.below(f"scenes/{scene}/images/")):
+            storage.blobs.remove(blob.key)
+    if lost == "database":
+        with storage.database.writing() as session:
+            session.execute(delete(ImageRow))
+            session.execute(delete(RemovalRow))
+    (trouble,) = (trouble for trouble in troubles(storage) if trouble.serious)
+    assert "know" in trouble.what
+    assert "restore a backup" in trouble.hint
 
 
 def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(

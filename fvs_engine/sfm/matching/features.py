@@ -1,7 +1,7 @@
 """Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,25 +37,50 @@ def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
     with stages.timed("features"):
         import_images(stages, image_dir, names)
         done = set(feature_counts(database))
-        todo = [name for name in names if name not in done]
-        if todo:
-            stages.native_over(
-                "extract",
-                todo,
-                lambda some: {
-                    "database": str(database),
-                    "image_dir": str(image_dir),
-                    "names": list(some),
-                    "max_image_size": stages.settings.max_image_size_px,
-                    "max_features": stages.settings.max_features,
-                    "threads": stages.settings.threads,
-                },
-                controls=[name for name in names if name in done],
-                on_tick=lambda: stages.monitor.report(
-                    "features", count_rows(database, "keypoints"), len(names)
-                ),
-            )
+        small, large = _by_size(image_dir, [name for name in names if name not in done], stages.settings)
+        for some, upsampled in ((small, True), (large, False)):
+            if some:
+                _extract(stages, image_dir, names, some, done, upsampled=upsampled)
     stages.monitor.report("features", len(names), len(names))
+
+
+def _extract(
+    stages: Stages,
+    image_dir: Path,
+    names: Sequence[str],
+    todo: Sequence[str],
+    done: Collection[str],
+    *,
+    upsampled: bool,
+) -> None:
+    """Extract the features of ``todo`` among ``names``; those ``done`` are known to crash nothing."""
+    database = stages.folder.database
+    stages.native_over(
+        "extract",
+        todo,
+        lambda some: {
+            "database": str(database),
+            "image_dir": str(image_dir),
+            "names": list(some),
+            "max_image_size": stages.settings.max_image_size_px,
+            "upsampled": upsampled,
+            "max_features": stages.settings.max_features,
+            "threads": stages.settings.threads,
+        },
+        controls=[name for name in names if name in done],
+        on_tick=lambda: stages.monitor.report("features", count_rows(database, "keypoints"), len(names)),
+    )
+
+
+def _by_size(image_dir: Path, names: Sequence[str], settings: SfmSettings) -> tuple[list[str], list[str]]:
+    """The images that are upsampled for their features, and the others, each in their order."""
+    small: list[str] = []
+    large: list[str] = []
+    for name in names:
+        with Image.open(image_dir / name) as image:
+            side_px = min(max(image.size), settings.max_image_size_px)
+        (small if side_px < settings.upsample_below_px else large).append(name)
+    return small, large
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,15 +51,17 @@ def extract(
     image_dir: str,
     names: list[str],
     max_image_size: int,
+    upsampled: bool,
     max_features: int,
     threads: int | None,
 ) -> None:
-    """Extract SIFT features; images that have them are skipped."""
+    """Extract SIFT features of images, ``upsampled`` twofold or not; those that have them are skipped."""
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = max_image_size
     options.num_threads = _threads(threads)
     options.use_gpu = False
     options.sift.max_num_features = max_features
+    options.sift.first_octave = -1 if upsampled else 0
     pycolmap.extract_features(database, image_dir, names, extraction_options=options)
 
 

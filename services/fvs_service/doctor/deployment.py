@@ -10,11 +10,15 @@ from fvs_engine.errors import StorageError
 from fvs_service.application import Storage
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.fleet import workers_of
+from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import free_bytes
 from fvs_service.storage.database import now_ms
+from fvs_service.storage.tables import ImageRow, RemovalRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
 _SKEW_S = 5.0
+_SAMPLE = 100
+"""Images that are looked for in the blob store."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +30,32 @@ class Trouble:
     serious: bool = False
 
 
+def _another_store(storage: Storage) -> Iterator[Trouble]:
+    """A database and a blob store that do not know each other: mending would empty one of them."""
+    with storage.database.reading() as session:
+        query = select(ImageRow.scene_id, ImageRow.sha256).where(ImageRow.verdict == "accepted")
+        images = session.execute(query.limit(_SAMPLE)).all()
+        new = not images and session.scalar(select(RemovalRow.key).limit(1)) is None
+    keys = [image_key(scene_id, sha256) for scene_id, sha256 in images]
+    if keys and not any(map(storage.blobs.exists, keys)):
+        yield Trouble(
+            "The blob store has none of the images that the database knows.",
+            "Check --root and FVS_BLOBS__URL. If the bytes are lost, restore a backup, or delete the scenes.",
+            serious=True,
+        )
+    elif new and next(storage.blobs.below("scenes/"), None) is not None:
+        yield Trouble(
+            "The database knows no images, and the blob store has some.",
+            "Check --root and FVS_DATABASE_URL. If the database is lost, restore a backup.",
+            serious=True,
+        )
+
+
 def troubles(storage: Storage) -> Iterator[Trouble]:
     """The faults of this machine and of the deployment, each with its remedy."""
     try:
         storage.blobs.check()
+        yield from _another_store(storage)
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)
     settings = storage.settings

@@ -1,5 +1,6 @@
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -9,7 +10,7 @@ from PIL import Image
 from fvs_engine.choices import CameraModel
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import image_cameras
-from fvs_engine.sfm.matching.features import import_images
+from fvs_engine.sfm.matching.features import add_features, import_images
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 
@@ -76,3 +77,29 @@ def test_exif_precedes_the_prior_and_images_of_equal_focal_length_share_a_camera
     assert cameras["d.jpg"].mean_focal_length() == 79.5 / 2
     save(tmp_path / "f.jpg")
     assert imported(tmp_path, settings)["f.jpg"].camera_id == ids["a.jpg"]
+
+
+@pytest.mark.parametrize(
+    ("reduced_to_px", "small"), [(1600, {"small.png"}), (120, {"small.png", "large.png"})]
+)
+def test_only_small_images_are_upsampled_for_their_features(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reduced_to_px: int, small: set[str]
+):
+    save(tmp_path / "large.png", size=(200, 150))
+    save(tmp_path / "small.png", size=(100, 75))
+    upsampled: dict[str, bool] = {}
+
+    native_over = Stages.native_over
+
+    def observed(stages: Stages, job: str, names: list[str], arguments: Any, **options: Any) -> Any:
+        if job == "extract":
+            upsampled.update(dict.fromkeys(names, arguments(names)["upsampled"]))
+        return native_over(stages, job, names, arguments, **options)
+
+    monkeypatch.setattr(Stages, "native_over", observed)
+    settings = SfmSettings(upsample_below_px=150, max_image_size_px=reduced_to_px)
+    stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
+    stages.folder.root.mkdir()
+    add_features(stages, tmp_path, ["large.png", "small.png"])
+    assert {name for name, was in upsampled.items() if was} == small
+    assert upsampled.keys() == {"large.png", "small.png"}
