@@ -1,11 +1,13 @@
 """The storage and the services, opened together for the gateway and the workers."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
+from fvs_engine.files.storage import storage_errors
 from fvs_service.auth import Keys
 from fvs_service.deletion.service import Deletions
+from fvs_service.errors import NotFoundError
 from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspector import Inspector
@@ -24,7 +26,7 @@ from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Settings
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blobs import Blobs, require_room
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, sqlite_file
 from fvs_service.storage.removals import Removals
 from fvs_service.tracing import Tracing
 
@@ -67,14 +69,44 @@ MakeRunners = Callable[[Storage], SceneRunners]
 """Makes the client of the runners for a storage."""
 
 
+def open_storage(settings: Settings, tracing: Tracing | None = None) -> AbstractContextManager[Storage]:
+    """Open the database, after migrating its schema, and the blobs; close them at the end.
+
+    Creates what does not exist. Raises ``StorageError`` when the root cannot be written.
+    """
+    with storage_errors(settings.root):
+        settings.root.mkdir(parents=True, exist_ok=True)
+    return _opened(settings, Database.migrate, tracing)
+
+
+def open_existing_storage(settings: Settings, *, migrate: bool = False) -> AbstractContextManager[Storage]:
+    """Open the storage of a service that has run before, for commands that only look at it.
+
+    Creates nothing, and migrates the schema only if ``migrate``. Raises ``NotFoundError`` when the database
+    or the blobs should be on this machine and are not, and ``IncompatibleDatabaseError`` when the schema has
+    another version.
+    """
+    local = None if settings.blobs.url else settings.blobs_folder
+    with storage_errors(settings.root):
+        for path in (sqlite_file(settings.database), local):
+            if path is not None and not path.exists():
+                raise NotFoundError(
+                    f"{path} does not exist: no service has run in {settings.root}.",
+                    hint="Name the service's folder with --root or FVS_ROOT.",
+                )
+    return _opened(settings, Database.migrate if migrate else Database.require_migrated)
+
+
 @contextmanager
-def open_storage(settings: Settings, tracing: Tracing | None = None) -> Iterator[Storage]:
-    """Open the database, after migrating its schema, and the blobs; close them at the end."""
-    settings.root.mkdir(parents=True, exist_ok=True)
-    database = Database(settings.database)
+def _opened(
+    settings: Settings, prepare: Callable[[Database], None], tracing: Tracing | None = None
+) -> Iterator[Storage]:
+    with storage_errors(settings.root):
+        database = Database(settings.database)
     try:
-        database.migrate()
-        blobs = Blobs(settings.root / "blobs", settings.blobs)
+        prepare(database)
+        with storage_errors(settings.root):
+            blobs = Blobs(settings.blobs_folder, settings.blobs)
         yield Storage(
             settings=settings,
             database=database,

@@ -18,7 +18,7 @@ from fvs_service.errors import NotFoundError, UnauthenticatedError
 from fvs_service.model import now
 from fvs_service.principal import ALL_SCOPES, LOCAL_TENANT, LOCAL_USER, Principal, Scope
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import ApiKeyRow
+from fvs_service.storage.tables import ApiKeyRow, SceneRow
 
 _PREFIX = "fvs"
 _KEY = re.compile(r"fvs_([0-9a-f]{16})_([A-Za-z0-9_-]{43})")
@@ -60,9 +60,19 @@ class Keys:
         scene_id: str | None = None,
         valid_for: timedelta | None = None,
     ) -> str:
-        """Create a key and return it; it cannot be read again."""
+        """Create a key and return it; it cannot be read again.
+
+        Raises ``NotFoundError`` when the tenant has no scene ``scene_id``.
+        """
         key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(32)
         with self._database.writing() as session:
+            if scene_id is not None:
+                scene = session.get(SceneRow, scene_id)
+                if scene is None or scene.tenant_id != tenant_id:
+                    raise NotFoundError(
+                        f"Tenant {tenant_id} has no scene {scene_id}.",
+                        hint="fvs-client scenes list shows the scenes of a key's tenant.",
+                    )
             session.add(
                 ApiKeyRow(
                     id=key_id,

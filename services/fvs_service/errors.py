@@ -285,11 +285,11 @@ class StorageRefusedError(StorageUnavailableError):
 class IncompatibleDatabaseError(
     ServiceError,
     code="incompatible-database",
-    title="The database has a newer version",
+    title="The database has another version",
     status=500,
     retryable=False,
 ):
-    """A newer version of the service has migrated the database."""
+    """The schema of the database is not that of this version of the service."""
 
 
 class DeadlineError(

@@ -315,6 +315,16 @@ class Settings(BaseSettings):
         return self.root / "scenes"
 
     @property
+    def blobs_folder(self) -> Path:
+        """The folder of the blobs, unless they are in an object store."""
+        return self.root / "blobs"
+
+    @property
+    def heartbeats(self) -> Path:
+        """The folder with a file per worker, whose time is that of the worker's last heartbeat."""
+        return self.root / "heartbeats"
+
+    @property
     def staging(self) -> Path:
         """The folder of uploads that have not fully arrived."""
         return self.root / "staging"

@@ -1,5 +1,6 @@
 """The doctor finds what crashes leave behind, mends it, and touches nothing else."""
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -229,3 +230,13 @@ def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(
 
 def refuse(_blobs: Blobs) -> None:
     raise StorageRefusedError("The object store has no such bucket.", hint="Create it.")
+
+
+def test_a_deployment_whose_storage_is_elsewhere_needs_the_root_named(
+    open_gateway: Callable[..., Any], tmp_path: Path
+) -> None:
+    storage = open_gateway().application.storage
+    elsewhere = storage.settings.model_copy(update={"root": tmp_path / "typo"})
+    (trouble,) = troubles(dataclasses.replace(storage, settings=elsewhere))
+    assert str(tmp_path / "typo") in trouble.what
+    assert "--root" in trouble.hint

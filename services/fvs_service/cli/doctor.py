@@ -1,11 +1,11 @@
 """``fvs doctor``: reports faults of a deployment, and what crashes and restored backups leave behind."""
 
-import contextlib
 from datetime import timedelta
 from typing import Annotated
 
 import typer
 
+from fvs_service.cli.failures import failures_as_messages
 from fvs_service.cli.options import RootOption, settings_of
 
 _EXIT_FOUND = 13
@@ -26,23 +26,18 @@ def doctor(
     """Check the database, the object store, clocks, workers and disks, and whether rows and blobs match.
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
-    of lost workers, and says whether the extra aliked is installed. It may run beside the service. The exit
-    status is 0 when nothing is found, else 13.
+    of lost workers, and says whether the extra aliked is installed. It may run beside the service.
+    Without --mend it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
-    from fvs_service.application import open_storage
+    from fvs_service.application import open_existing_storage
     from fvs_service.doctor.deployment import troubles
     from fvs_service.doctor.examination import examine
-    from fvs_service.errors import ServiceError
 
     installed = "installed" if aliked_weights() is not None else f"not installed ({INSTALL})"
     typer.echo(f"Extra aliked, a second opinion on models without pose priors: {installed}.", err=True)
-    with contextlib.ExitStack() as opened:
-        try:
-            storage = opened.enter_context(open_storage(settings_of(root=root)))
-        except ServiceError as error:  # the database is away, or of a newer version
-            typer.echo(f"{error.message} {error.hint}\n{error.__cause__ or ''}".rstrip())
-            raise typer.Exit(_EXIT_FOUND) from error
+    settings = settings_of(root=root)
+    with failures_as_messages(_EXIT_FOUND), open_existing_storage(settings, migrate=mend) as storage:
         wrong = tuple(troubles(storage))
         for trouble in wrong:
             typer.echo(f"{trouble.what} {trouble.hint}")

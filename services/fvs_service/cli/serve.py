@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.cli.exit_codes import USAGE
+from fvs_service.cli.failures import failures_as_messages
 from fvs_service.cli.options import RootOption, settings_of
 from fvs_service.principal import LOCAL_TENANT, Scope
 
@@ -88,10 +88,6 @@ def _supervise(
     *,
     log_json: bool,
 ) -> None:
-    import structlog
-
-    from fvs_engine.errors import EngineError
-    from fvs_service.errors import ServiceError
     from fvs_service.logs import configure_logging, log_uncaught
     from fvs_service.serving.supervisor import Role, Supervisor
 
@@ -103,15 +99,9 @@ def _supervise(
     if workers is not None:
         shared = settings.worker.model_copy(update={"count": workers})
         settings = settings.model_copy(update={"worker": shared})
-    try:
+    with failures_as_messages(log_json=log_json):
         if not signals.stopping:
             Supervisor(settings, signals, log_json=log_json, role=Role(role)).run(announce=typer.echo)
-    except (EngineError, ServiceError) as error:
-        if log_json:
-            structlog.get_logger().error(error.message, code=error.code, hint=error.hint)
-        else:
-            typer.echo(f"Error: {error.message}\n{error.hint}", err=True)
-        raise typer.Exit(USAGE) from error
 
 
 @keys.command("create")
@@ -122,7 +112,7 @@ def create_key(
         list[Scope] | None, typer.Option(help="Permissions of the key.", show_default="all")
     ] = None,
     scene: Annotated[
-        str | None, typer.Option(help="Restrict the key to this scene, as for a vehicle.")
+        str | None, typer.Option(help="Restrict the key to this scene of the tenant, as for a vehicle.")
     ] = None,
     days: Annotated[
         int | None, typer.Option(min=1, max=36_500, help="Days until the key expires.", show_default="never")
@@ -132,7 +122,7 @@ def create_key(
     """Create a key and print it. It cannot be shown again."""
     from fvs_service.application import open_storage
 
-    with open_storage(settings_of(root=root)) as storage:
+    with failures_as_messages(), open_storage(settings_of(root=root)) as storage:
         key = storage.keys.create(
             name,
             tenant_id=tenant,
@@ -146,10 +136,10 @@ def create_key(
 @keys.command("list")
 def list_keys(root: RootOption = None) -> None:
     """List the keys, without their secrets."""
-    from fvs_service.application import open_storage
+    from fvs_service.application import open_existing_storage
 
     settings = settings_of(root=root)
-    with open_storage(settings) as storage:
+    with failures_as_messages(), open_existing_storage(settings) as storage:
         found = storage.keys.all()
         if not found:
             typer.echo(f"There are no keys in {settings.root}.", err=True)
@@ -166,11 +156,7 @@ def list_keys(root: RootOption = None) -> None:
 @keys.command("revoke")
 def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: RootOption = None) -> None:
     """Revoke a key at once."""
-    from fvs_service.application import open_storage
-    from fvs_service.errors import ServiceError
+    from fvs_service.application import open_existing_storage
 
-    with open_storage(settings_of(root=root)) as storage:
-        try:
-            storage.keys.revoke(key_id)
-        except ServiceError as error:
-            raise typer.BadParameter(f"{error.message} {error.hint}") from error
+    with failures_as_messages(), open_existing_storage(settings_of(root=root)) as storage:
+        storage.keys.revoke(key_id)

@@ -83,7 +83,12 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
             gpu_slots_folder()
         except StorageError as error:
             yield Trouble(error.message, f"Jobs cannot train on a GPU of this machine. {error.hint}")
-    if free_bytes(settings.root) < settings.reserve_bytes:
+    if not settings.root.is_dir():  # the database and the blobs are elsewhere
+        yield Trouble(
+            f"There is no folder {settings.root}: this machine's disk and working folders are not examined.",
+            "Name the service's folder with --root or FVS_ROOT.",
+        )
+    elif free_bytes(settings.root) < settings.reserve_bytes:
         yield Trouble(
             "This machine's disk has come to the reserve.", "Free some space, or lower FVS_RESERVE_BYTES."
         )

@@ -26,7 +26,7 @@ from sqlalchemy import (
     select,
     text,
 )
-from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import DatabaseError, DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
@@ -120,6 +120,18 @@ class Database:
             config.attributes["connection"] = session.connection()
             command.upgrade(config, "head")
 
+    def require_migrated(self) -> None:
+        """Raise ``IncompatibleDatabaseError`` unless the schema has the newest version; changes nothing."""
+        with self.reading() as session:
+            version = _version(session)
+        _require_known_version(version)
+        if version != KNOWN_VERSIONS[-1]:
+            schema = f"version {version} of the schema" if version else "no schema"
+            raise IncompatibleDatabaseError(
+                f"The database has {schema}, and this program needs version {KNOWN_VERSIONS[-1]}.",
+                hint="Back it up. Then fvs serve migrates it when it starts, as does fvs doctor --mend.",
+            )
+
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """A session that reads one consistent state."""
@@ -159,6 +171,12 @@ class Database:
         self._engine.dispose()
 
 
+def sqlite_file(url: str) -> Path | None:
+    """The file of an SQLite database; None for another database."""
+    parsed = make_url(url)
+    return Path(parsed.database) if parsed.get_backend_name() == "sqlite" and parsed.database else None
+
+
 def lock(session: Session, *subjects: str) -> None:
     """Wait for other transactions about ``subjects``; what was read before is read again.
 
@@ -183,7 +201,9 @@ def _reachable() -> Iterator[None]:
         yield
     except (DBAPIError, PoolTimeoutError) as error:
         if isinstance(error, DBAPIError) and not (
-            error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
+            error.connection_invalidated
+            or isinstance(error, OperationalError | InterfaceError)
+            or type(error) is DatabaseError  # SQLite's for a damaged file
         ):
             raise
         reason = str(error.orig) if isinstance(error, DBAPIError) else str(error)
