@@ -1,9 +1,11 @@
 #!/bin/sh
 # Makes the secrets that docker-compose.yml reads, each in a file of its own; existing ones stay.
 set -eu
+umask 077
 cd "$(dirname "$0")"
 mkdir -p secrets
-chmod 711 secrets
+# Other users of this machine reach no file in it.
+chmod 700 secrets
 random() { od -An -N24 -tx1 /dev/urandom | tr -d ' \n'; }
 make() { [ -s "secrets/$1" ] || printf '%s' "$2" >"secrets/$1"; }
 make database-password "$(random)"
@@ -14,5 +16,5 @@ keys="{\"accessKey\": \"fvs\", \"secretKey\": \"$(cat secrets/blobs-secret-acces
 make store-identities "{\"identities\": [{\"name\": \"fvs\", \"credentials\": [$keys], \"actions\": [\"Admin\"]}]}"
 make grafana-password "$(random)"
 make metrics-key "replace this by a key: docker compose run --rm gateway keys create prometheus --scope read"
-# Containers read them as users of their own.
+# Compose mounts each file by itself, with its mode, into the containers that name it; there users of their own read it.
 chmod 644 secrets/*

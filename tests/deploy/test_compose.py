@@ -1,7 +1,12 @@
 """The deployment's files agree with each other and with the service's settings and metrics."""
 
 import json
+import os
 import re
+import shutil
+import stat
+import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +18,7 @@ from fvs_service.fleet_metrics import FleetCollector
 from fvs_service.settings import Settings
 from fvs_service.storage.database import Database
 from fvs_service.telemetry import Metrics
+from fvs_service.worker import sign_of_life
 
 from fvs_engine.cli.app import app
 
@@ -58,6 +64,37 @@ def test_containers_are_confined_and_watched(name: str) -> None:
     assert service["read_only"]
     assert name in _OURS or service["user"]
     assert "healthcheck" in service or name == "bucket"  # which ends at once
+
+
+@pytest.mark.process
+def test_other_users_of_the_machine_cannot_read_secrets(tmp_path: Path) -> None:
+    shutil.copy(_REPOSITORY / "deploy" / "make_secrets.sh", tmp_path)
+    secrets = tmp_path / "secrets"
+    secrets.mkdir(0o755)  # as an earlier version of the script made it
+    for _ in range(2):
+        subprocess.run(["sh", tmp_path / "make_secrets.sh"], check=True)
+        assert stat.S_IMODE(secrets.stat().st_mode) == 0o700
+        # The users of the containers are others than the owner.
+        assert {stat.S_IMODE(file.stat().st_mode) for file in secrets.iterdir()} == {0o644}
+    assert {file.name for file in secrets.iterdir()} == set(_COMPOSE["secrets"])
+
+
+@pytest.mark.parametrize(
+    ("ages_s", "healthy"), [({}, False), ({"a": 1}, True), ({"a": 90}, False), ({"a": 1, "b": 90}, False)]
+)
+def test_a_worker_without_heartbeats_is_not_healthy(
+    ages_s: dict[str, int], healthy: bool, tmp_path: Path
+) -> None:
+    settings = Settings(root=tmp_path)
+    for worker, age_s in ages_s.items():
+        sign_of_life.touch(settings.heartbeats / worker)
+        os.utime(settings.heartbeats / worker, (time.time() - age_s,) * 2)
+    settings.heartbeats.mkdir(exist_ok=True)
+    *_, program = _COMPOSE["services"]["worker"]["healthcheck"]["test"]
+    assert "/var/lib/fvs" in _COMPOSE["services"]["worker"]["volumes"]  # its root file system is read-only
+    with pytest.raises(SystemExit) as ended:
+        exec(program.replace("/var/lib/fvs", str(tmp_path)))
+    assert bool(ended.value.code) is not healthy
 
 
 def test_ports_match() -> None:

@@ -1,6 +1,6 @@
 """Commands of the operator: those that only look change nothing, and what fails has a message and a hint."""
 
-from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -11,7 +11,7 @@ from fvs_service.scenes import repository
 from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Settings
 from fvs_service.storage import database as database_module
-from fvs_service.storage.blobs import BlobInfo, Blobs
+from fvs_service.storage.blobs import Blobs
 from sqlalchemy import text
 from typer.testing import CliRunner, Result
 
@@ -128,10 +128,10 @@ def test_a_damaged_database_is_a_message(words: tuple[str, ...], root: Path) -> 
 def test_an_object_store_that_goes_away_during_the_examination_is_a_message(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def away(_: Blobs, _prefix: str) -> Iterator[BlobInfo]:
+    def away(_: Blobs, _before: datetime) -> tuple[Path, ...]:
         raise StorageUnavailableError("The object store cannot be reached.", hint="Try again.")
 
-    monkeypatch.setattr(Blobs, "below", away)
+    monkeypatch.setattr(Blobs, "unfinished", away)
     failed = _fvs("doctor", "--root", str(root))
     assert failed.exit_code == 13
     assert "The object store cannot be reached.\nTry again." in failed.stderr

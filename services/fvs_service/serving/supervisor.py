@@ -34,6 +34,7 @@ from fvs_service.serving.process_tree import adopt_orphans, end_descendants, rea
 from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
+from fvs_service.worker import sign_of_life
 
 _LOOK_S = 5.0
 """Interval at which the supervisor looks for dead children without a SIGCHLD, too."""
@@ -123,6 +124,7 @@ class Supervisor:
         settings = self._settings
         machine = "worker" if settings.on_one_machine else machine_name(settings.root)
         self._workers = [_Child(f"{machine}-{number}", WORKER) for number in range(settings.worker.count)]
+        sign_of_life.forget(settings.heartbeats)
         for worker in self._workers:
             self._start(worker)
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from pathlib import Path
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -11,6 +12,7 @@ from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
 from fvs_service.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
+from fvs_service.worker import sign_of_life
 from fvs_service.worker.attempts import Attempts
 from fvs_service.worker.dispatcher import Dispatcher
 from fvs_service.worker.heartbeat import Heartbeats
@@ -42,6 +44,8 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         backend=settings.worker.backend,
         work=settings.worker.work,
     )
+    file = settings.heartbeats / worker_id
+    sign_of_life.touch(file)
     scenes = LeasedScenes(storage, worker_id)
     attempts = Attempts(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -61,7 +65,7 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     _log.info("worker ready", worker=worker_id)
     try:
         while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
-            _maintain(storage, heartbeats, room, scenes)
+            _maintain(storage, heartbeats, room, scenes, file)
     except _ReplacedError:
         _log.warning("replaced by another worker", worker=worker_id)
         os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
@@ -72,8 +76,8 @@ def run_worker(storage: Storage, worker_id: str) -> None:
         scenes.stop()
 
 
-def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes) -> None:
-    """Send a heartbeat, and put back the jobs of dead workers.
+def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes, file: Path) -> None:
+    """Send a heartbeat, touch ``file`` once it has arrived, and put back the jobs of dead workers.
 
     Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
     """
@@ -87,6 +91,7 @@ def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: Leas
         )
         if not heartbeat.known:
             raise _ReplacedError
+        sign_of_life.touch(file)
         for dead in heartbeat.dead:
             _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
             heartbeats.forget(dead)
