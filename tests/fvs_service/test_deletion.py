@@ -4,16 +4,20 @@ import concurrent.futures
 import json
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from anyio.to_thread import run_sync
 from fvs_service.deletion.retention import RetentionRules
-from fvs_service.errors import StaleLeaseError
+from fvs_service.errors import StaleLeaseError, StorageRefusedError, StorageUnavailableError
 from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage import removals
 from fvs_service.storage.removals import Removals
 from fvs_service.storage.tables import RemovalRow, SnapshotRow, Table
 from fvs_service.worker.sweep import Sweeps
@@ -54,6 +58,17 @@ def _rows(gateway: Any, scene: str) -> dict[str, int]:
             for table in Table.metadata.sorted_tables
             if "scene_id" in table.c and table.name != "api_keys"
         }
+
+
+def _broken() -> int:
+    raise ZeroDivisionError
+
+
+class Clock:
+    now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
 
 
 def _killed(*_arguments: object) -> None:
@@ -111,6 +126,107 @@ def test_a_removal_that_was_interrupted_goes_on(
     assert gateway.client.get(f"/v1/scenes/{scene}").status_code == 404
     Removals(storage.database, storage.blobs, 0).run()
     assert _files(gateway, scene) == set()
+
+
+def _deny(monkeypatch: pytest.MonkeyPatch, blobs: Any, error: Exception, part: str = "") -> list[str]:
+    """Let the store refuse to remove keys that contain ``part``; returns the keys that were asked for."""
+    asked: list[str] = []
+    remove = blobs.remove
+
+    def refuse(key: str) -> None:
+        asked.append(key)
+        if part in key:
+            raise error
+        remove(key)
+
+    monkeypatch.setattr(blobs, "remove", refuse)
+    return asked
+
+
+def _delete_images(gateway: Any, scene: str, contents: list[bytes]) -> list[str]:
+    """Send and delete images; returns their keys."""
+    digests = [gateway.put(scene, content).json()["digest"] for content in contents]
+    for digest in digests:
+        assert gateway.client.delete(f"/v1/scenes/{scene}/images/{digest}").status_code == 204
+    return [f"scenes/{scene}/images/{digest.removeprefix('sha256:')}" for digest in digests]
+
+
+@pytest.mark.parametrize("error", [StorageRefusedError("No."), PermissionError("No.")])
+def test_a_blob_that_cannot_be_removed_is_put_off_alone(
+    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    gateway = open_gateway()
+    scene, storage = gateway.scene(), gateway.application.storage
+    stays, *others = _delete_images(gateway, scene, [photograph(number) for number in range(3)])
+    clock = Clock()
+    monkeypatch.setattr(removals, "time", clock)
+    asked = _deny(monkeypatch, storage.blobs, error, stays)
+    assert storage.removals.run() == len(others)
+    assert sorted(asked) == sorted([stays, *others])
+    assert storage.removals.late(timedelta(0)) == (stays,)
+    assert storage.removals.run() == 0
+    assert asked.count(stays) == 1
+    pauses = []
+    while len(pauses) < 8:
+        tries, clock.now = asked.count(stays), clock.now + 30.0
+        storage.removals.run()
+        if asked.count(stays) > tries:
+            pauses.append(clock.now)
+    assert [later - sooner for sooner, later in pairwise(pauses)] == [120, 240, 480, 960, 1920, 3600, 3600]
+    monkeypatch.undo()
+    Removals(storage.database, storage.blobs, 0).run()
+    assert _files(gateway, scene) == set()
+
+
+def test_removals_wait_while_the_store_is_away(
+    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    scene, storage = gateway.scene(), gateway.application.storage
+    _delete_images(gateway, scene, [photograph(number) for number in range(3)])
+    asked = _deny(monkeypatch, storage.blobs, StorageUnavailableError("Away."))
+    storage.removals.run()
+    assert len(asked) == 1  # each takes seconds
+    storage.removals.run()
+    assert len(set(asked)) == 2  # the oldest does not hold up the others
+
+
+def test_other_writers_of_a_scene_wait_for_the_removal_of_one_blob_at_most(
+    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    scene, storage = gateway.scene(), gateway.application.storage
+    _delete_images(gateway, scene, [photograph(number) for number in range(3)])
+    in_transaction: list[str] = []
+    most, writing, remove = [0], storage.database.writing, storage.blobs.remove
+
+    @contextmanager
+    def watched(*arguments: Any, **options: Any) -> Iterator[Any]:
+        with writing(*arguments, **options) as session:
+            in_transaction.clear()
+            yield session
+        most[0] = max(most[0], len(in_transaction))
+
+    monkeypatch.setattr(storage.database, "writing", watched)
+    monkeypatch.setattr(storage.blobs, "remove", lambda key: (in_transaction.append(key), remove(key)))
+    assert storage.removals.run() == 3
+    assert most == [1]
+
+
+def test_a_part_of_the_sweep_that_fails_does_not_stop_the_others(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway(retention=Retention(events=5))
+    scene, storage = gateway.scene(), gateway.application.storage
+    for number in range(10):
+        gateway.client.patch(f"/v1/scenes/{scene}", json={"name": f"courtyard {number}"})
+    before = _rows(gateway, scene)["events"]
+    sweeps = Sweeps(storage)
+    monkeypatch.setattr(storage.removals, "run", _broken)
+    monkeypatch.setattr(sweeps._retention, "apply", _broken)
+    monkeypatch.setattr(sweeps, "remove_working_folders", _broken)
+    sweeps.sweep()
+    assert _rows(gateway, scene)["events"] == 5 < before
 
 
 def test_of_two_deletions_at_once_one_finds_nothing(gateway: Any) -> None:

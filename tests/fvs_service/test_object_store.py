@@ -6,11 +6,12 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
-from fvs_service.errors import NotFoundError, StorageUnavailableError
+from fvs_service.errors import NotFoundError, StorageRefusedError, StorageUnavailableError
 from fvs_service.settings import BlobSettings
 from fvs_service.storage import blobs as blobs_module
 from fvs_service.storage.blobs import Blobs
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
+from obstore.exceptions import PermissionDeniedError
 
 pytestmark = pytest.mark.process
 
@@ -89,6 +90,23 @@ def test_a_store_that_cannot_be_used_says_why(
     assert hint in found.value.hint
     with pytest.raises(StorageUnavailableError, match=says):
         blobs.put(b"content", "x")
+
+
+@pytest.mark.parametrize(("request_name", "says"), [("put", "store"), ("head", "find"), ("delete", "delete")])
+def test_a_right_that_the_credentials_lack_is_named(
+    settings: BlobSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request_name: str, says: str
+) -> None:
+    blobs = Blobs(tmp_path, settings)
+    blobs.check_rights()
+    assert list(blobs.below("checks/")) == []
+
+    def refuse(*_arguments: object) -> None:
+        raise PermissionDeniedError("403 Forbidden")
+
+    monkeypatch.setattr(blobs_module.obstore, request_name, refuse)
+    blobs.check()
+    with pytest.raises(StorageRefusedError, match=f"refuses to {says} blobs"):
+        blobs.check_rights()
 
 
 def test_a_store_that_comes_back_has_everything(

@@ -58,6 +58,11 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
         yield from _another_store(storage)
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)
+    else:
+        try:
+            storage.blobs.check_rights()
+        except StorageUnavailableError as error:
+            yield Trouble(error.message, error.hint)
     settings = storage.settings
     before = time.time()
     with storage.database.reading() as session:

@@ -28,6 +28,8 @@ from fvs_service.settings import BlobSettings
 
 _CHUNK_BYTES = 1 << 20
 _PARTIAL = ".partial"
+_PROBE = "checks/rights"
+"""The blob that ``check_rights`` stores and deletes."""
 _CONNECT_S, _REQUEST_S = 5, 60
 _RETRIES = 5
 _RETRY_S = 8
@@ -68,6 +70,27 @@ class Blobs:
         """Raise ``StorageUnavailableError`` with the reason, when the store cannot be used."""
         with _reachable():  # listing is the only request that tells a missing bucket from a missing blob
             next(iter(obstore.list(self._store, "scenes/", chunk_size=1)), None)
+
+    def check_rights(self) -> None:
+        """Store, find and delete a blob in the object store.
+
+        Raises ``StorageRefusedError`` with what it refuses. A folder is not tried.
+        """
+        if self._folder is not None:
+            return
+        for what, request in (
+            ("store", lambda: self.put(b"", _PROBE)),
+            ("find", lambda: self.exists(_PROBE)),
+            ("delete", lambda: self.remove(_PROBE)),
+        ):
+            try:
+                request()
+            except StorageRefusedError as error:
+                raise StorageRefusedError(
+                    f"The object store refuses to {what} blobs.",
+                    hint="Give the service's credentials the rights to list, get, put and delete.",
+                    retry_after_s=60,
+                ) from error
 
     def adopt(self, file: Path, key: str) -> None:
         """Move ``file`` into the store under ``key``; on the store's own disk nothing is copied."""

@@ -4,12 +4,15 @@ A deleted resource is gone for every reader at once; its blobs are removed after
 number of tries. A blob that has a row again by then stays.
 """
 
-from collections.abc import Collection
+import time
+from collections.abc import Collection, Iterator
 from datetime import datetime, timedelta
 
-from sqlalchemy import Select, delete, exists, select
+import structlog
+from sqlalchemy import Select, delete, exists, select, tuple_
 from sqlalchemy.orm import Session
 
+from fvs_service.errors import StorageRefusedError, StorageUnavailableError
 from fvs_service.model import now
 from fvs_service.storage.blob_keys import scene_prefix
 from fvs_service.storage.blobs import Blobs
@@ -24,10 +27,13 @@ from fvs_service.storage.tables import (
     SnapshotRow,
 )
 
-_AT_ONCE = 100
-"""Blobs of one scene that are removed in one transaction."""
+_READ_AT_ONCE = 100
+_FIRST_PAUSE_S, _LAST_PAUSE_S = 60.0, 3600.0
+"""How long a key that could not be removed is put off; each failure doubles it."""
 _TRACES_KEPT = timedelta(days=30)
 """Time for which a scene's deletion is remembered, so that workers that were away remove its folder."""
+
+_log = structlog.get_logger()
 
 
 def remove_later(session: Session, scene_id: str, key: str, *, after: timedelta = timedelta(0)) -> None:
@@ -59,28 +65,59 @@ class Removals:
         self._database = database
         self._blobs = blobs
         self._grace = timedelta(seconds=grace_s)
+        self._put_off = _PutOff()
 
     def run(self) -> int:
-        """Remove all that is due; returns the number of keys. Several processes may do so at once."""
-        done = 0
-        while due := self._due():
-            done += len(due)
-            for key, _ in due:
-                if key.endswith("/"):
-                    self._remove_below(key)
-            for scene_id in dict.fromkeys(scene_id for _, scene_id in due):
-                self._remove_blobs(scene_id, [key for key, scene in due if scene == scene_id])
+        """Remove what is due; returns the number of keys. Several processes may do so at once.
+
+        A key that cannot be removed is put off, and the others do not wait for it. When the object store or
+        the database cannot be reached, the rest waits for the next run.
+        """
+        removed = 0
+        failed: dict[str, str] = {}
+        for key, scene_id in self._due():
+            if self._put_off.waits(key):
+                continue
+            try:
+                self._remove(key, scene_id)
+            except (StorageUnavailableError, OSError) as error:
+                self._put_off.failed(key)
+                failed[key] = str(error)
+                if isinstance(error, StorageUnavailableError) and not isinstance(error, StorageRefusedError):
+                    break
+            else:
+                self._put_off.forget(key)
+                removed += 1
+        if failed:
+            key, reason = next(iter(failed.items()))
+            _log.warning("removals put off", keys=len(failed), first=key, reason=reason)
         self._forget_traces()
-        return done
+        return removed
 
     def late(self, by: timedelta) -> tuple[str, ...]:
         """The keys whose removal is overdue by at least ``by``."""
         with self._database.reading() as session:
             return tuple(row.key for row in session.scalars(_due_at(now() - by)))
 
-    def _due(self) -> list[tuple[str, str]]:
-        with self._database.reading() as session:
-            return [(row.key, row.scene_id) for row in session.scalars(_due_at(now()).limit(_AT_ONCE))]
+    def _due(self) -> Iterator[tuple[str, str]]:
+        """The keys that are due now with their scenes, the oldest first; none of them twice."""
+        due = _due_at(now())
+        page = due.limit(_READ_AT_ONCE)
+        while True:
+            with self._database.reading() as session:
+                found = [(row.key, row.scene_id, row.due_at) for row in session.scalars(page)]
+            if not found:
+                return
+            yield from ((key, scene_id) for key, scene_id, _ in found)
+            last, _, last_due = found[-1]
+            beyond = tuple_(RemovalRow.due_at, RemovalRow.key) > tuple_(last_due, last)
+            page = due.where(beyond).limit(_READ_AT_ONCE)
+
+    def _remove(self, key: str, scene_id: str) -> None:
+        if key.endswith("/"):
+            self._remove_below(key)
+        else:
+            self._remove_blob(key, scene_id)
 
     def _remove_below(self, prefix: str) -> None:
         self._blobs.remove_below(prefix)
@@ -95,16 +132,16 @@ class Removals:
             else:
                 session.delete(row)
 
-    def _remove_blobs(self, scene_id: str, keys: list[str]) -> None:
-        """Remove single blobs in a transaction in which no row can begin to refer to them."""
-        single = [key for key in keys if not key.endswith("/")]
-        if not single:
-            return
+    def _remove_blob(self, key: str, scene_id: str) -> None:
+        """Remove one blob in a transaction in which no row can begin to refer to it.
+
+        One at a time: other writers of the scene, on SQLite all, wait for one request to the object store at
+        most.
+        """
         with self._database.writing(scene_id) as session:
-            for key in single:
-                if not has_row(session, key):
-                    self._blobs.remove(key)
-            session.execute(delete(RemovalRow).where(RemovalRow.key.in_(single)))
+            if not has_row(session, key):
+                self._blobs.remove(key)
+            session.execute(delete(RemovalRow).where(RemovalRow.key == key))
 
     def _forget_traces(self) -> None:
         old = now() - _TRACES_KEPT
@@ -122,8 +159,31 @@ def _due_at(moment: datetime) -> Select[RemovalRow]:
     return (
         select(RemovalRow)
         .where(RemovalRow.removed_at.is_(None), RemovalRow.due_at <= moment)
-        .order_by(RemovalRow.due_at)
+        .order_by(RemovalRow.due_at, RemovalRow.key)
     )
+
+
+class _PutOff:
+    """The keys that this process could not remove, and when it tries them again."""
+
+    def __init__(self) -> None:
+        self._until: dict[str, tuple[float, float]] = {}
+        """Key → the last pause, and its end."""
+
+    def waits(self, key: str) -> bool:
+        """Whether it is too early to try the key again."""
+        _, until = self._until.get(key, (0.0, 0.0))
+        return time.monotonic() < until
+
+    def failed(self, key: str) -> None:
+        """Put the key off, for twice as long as the last time."""
+        last_s, _ = self._until.get(key, (_FIRST_PAUSE_S / 2, 0.0))
+        pause_s = min(2 * last_s, _LAST_PAUSE_S)
+        self._until[key] = pause_s, time.monotonic() + pause_s
+
+    def forget(self, key: str) -> None:
+        """The key was removed."""
+        self._until.pop(key, None)
 
 
 def lock_scene(session: Session, scene_id: str) -> None:

@@ -5,7 +5,9 @@ Of all workers one at a time removes rows and blobs; each removes the working fo
 
 import shutil
 import threading
+from collections.abc import Callable
 from datetime import timedelta
+from typing import TypeVar
 
 import structlog
 from sqlalchemy import CursorResult, update
@@ -28,6 +30,8 @@ _DELETION = "deletion"
 _NAMES_AT_ONCE = 500
 
 _log = structlog.get_logger()
+
+T = TypeVar("T")
 
 
 class Sweeps:
@@ -53,15 +57,20 @@ class Sweeps:
         self._stop.set()
 
     def sweep(self) -> None:
-        """Do what is due."""
-        self.remove_working_folders()
+        """Do what is due; what fails is logged, and the rest does not wait for it."""
+        self._try("working folders", self.remove_working_folders)
         if self._is_mine():
-            deleted, removed = self._retention.apply(), self._storage.removals.run()
-            events, jobs, keys = self._events.apply(), self._jobs.apply(), self._keys.apply()
-            for file in self._storage.blobs.unfinished(now() - self._grace):
-                file.unlink(missing_ok=True)
-            if deleted or removed or events or jobs or keys:
-                _log.info("swept", deleted=deleted, removed=removed, events=events, jobs=jobs, keys=keys)
+            parts = {
+                "deleted": self._retention.apply,
+                "removed": self._storage.removals.run,
+                "events": self._events.apply,
+                "jobs": self._jobs.apply,
+                "keys": self._keys.apply,
+                "unfinished": self._remove_unfinished,
+            }
+            done = {name: self._try(name, part) for name, part in parts.items()}
+            if any(done.values()):
+                _log.info("swept", **done)
 
     def remove_working_folders(self) -> None:
         """Remove the working folders of deleted scenes from this machine."""
@@ -80,12 +89,24 @@ class Sweeps:
 
     def _run(self) -> None:
         while not self._stop.wait(self._storage.settings.sweep_s):
-            try:
-                self.sweep()
-            except StorageUnavailableError as error:
-                _log.warning("sweep put off", reason=error.message)
-            except Exception:  # the next sweep does what this one did not
-                _log.exception("sweep failed")
+            self._try("sweep", self.sweep)
+
+    def _try(self, part: str, work: Callable[[], T]) -> T | None:
+        """The result of a part of the sweep; None when it fails: the next sweep does it."""
+        try:
+            return work()
+        except StorageUnavailableError as error:
+            _log.warning("sweep put off", part=part, reason=error.message)
+        except Exception:
+            _log.exception("sweep failed", part=part)
+        return None
+
+    def _remove_unfinished(self) -> int:
+        """Remove the files of writes that a crash interrupted; returns their number."""
+        files = self._storage.blobs.unfinished(now() - self._grace)
+        for file in files:
+            file.unlink(missing_ok=True)
+        return len(files)
 
     def _is_mine(self) -> bool:
         """Whether the sweep of rows and blobs is due and this worker's; others wait for the next one."""
