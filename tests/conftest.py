@@ -59,6 +59,7 @@ _PROCESS_FILES = (
     "fvs_service/worker/test_gpu_slots.py",
     "fvs_service/worker/test_lease_watch.py",
     "fvs_service/worker/test_async_connection.py",
+    "fvs_service/worker/test_listener.py",
     "fvs_service/worker/test_protocol.py",
     "fvs_service/worker/test_queue.py",
 )

@@ -42,13 +42,14 @@ class NoMemoryError(Exception):
 class LeasedScene:
     """A scene that this worker has leased, with its runner.
 
-    ``users`` counts the blocks that use it; before ``idle_from`` it has not been idle for too long.
+    ``users`` counts the blocks that use it; its runner is asked from ``ping_from`` on
+    whether it is idle.
     """
 
     lease: Lease
     child: RunnerChild
     users: int = 0
-    idle_from: float = 0.0
+    ping_from: float = 0.0
 
     @property
     def endpoint(self) -> str:
@@ -261,15 +262,19 @@ class LeasedScenes:
                 self._drop_if_free(scene)
         elif due:
             self._extend(scene)
-            if scene.users == 0 and time.monotonic() >= scene.idle_from:
-                self._unload_if_idle(scene)
+            if time.monotonic() >= scene.ping_from:
+                self._ping(scene)
 
-    def _unload_if_idle(self, scene: LeasedScene) -> None:
-        left_s = self._storage.settings.worker.idle_s - scene.child.idle_s()
-        if left_s < 0:
+    def _ping(self, scene: LeasedScene) -> None:
+        """Unload the scene when it has been idle for too long; kill a runner that no longer answers."""
+        settings = self._storage.settings
+        left_s = settings.worker.idle_s - scene.child.idle_s()
+        scene.ping_from = time.monotonic() + min(settings.lease_s, max(0.0, left_s))
+        if scene.child.deaf:
+            _log.warning("runner killed, it does not answer", scene=scene.lease.scene_id)
+            scene.child.kill()  # which ends the job that uses it
+        elif left_s < 0 and scene.users == 0:
             self._unload(scene)
-        else:
-            scene.idle_from = time.monotonic() + left_s
 
     def _extend(self, scene: LeasedScene) -> None:
         try:

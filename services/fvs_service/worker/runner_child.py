@@ -22,6 +22,9 @@ _START_S = 300.0
 """The first start on a machine compiles the kernels."""
 _RESPONSE_S = 2.0
 _POLL_S = 0.1
+_UNANSWERED = 3
+_LOG_BYTES = 10_000_000
+"""A larger log is put aside when the runner starts; the one before it is lost."""
 
 
 class RunnerChild:
@@ -38,6 +41,7 @@ class RunnerChild:
         folder.mkdir(parents=True, exist_ok=True)
         self.scene_id = scene_id
         self._writing = threading.Lock()
+        self._unanswered = 0
         order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), settings=settings)
         self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
         started = self._wait_until_started(give_up)
@@ -68,9 +72,18 @@ class RunnerChild:
         """The time since its last request or job; 0 when it does not respond."""
         try:
             response = self._call(Ping())
-        except (RunnerGoneError, RunnerError):
+        except RunnerGoneError:
+            self._unanswered += 1
             return 0.0
+        except RunnerError:
+            return 0.0
+        self._unanswered = 0
         return float(response["idle_s"])
+
+    @property
+    def deaf(self) -> bool:
+        """Whether it has answered none of several calls of ``idle_s`` in a row."""
+        return self._unanswered >= _UNANSWERED
 
     def yield_scene(self) -> bool:
         """End the runner unless a job runs; returns whether it ended."""
@@ -117,5 +130,7 @@ class RunnerChild:
 def _spawn(log: Path, order: RunnerOrder) -> "subprocess.Popen[str]":
     threads = order.settings.worker.threads
     environment = {} if threads is None else {"NUMBA_NUM_THREADS": str(threads)}
+    if log.exists() and log.stat().st_size > _LOG_BYTES:
+        log.replace(log.with_name("runner.old.log"))
     with log.open("a") as out:
         return child_process.spawn(_MODULE, order.model_dump_json(), stderr=out, environment=environment)

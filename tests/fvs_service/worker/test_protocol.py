@@ -56,7 +56,9 @@ def test_errors_keep_their_kind_on_the_wire() -> None:
     assert isinstance(error, InvalidRequestError)
     assert (error.message, error.hint) == ("Wrong.", "Mend it.")
     assert isinstance(error_of(failure_of(UnavailableError("Later."))), UnavailableError)
-    assert error_of(failure_of(ZeroDivisionError("oops"))).code == "internal"
+    defect = error_of(failure_of(ZeroDivisionError("oops")))
+    assert (defect.code, defect.message) == ("internal", "The service failed.")
+    assert "log of its runner" in defect.hint
 
 
 @pytest.fixture

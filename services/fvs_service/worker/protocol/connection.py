@@ -3,9 +3,11 @@
 The first line of a connection is the runner's secret. See ``messages`` for what follows.
 """
 
+import contextlib
 import json
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +15,9 @@ from fvs_engine.records import Record
 from fvs_service.worker.protocol.messages import Failure
 
 MAX_LINE_BYTES = 64_000_000
+_NO_FIRST_LINE = "The first line did not arrive whole and in time."
+_LEAST_TIMEOUT_S = 0.001
+"""A timeout of 0 would mean not to wait at all."""
 
 
 def keep_alive(connection: socket.socket) -> None:
@@ -65,6 +70,24 @@ class Connection:
             raise RunnerGoneError("The other side has closed the connection.")
         return line
 
+    def receive_first_line(self, max_bytes: int, timeout_s: float) -> bytes:
+        """The first line, which must arrive whole within ``timeout_s``; raises ``RunnerGoneError``."""
+        until = time.monotonic() + timeout_s
+        line = b""
+        try:
+            while not line.endswith(b"\n") and len(line) < max_bytes:
+                self._connection.settimeout(max(_LEAST_TIMEOUT_S, until - time.monotonic()))
+                arrived = self._file.peek(1)
+                if not arrived or time.monotonic() > until:
+                    break
+                line += self._file.readline(min(len(arrived), max_bytes - len(line)))
+            self._connection.settimeout(None)
+        except OSError as error:
+            raise RunnerGoneError(_NO_FIRST_LINE) from error
+        if not line.endswith(b"\n"):
+            raise RunnerGoneError(_NO_FIRST_LINE)
+        return line
+
     def receive(self) -> Any:
         """The next document; raises ``RunnerGoneError`` when the connection has ended."""
         return json.loads(self.receive_line())
@@ -81,6 +104,11 @@ class Connection:
             return False
         except OSError:
             return True
+
+    def end(self) -> None:
+        """End the connection from another thread: who receives gets ``RunnerGoneError``."""
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Close the connection."""

@@ -14,7 +14,6 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
-from fvs_service.disclosure import without_paths
 from fvs_service.errors import (
     DeadlineError,
     InternalError,
@@ -121,7 +120,7 @@ class Failure(Record):
 
 
 def failure_of(error: Exception) -> Failure:
-    """The message for a request that failed with ``error``."""
+    """The message for a request that failed with ``error``; of a defect it has no details."""
     if isinstance(error, EngineError):
         error = from_engine(error)
     if isinstance(error, ServiceError):
@@ -134,8 +133,8 @@ def failure_of(error: Exception) -> Failure:
         )
     return Failure(
         code=InternalError.code,
-        message=without_paths(f"{type(error).__name__}: {error}"),
-        hint="",
+        message="The service failed.",
+        hint="Try again; if it fails again, report the scene's id: the log of its runner has the details.",
         retryable=True,
     )
 

@@ -1,10 +1,7 @@
 """The runner's server: a thread per connection, one ranking at a time, one job at a time."""
 
 import base64
-import hmac
-import json
 import logging
-import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -34,6 +31,7 @@ from fvs_service.worker.protocol.messages import (
     failure_of,
 )
 from fvs_service.worker.runner.job_monitor import JobMonitor
+from fvs_service.worker.runner.listener import Listener
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.ranking import rank_views, render_view
 from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
@@ -42,9 +40,7 @@ from fvs_service.worker.runner.scene_jobs import SceneJobs
 QuestionT = TypeVar("QuestionT", RankViews, RenderView)
 
 _log = logging.getLogger(__name__)
-_BACKLOG = 128
 _SCORES = TypeAdapter(Sequence[CandidateScore])
-_GREETING_S, _GREETING_BYTES = 5.0, 200
 
 _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
 """Codes of failures that a retry would meet again."""
@@ -54,7 +50,6 @@ class RunnerServer:
     """Serves requests about one scene until one of them is ``YieldScene``."""
 
     def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
-        self._secret = secret
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
         self._states = ModelStates(scene_id, blobs, self._rasterizer)
@@ -66,7 +61,7 @@ class RunnerServer:
         self._worker: Connection | None = None
         self._yielded = threading.Event()
         self._used = time.monotonic()
-        self._socket = _listen(settings.worker.address)
+        self._listener = Listener(settings.worker.address, secret, self._serve_connection)
 
     @property
     def backend(self) -> str:
@@ -76,40 +71,21 @@ class RunnerServer:
     @property
     def address(self) -> tuple[str, int]:
         """Host and port."""
-        host, port = self._socket.getsockname()[:2]
-        return host, port
+        return self._listener.address
 
     def serve(self) -> None:
         """Serve until the scene is yielded."""
-        threading.Thread(target=self._accept, daemon=True).start()
+        threading.Thread(target=self._listener.listen, daemon=True).start()
         self._yielded.wait()
-
-    def _accept(self) -> None:
-        while True:
-            accepted, _ = self._socket.accept()
-            threading.Thread(target=self._serve_connection, args=(Connection(accepted),), daemon=True).start()
 
     def _serve_connection(self, connection: Connection) -> None:
         try:
-            if not self._is_known(connection):
-                return
             while True:
                 self._respond(connection, REQUEST.validate_json(connection.receive_line()))
         except (RunnerGoneError, AskerGoneError):
             pass
         except Exception:
             _log.exception("A request cannot be read.")
-        finally:
-            connection.close()
-
-    def _is_known(self, connection: Connection) -> bool:
-        """Whether the first line is the secret; it must arrive within seconds."""
-        connection.set_timeout(_GREETING_S)
-        line = connection.receive_line(_GREETING_BYTES)
-        connection.set_timeout(None)
-        greeting = json.loads(line)
-        secret = greeting.get("secret", "") if isinstance(greeting, dict) else ""
-        return hmac.compare_digest(str(secret).encode(), self._secret.encode())
 
     def _respond(self, connection: Connection, request: Request) -> None:
         try:
@@ -206,12 +182,6 @@ class RunnerServer:
 
 def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
     connection.send({"scored": _SCORES.dump_python(scores, mode="json")})
-
-
-def _listen(address: str) -> socket.socket:
-    """A socket bound to a free port of ``address``, a host name or IP address of this machine."""
-    (family, _, _, _, (host, *_)), *_ = socket.getaddrinfo(address, None, type=socket.SOCK_STREAM)
-    return socket.create_server((str(host), 0), family=family, backlog=_BACKLOG)
 
 
 def _failure_of_job(error: Exception) -> Failure:
