@@ -128,7 +128,7 @@ class SfmSettings(Record):
     focal_prior: FocalPrior | None = None
     """Initial estimate of the focal length, for images whose EXIF has none."""
 
-    exhaustive_up_to: int = Field(default=60, ge=2)
+    exhaustive_up_to: int = Field(default=20, ge=2)
     """Up to this number every pair of images is matched; above, neighbours in order, space and similarity."""
 
     both_mappers_up_to: int = Field(default=100, ge=0)
