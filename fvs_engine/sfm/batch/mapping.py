@@ -30,6 +30,7 @@ from fvs_engine.sfm.verification.evidence import gather_evidence, gather_witness
 from fvs_engine.sfm.verification.gate import (
     MAX_UNSUPPORTED_SHARE,
     Candidate,
+    can_be_left_out,
     contradicted_images,
     priors_are_wrong,
     priors_confirm,
@@ -73,11 +74,15 @@ class ModelEvidence:
 
 @dataclass(frozen=True, eq=False)
 class MappedScene:
-    """A mapper's largest model with the evidence for it, and the images of its smaller models."""
+    """A mapper's largest model with the evidence for it, and the images of its smaller models.
+
+    ``left_out``: the images that were removed from the model because the evidence contradicts their poses.
+    """
 
     model: pycolmap.Reconstruction
     candidate: Candidate
     other_components: tuple[tuple[str, ...], ...]
+    left_out: tuple[str, ...] = ()
 
     @staticmethod
     def of_models(
@@ -91,7 +96,8 @@ class MappedScene:
         monitor.check()
         largest = models[0]
         evidence = evidence_of.of(largest, monitor)
-        if evidence is not None and (contradicted := _prunable(largest, evidence)):
+        contradicted = [] if evidence is None else _prunable(largest, evidence)
+        if contradicted:
             leave_out(largest, contradicted)
             evidence = evidence_of.of(largest, monitor)
         monitor.report("evidence", 1, 1)
@@ -101,7 +107,7 @@ class MappedScene:
             if image.has_pose
         }
         others = tuple(registered_names(model) for model in models[1:])
-        return MappedScene(largest, Candidate(mapper, centres, evidence), others)
+        return MappedScene(largest, Candidate(mapper, centres, evidence), others, tuple(contradicted))
 
 
 def read_model_evidence(
@@ -218,7 +224,7 @@ def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) <= MAX_UNSUPPORTED_SHARE * images:
         found.update(unsupported)
-    if len(contradicted) <= MAX_MISPLACED_SHARE * images:
+    if can_be_left_out(len(contradicted), images):
         found.update(contradicted)
     if not priors_are_wrong(evidence) and len(evidence.misplaced_images) <= MAX_MISPLACED_SHARE * images:
         found.update(evidence.misplaced_images)

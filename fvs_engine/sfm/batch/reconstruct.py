@@ -33,7 +33,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.gate import Decision, decide
+from fvs_engine.sfm.verification.gate import Decision, decide, unsupported_images
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _MIN_IMAGES = 2
@@ -179,9 +179,14 @@ def _report(
         warnings.append(
             f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
         )
-    evidence = kept.evidence
-    if evidence is not None and evidence.unsupported_images:
-        warnings.append(f"The poses of {listed(evidence.unsupported_images)} are weakly supported.")
+    if chosen.left_out:
+        warnings.append(
+            f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
+            "they are left out of it."
+        )
+    weak = [] if kept.evidence is None else unsupported_images(kept.evidence)
+    if weak:
+        warnings.append(f"The poses of {listed(weak)} are weakly supported.")
     return SfmReport(
         mapper=kept.mapper,
         verdict=kept.verdict,

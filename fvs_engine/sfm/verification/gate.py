@@ -142,7 +142,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(f"Matches contradict the poses of {len(unsupported)} of its {images} images.")
-    if len(contradicted) > MAX_MISPLACED_SHARE * images:
+    if not can_be_left_out(len(contradicted), images):
         rejections.append(
             f"Matches of other features contradict the poses of {len(contradicted)} of its {images} images."
         )
@@ -165,6 +165,9 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
     if weaknesses:
         return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
+    if contradicted:
+        doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
+        return Judgement("doubtful", (doubt,))
     loose = () if priors_confirm(evidence) else loose_images(evidence)
     if loose:
         return Judgement("doubtful", (few_matches(loose),))
@@ -183,6 +186,13 @@ def unsupported_images(evidence: Evidence) -> list[str]:
 def contradicted_images(evidence: Evidence) -> tuple[str, ...]:
     """The images whose poses the witness contradicts."""
     return () if evidence.witness is None else evidence.witness.contradicted_images
+
+
+def can_be_left_out(contradicted: int, images: int) -> bool:
+    """Whether a model of so many images, of which the witness contradicts some, is one without these."""
+    if contradicted == 0:
+        return True
+    return contradicted <= MAX_MISPLACED_SHARE * images and images - contradicted >= MIN_SHARED_IMAGES
 
 
 def loose_images(evidence: Evidence) -> list[str]:

@@ -32,8 +32,12 @@ class Links:
     """Connected, but somewhere by pairs of few matches only, as look-alike places often are."""
 
     @staticmethod
-    def of(model: pycolmap.Reconstruction, checks: Sequence[PairCheck]) -> "Links":
+    def of(
+        model: pycolmap.Reconstruction, checks: Sequence[PairCheck], least_share: float = MIN_LINK_SHARE
+    ) -> "Links":
         """The links that ``checks``, those of all pairs within the model, give.
+
+        Pairs of which less than ``least_share`` of the features match and fit leave images loose.
 
         A group of images that is consistent in itself, and wrong relative to the rest, is on the smaller
         side of a cut across which most matches contradict the poses, or few fit.
@@ -43,7 +47,7 @@ class Links:
         if not checks:
             return Links(frozenset(), frozenset(names.values()), frozenset())
         graph = _Graph(ids, checks)
-        found = (graph.contradicted(), graph.outside(), graph.loose())
+        found = (graph.contradicted(), graph.outside(), graph.loose(least_share))
         contradicted, outside, loose = (
             frozenset(names[ids[k]] for k in np.flatnonzero(mask)) for mask in found
         )
@@ -66,9 +70,9 @@ class _Graph:
         """The images that explained pairs do not connect with the most."""
         return self._apart(self._explained)
 
-    def loose(self) -> NDArray[np.bool_]:
+    def loose(self, least_share: float) -> NDArray[np.bool_]:
         """The images that explained pairs of enough matches do not connect with the most."""
-        return self._apart(self._explained & (self._supported >= MIN_LINK_SHARE * self._features))
+        return self._apart(self._explained & (self._supported >= least_share * self._features))
 
     def contradicted(self) -> NDArray[np.bool_]:
         """Groups, outside or on the smaller side of a cut, whose matches with the rest contradict them."""

@@ -231,6 +231,18 @@ def test_a_model_of_which_the_witness_contradicts_too_much_is_rejected():
     assert "other features contradict the poses of 5" in decision.judgements[0].reasons[0]
 
 
+def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful():
+    decision = decide([candidate("incremental", witness=witness(contradicted_images=FEW))], SETTINGS)
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
+
+
+def test_two_images_are_not_what_is_left_of_three():
+    three = dict(list(centres().items())[:3])
+    said = evidence(witness=witness(contradicted_images=(NAMES[2],)))
+    assert decide([Candidate("incremental", three, said)], SETTINGS).chosen is None
+
+
 def test_a_model_without_verified_pairs_is_rejected():
     assert decide([Candidate("global", centres(), None)], SETTINGS).chosen is None
 
@@ -242,11 +254,15 @@ def test_agreement_ignores_the_frame():
     assert decision.judgements[0].verdict == "accepted"
 
 
-def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
+def examined(model: pycolmap.Reconstruction, folder: Path) -> MappedScene:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
-    scene = MappedScene.of_models("global", [model], evidence, Monitor())
+    return MappedScene.of_models("global", [model], evidence, Monitor())
+
+
+def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
+    scene = examined(model, folder)
     assert scene.candidate.evidence is not None
     return decide([scene.candidate], SETTINGS), scene.candidate.evidence
 
@@ -265,9 +281,11 @@ def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: Sf
         pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
     )
     last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
-    decision, found = judge_model(model, kermit_sfm.model_dir.parent)
-    assert decision.chosen == 0
-    assert found.match_support > 0.98
+    scene = examined(model, kermit_sfm.model_dir.parent)
+    assert scene.left_out == (last.name,)
+    assert decide([scene.candidate], SETTINGS).chosen == 0
+    assert scene.candidate.evidence is not None
+    assert scene.candidate.evidence.match_support > 0.98
     registered = {image.name for image in model.images.values() if image.has_pose}
     assert len(registered) == 10
     assert last.name not in registered

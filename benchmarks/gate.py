@@ -1,0 +1,260 @@
+"""Calibration of the gate on right and wrong models: its errors, thresholds and receiver characteristics.
+
+    python benchmarks/gate.py DATA --cache FOLDER [--scenes fox bonsai castle-P19 fountain-P11]
+        [--subsets near10far5 ...] [--mapped-only] [--json gate.json]
+
+Both mappers' models of subsets of each scene (``gate_models``) are examined without any prior: by the gate of
+ADR 2, without the witness, and with it where the extra aliked is installed. An image is wrong when its centre
+is more than 10 % of the spread off after a robust alignment; a model is, when an image that the gate left in
+it is. The threshold of loosely linked images is chosen on all scenes but one, and judged on that one.
+``FOLDER`` keeps features and models: a second run only examines.
+"""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from gate_models import Centres, Scene, map_subset, mapped, prepare, spoilt
+from measurement import report
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.alignment.similarity import robust_umeyama
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence
+from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
+from fvs_engine.sfm.matching.witness import ask_witness
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.report import Verdict
+from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.gate import Candidate, decide
+from fvs_engine.sfm.verification.links import MIN_LINK_SHARE, Links
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
+from fvs_engine.sfm.verification.witness import WitnessMatches
+
+SCENES = ("fox", "bonsai", "castle-P19", "fountain-P11")
+WRONG_SHARE = 0.1
+SHARES = np.arange(0.005, 0.0501, 0.0025)
+"""Candidates for the threshold of loosely linked images."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A model by one version of the gate: its verdict, and the number of wrong images that it left in."""
+
+    verdict: Verdict
+    wrong: int
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model, of whose ``images`` some are ``wrong``, and what the versions of the gate say of it."""
+
+    scene: str
+    subset: str
+    kind: str
+    images: int
+    wrong: int
+    link_share: float
+    """The largest of ``SHARES`` that leaves no image loosely linked; 0 when all do."""
+    before: Judged
+    without: Judged
+    witness: Judged | None
+
+
+def examine(scene: Scene, cache: Path, only: Sequence[str] | None, mapped_only: bool) -> list[Case]:
+    """All cases of a scene."""
+    stages = prepare(scene, cache / scene.name / "whole")
+    subsets = {name: images for name, images in scene.subsets().items() if only is None or name in only}
+    matches = ask_witness(stages, scene.image_dir, {image for images in subsets.values() for image in images})
+    cases = []
+    for subset, names in subsets.items():
+        folder = map_subset(scene, names, stages.folder, cache / scene.name / subset)
+        pairs = read_verified_pairs(folder.database, MIN_PAIR_MATCHES)
+        keypoints = read_keypoints(folder.database, {i for pair in pairs for i in (pair.first, pair.second)})
+        evidence = ModelEvidence(pairs, keypoints, PosePriors())
+        asked = None if matches is None else replace(evidence, witness=partial(_said, matches))
+        sound = mapped(folder)
+        groups = [sound]
+        if sound and not mapped_only:
+            # A spoilt model stands alone: the mapper's would show what is wrong with it.
+            groups += [{kind: make} for kind, make in spoilt(next(iter(sound.values()))).items()]
+        for group in groups:
+            cases += _cases(scene, subset, group, evidence, asked)
+    return cases
+
+
+def _said(matches: WitnessMatches) -> WitnessMatches:
+    return matches
+
+
+def _cases(
+    scene: Scene,
+    subset: str,
+    group: Mapping[str, Callable[[], pycolmap.Reconstruction]],
+    evidence: ModelEvidence,
+    asked: ModelEvidence | None,
+) -> list[Case]:
+    """The cases of models that the gate sees together."""
+    wrong = {kind: wrong_images(_centres(make()), scene.centres) for kind, make in group.items()}
+    plain = [MappedScene.of_models(kind, [make()], evidence, Monitor()) for kind, make in group.items()]
+    without = [scene.candidate for scene in plain]
+    versions = [_judge([_as_before(candidate) for candidate in without], wrong), _judge(without, wrong)]
+    if asked is not None:
+        found = [MappedScene.of_models(kind, [make()], asked, Monitor()) for kind, make in group.items()]
+        versions.append(_judge([scene.candidate for scene in found], wrong))
+    return [
+        Case(
+            scene.name,
+            subset,
+            kind,
+            len(_centres(make())),
+            len(wrong[kind]),
+            _link_share(make(), evidence),
+            versions[0][k],
+            versions[1][k],
+            versions[2][k] if asked is not None else None,
+        )
+        for k, (kind, make) in enumerate(group.items())
+    ]
+
+
+def _judge(candidates: Sequence[Candidate], wrong: Mapping[str, Set[str]]) -> list[Judged]:
+    judgements = decide(candidates, GateSettings()).judgements
+    return [
+        Judged(judgement.verdict, len(candidate.centres.keys() & wrong[candidate.mapper]))
+        for candidate, judgement in zip(candidates, judgements, strict=True)
+    ]
+
+
+def _as_before(candidate: Candidate) -> Candidate:
+    """The same without the evidence that the gate of ADR 2 had not."""
+    if candidate.evidence is None:
+        return candidate
+    evidence = candidate.evidence.model_copy(update={"loosely_linked_images": (), "witness": None})
+    return replace(candidate, evidence=evidence)
+
+
+def _centres(model: pycolmap.Reconstruction) -> Centres:
+    return {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+
+
+def wrong_images(found: Centres, truth: Centres) -> set[str]:
+    """The images whose centres are far from the true ones, after the alignment that most of them fit."""
+    names = sorted(found)
+    ours, theirs = (np.stack([centres[name] for name in names]) for centres in (found, truth))
+    try:
+        moved = robust_umeyama(ours, theirs).transform.apply(ours)
+    except InvalidInputError:  # no three of them agree
+        return set(names)
+    off = np.linalg.norm(moved - theirs, axis=1) / centre_spread(theirs)
+    return {name for name, share in zip(names, off, strict=True) if share > WRONG_SHARE}
+
+
+def _link_share(model: pycolmap.Reconstruction, evidence: ModelEvidence) -> float:
+    checks = check_pairs(model, evidence.pairs, evidence.keypoints, relative_poses=False)
+    fitting = [share for share in SHARES if not Links.of(model, checks, share).loose]
+    return float(max(fitting, default=0.0))
+
+
+def summary(cases: Sequence[Case]) -> list[dict[str, object]]:
+    """False accepts, doubts and refusals of every version of the gate, scene by scene."""
+    versions: dict[str, Callable[[Case], Judged | None]] = {
+        "ADR 2": lambda case: case.before,
+        "without witness": lambda case: case.without,
+        "with witness": lambda case: case.witness,
+    }
+    rows = []
+    for scene in (*dict.fromkeys(case.scene for case in cases), "all"):
+        for name, judged in versions.items():
+            of = [(case, judged(case)) for case in cases if scene in (case.scene, "all")]
+            seen = [(case, said) for case, said in of if said is not None]
+            sound = [said for case, said in seen if case.wrong == 0]
+            bad = [said for case, said in seen if case.wrong > 0]
+            if seen:
+                rows.append(
+                    {
+                        "scene": scene,
+                        "gate": name,
+                        "right": len(sound),
+                        "accepted": sum(said.verdict == "accepted" for said in sound),
+                        "doubtful": sum(said.verdict == "doubtful" for said in sound),
+                        "refused": sum(said.verdict == "rejected" for said in sound),
+                        "wrong": len(bad),
+                        "wrong accepted": sum(said.verdict == "accepted" and said.wrong > 0 for said in bad),
+                        "cleaned": sum(said.verdict != "rejected" and said.wrong == 0 for said in bad),
+                        "wrong doubtful": sum(said.verdict == "doubtful" and said.wrong > 0 for said in bad),
+                        "wrong refused": sum(said.verdict == "rejected" for said in bad),
+                    }
+                )
+    return rows
+
+
+def threshold(cases: Sequence[Case]) -> float:
+    """The smallest share at which every wrong model that the gate of ADR 2 accepts has a loose image."""
+    passed = [
+        case.link_share for case in cases if case.before.verdict == "accepted" and case.before.wrong > 0
+    ]
+    return float(min((share for share in SHARES if share > max(passed, default=0.0)), default=SHARES[-1]))
+
+
+def characteristics(cases: Sequence[Case]) -> list[dict[str, object]]:
+    """What each threshold doubts, of the models that the gate of ADR 2 accepts."""
+    accepted = [case for case in cases if case.before.verdict == "accepted"]
+    right, wrong = ([c for c in accepted if (c.before.wrong > 0) == bad] for bad in (False, True))
+    return [
+        {
+            "least share": float(share),
+            "right doubted": f"{sum(case.link_share < share for case in right)} of {len(right)}",
+            "wrong doubted": f"{sum(case.link_share < share for case in wrong)} of {len(wrong)}",
+        }
+        for share in SHARES
+    ]
+
+
+def left_out(cases: Sequence[Case]) -> list[dict[str, object]]:
+    """For each scene: the threshold that the other scenes give, and its errors on this one."""
+    rows = []
+    for scene in dict.fromkeys(case.scene for case in cases):
+        share = threshold([case for case in cases if case.scene != scene])
+        own = [case for case in cases if case.scene == scene and case.before.verdict == "accepted"]
+        rows.append(
+            {
+                "left out": scene,
+                "least share": share,
+                "wrong accepted": sum(c.before.wrong > 0 and c.link_share >= share for c in own),
+                "right doubted": sum(c.before.wrong == 0 and c.link_share < share for c in own),
+                "right": sum(c.before.wrong == 0 for c in own),
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--cache", type=Path, required=True)
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
+    parser.add_argument("--subsets", nargs="+")
+    parser.add_argument("--mapped-only", action="store_true", help="leave out the spoilt models")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    cases = []
+    for name in arguments.scenes:
+        cases += examine(
+            Scene.read(arguments.data, name), arguments.cache, arguments.subsets, arguments.mapped_only
+        )
+    report("Models", [asdict(case) for case in cases], arguments.json)
+    report("Verdicts", summary(cases))
+    report(f"Threshold of loose links, now {MIN_LINK_SHARE}", characteristics(cases))
+    report("Each scene by the threshold of the others", left_out(cases))
+
+
+if __name__ == "__main__":
+    main()

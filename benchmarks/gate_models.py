@@ -1,0 +1,182 @@
+"""Right and wrong models for the calibration of the gate: of subsets, by the mappers, and spoilt ones.
+
+A scene's features and matches are computed once; every subset gets a copy without the other images. What a
+folder holds is not computed again.
+"""
+
+import contextlib
+import json
+import random
+import shutil
+import sqlite3
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.hold_out import hold_out
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import read_dataset
+from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, map_scene
+from fvs_engine.sfm.matching.features import extract_features
+from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.settings import MapperName, SfmSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages
+
+Centres = Mapping[str, NDArray[np.float64]]
+
+MAPPERS: tuple[MapperName, ...] = ("incremental", "global")
+SETTINGS = SfmSettings(threads=1)
+_MOST = 55
+"""Images of a scene that are used: the first ten, and those that are farthest from one another."""
+_FEWEST = 20
+"""Scenes with fewer images give runs of neighbours and the whole, no far-spread sets."""
+_SHIFT = 0.3
+"""Of the spread of the cameras."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene with true camera centres."""
+
+    name: str
+    image_dir: Path
+    centres: Centres
+
+    @staticmethod
+    def read(data: Path, name: str) -> "Scene":
+        """One of bonsai, fox and the two Strecha scenes; raises for data that is not there."""
+        folder = data / name
+        if name == "bonsai":
+            centres = read_dataset(folder / "images", colmap=folder / "reference").centres()
+        elif name == "fox":
+            centres = read_dataset(folder / "images", transforms=folder / "transforms.json").centres()
+        else:
+            centres = _strecha(folder)
+        return Scene(name, folder / "images", centres)
+
+    def pool(self) -> list[str]:
+        """The images that subsets are drawn from."""
+        names = sorted(self.centres)
+        if len(names) <= _FEWEST:
+            return names
+        kept = list(hold_out(names, 8)[0])
+        return sorted(self.farthest(kept, kept[:10], min(_MOST, len(kept))))
+
+    def farthest(self, names: Sequence[str], first: Sequence[str], count: int) -> list[str]:
+        """The ``first`` images, and then always the one farthest from all before."""
+        chosen = list(first)
+        while len(chosen) < count:
+            others = [name for name in names if name not in chosen]
+            gaps = [min(np.linalg.norm(self.centres[n] - self.centres[c]) for c in chosen) for n in others]
+            chosen.append(others[int(np.argmax(gaps))])
+        return chosen
+
+    def subsets(self) -> dict[str, list[str]]:
+        """Name → images: neighbours, neighbours and far ones, far ones, any."""
+        pool = self.pool()
+        if len(pool) < _FEWEST:
+            starts = range(0, len(pool) - 7, 2)
+            return {"all": pool} | {f"run8_{k}": pool[k : k + 8] for k in starts}
+        middle = np.mean([self.centres[name] for name in pool], axis=0)
+        central = min(pool, key=lambda name: float(np.linalg.norm(self.centres[name] - middle)))
+        found = {f"near10far{k}": self.farthest(pool, pool[:10], 10 + k) for k in (5, 10)}
+        found |= {f"far{k}": self.farthest(pool, [central], k) for k in (12, 16, 20)}
+        for seed in range(4):
+            draw = random.Random(seed)
+            found[f"random15_{seed}"] = sorted(draw.sample(pool, 15))
+            start = draw.randrange(len(pool) - 12)
+            found[f"run12_{seed}"] = pool[start : start + 12]
+            found[f"farfrom_{seed}"] = self.farthest(pool, [draw.choice(pool)], 14)
+            start = draw.randrange(len(pool) - 10)
+            found[f"runfar_{seed}"] = self.farthest(pool, pool[start : start + 8], 14)
+        return found
+
+
+def prepare(scene: Scene, folder: Path) -> Stages:
+    """Features and matches of the scene's pool, in ``folder``."""
+    stages = Stages(SfmFolder(folder), SETTINGS, Monitor())
+    names = stages.open(scene.image_dir, scene.pool(), 2)
+    extract_features(stages, scene.image_dir, names)
+    match_features(stages, names)
+    return stages
+
+
+def map_subset(scene: Scene, names: Sequence[str], whole: SfmFolder, folder: Path) -> SfmFolder:
+    """The models of both mappers of some images; ``whole`` has the features and matches of the scene."""
+    target = SfmFolder(folder)
+    if not (folder / "mapped").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.closing(sqlite3.connect(whole.database)) as database:
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        shutil.copyfile(whole.database, target.database)
+        shutil.copyfile(whole.state, target.state)
+        stages = Stages(target, SETTINGS, Monitor())
+        stages.open(scene.image_dir, names, 2)
+        calibrate_view_graph(stages)
+        for mapper in MAPPERS:
+            map_scene(stages, mapper, scene.image_dir, len(names))
+        (folder / "mapped").write_text(json.dumps(list(names)))
+    return target
+
+
+def mapped(folder: SfmFolder) -> dict[str, Callable[[], pycolmap.Reconstruction]]:
+    """Mapper → its largest model, read anew at each call, of the mappers that made one."""
+    paths = {mapper: folder.mapping(mapper) for mapper in MAPPERS}
+    return {mapper: partial(_largest, path) for mapper, path in paths.items() if load_models(path)}
+
+
+def spoilt(sound: Callable[[], pycolmap.Reconstruction]) -> dict[str, Callable[[], pycolmap.Reconstruction]]:
+    """Kind → a wrong model made of a sound one, anew at each call."""
+    return {spoil.__name__: partial(_spoil, sound, spoil) for spoil in (_shifted, _mirrored)}
+
+
+def _largest(path: Path) -> pycolmap.Reconstruction:
+    return load_models(path)[0]
+
+
+def _spoil(
+    sound: Callable[[], pycolmap.Reconstruction], spoil: Callable[[pycolmap.Reconstruction], None]
+) -> pycolmap.Reconstruction:
+    model = sound()
+    spoil(model)
+    return model
+
+
+def _shifted(model: pycolmap.Reconstruction) -> None:
+    """The last third of the images, moved aside together as by a repeated pattern."""
+    images = sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
+    )
+    centres = np.stack([image.projection_center() for image in images])
+    direction = np.linalg.svd(centres - centres.mean(axis=0))[2][0]
+    for image in images[2 * len(images) // 3 :]:
+        pose = image.cam_from_world()
+        aside = pycolmap.Rigid3d(pycolmap.Rotation3d(), -_SHIFT * centre_spread(centres) * direction)
+        image.frame.set_cam_from_world(image.camera_id, pose * aside)
+
+
+def _mirrored(model: pycolmap.Reconstruction) -> None:
+    """All cameras mirrored at the plane across their mean viewing direction: a relief read the other way."""
+    images = [image for image in model.images.values() if image.has_pose]
+    axis = np.sum([image.viewing_direction() for image in images], axis=0)
+    axis /= np.linalg.norm(axis)
+    mirror, depth = np.eye(3) - 2.0 * np.outer(axis, axis), np.diag([1.0, 1.0, -1.0])
+    for image in images:
+        rotation = depth @ image.cam_from_world().rotation.matrix() @ mirror
+        centre = mirror @ image.projection_center()
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ centre)
+        image.frame.set_cam_from_world(image.camera_id, pose)
+
+
+def _strecha(folder: Path) -> Centres:
+    centres = {}
+    for file in (folder / "gt_dense_cameras").glob("*.camera"):
+        rows = [line.split() for line in file.read_text().splitlines() if line.strip()]
+        centres[file.name.removesuffix(".camera")] = np.array(rows[7], dtype=np.float64)
+    return centres
