@@ -3,15 +3,13 @@
     python benchmarks/loop.py DATASET [--counts 10 25 50] [--long-side 400] [--candidates 50] [--json
     loop.json]
 
-A step is: a new image registered in the current model (structure from motion on the visited ones only), new
-Gaussians, 100 more iterations, all of it saved, and the 50 nearest candidates rendered and ranked by their
-median frequency. The nearest view is always visited next, so that the paper's way works too: where the
-selector may go to the worst render, it meets images that overlap too little for structure from motion from
-scratch. Around every count n the median of three steps is taken; the mean over all steps includes those in
-which the model is retrained from scratch. The paper's way with the same n + 1 images, in the same run and on
-the same threads: structure from motion from scratch, 1,000 + 100 per view iterations from scratch, as many
-candidates ranked (goal: a step costs ≤ 1/20 of that at 50, and does not grow with the number of views beyond
-what matching needs).
+A step is: a new image registered in the current model (structure from motion on the visited ones only), a
+quick model trained and saved, and the 50 nearest candidates rendered and ranked by their median frequency.
+The nearest view is always visited next, so that the paper's way works too: where the selector may go to the
+worst render, it meets images that overlap too little for structure from motion from scratch. Around every
+count n the median of three steps is taken. The paper's way with the same n + 1 images, in the same run and
+on the same threads: structure from motion from scratch, the full model, as many candidates ranked (goal: a
+step costs ≤ 1/20 of that at 50, and does not grow with the number of views beyond what matching needs).
 """
 
 import argparse
@@ -32,6 +30,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord
 from fvs_engine.splat.raster import create_rasterizer
@@ -52,7 +51,7 @@ class Step:
 
     @property
     def seconds(self) -> float:
-        return self.ranking_s + self.seconds.add + self.seconds.train + self.seconds.save
+        return self.ranking_s + self.record.seconds.add + self.record.seconds.train
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
         print(record.message, flush=True)
         return None
     began = time.perf_counter()
-    rank_nearest(loop.scene, loop, candidates)
+    rank_nearest(loop.model, loop.scene, loop, candidates)
     step = Step(record, time.perf_counter() - began, processor_s() - worked)
     print(
         f"{record.views} views, {record.registered} registered, {step.seconds:.1f} s: {record.seconds}",
@@ -93,34 +92,28 @@ def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
     return step
 
 
-def rank_nearest(scene: GrowingScene, loop: SelectionLoop, count: int) -> None:
-    """Rank the unvisited views of ``scene`` that are nearest to the last visited one."""
+def rank_nearest(model: SceneModel, scene: GrowingScene, loop: SelectionLoop, count: int) -> None:
+    """Rank the unvisited views, by a model of ``scene``, that are nearest to the last visited one."""
     centres = loop.dataset.centres()
     here = centres[loop.visited[-1]]
     near = sorted(loop.unvisited, key=lambda name: float(np.linalg.norm(centres[name] - here)))[:count]
-    rank(MedianFrequency().score(scene.gaussians, in_model(near, scene), scene.rasterizer))
+    rank(MedianFrequency().score(model.gaussians, in_model(near, scene), scene.rasterizer))
 
 
 def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again:
     """The state after a step, made from scratch, and as many candidates ranked."""
     names = loop.visited[: step.views]
-    settings = loop.settings.scene
-    iterations = settings.initial_iterations + settings.iterations_per_view * (len(names) - INITIAL)
     worked = processor_s()
     with tempfile.TemporaryDirectory() as folder:
         scene = GrowingScene.open(
-            Path(folder),
-            loop.dataset,
-            settings.model_copy(update={"initial_iterations": iterations}),
-            loop.scene.rasterizer,
-            Monitor(),
+            Path(folder), loop.dataset, loop.settings.scene, loop.scene.rasterizer, Monitor()
         )
         times = [time.perf_counter()]
         scene.add(names, Monitor())
         times.append(time.perf_counter())
-        scene.train(Monitor())
+        model = scene.train("full", Monitor())
         times.append(time.perf_counter())
-        rank_nearest(scene, loop, count)
+        rank_nearest(model, scene, loop, count)
         times.append(time.perf_counter())
         sfm, train, score = (after - before for before, after in itertools.pairwise(times))
         return Again(sfm, train, score, processor_s() - worked, len(scene.views))
@@ -145,9 +138,9 @@ def in_model(names: list[str], scene: GrowingScene) -> list[PinholeView]:
 
 def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int) -> dict[str, Any]:
     """A row of the table: the step that begins with ``views`` views, and everything again."""
-    (middle,) = (index for index, step in enumerate(steps) if step.views == views + 1)
+    (middle,) = (index for index, step in enumerate(steps) if step.record.views == views + 1)
     around = steps[max(middle - TIMED // 2, 0) : middle + TIMED // 2 + 1]
-    parts = [step.seconds for step in around]
+    parts = [step.record.seconds for step in around]
     totals = [step.seconds for step in around]
     worked = median(step.processor_s for step in around)
     again = everything_again(loop, steps[middle].record, candidates)
@@ -161,7 +154,7 @@ def compare(loop: SelectionLoop, steps: list[Step], views: int, candidates: int)
         "again, s": again.total,
         "SfM": again.sfm,
         "all training": again.train,
-        "registered": f"{steps[middle].registered} / {again.registered}",
+        "registered": f"{steps[middle].record.registered} / {again.registered}",
         "× faster": again.total / median(totals),
         "processor, s": worked,
         "again, processor": again.processor_s,

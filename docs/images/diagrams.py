@@ -112,7 +112,7 @@ def architecture() -> str:
 
     d.box(310, 85, 185, 300, "gateway", "REST, gRPC, events", "no torch, no pycolmap", fill=BLUE)
     d.box(325, 285, 155, 82, "inspectors", "decode every upload,", "within limits", fill="#ffffff")
-    d.box(770, 85, 190, 105, "runner", "one per active scene:", "holds the warm model,", "trains and ranks",
+    d.box(770, 85, 190, 105, "runner", "one per active scene:", "keeps models loaded,", "trains and ranks",
           fill=GREEN)  # fmt: skip
     d.box(
         585,

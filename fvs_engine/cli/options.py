@@ -113,7 +113,7 @@ class LoopOptions:
             min=1,
             max=MAX_ITERATIONS,
             metavar="N",
-            help="Training iterations on the initial views.",
+            help="Minimum number of training iterations of the full model.",
             show_default="1000",
         ),
     ] = None
@@ -123,7 +123,7 @@ class LoopOptions:
             min=0,
             max=MAX_ITERATIONS,
             metavar="N",
-            help="Further iterations for every view added.",
+            help="Training iterations of the full model per view; quick models, which choose, have a fifth.",
             show_default="100",
         ),
     ] = None

@@ -24,6 +24,8 @@ _FEWEST = 3
 def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> Calibration:
     """Score every unvisited view by every method, and compare the scores with the true errors there.
 
+    Both are those of the quick model, by which views are chosen.
+
     This reads photographs that were not visited; the loop does not change. With estimated poses the
     candidates' poses come from the alignment, as they do for the selectors. Stage ``calibrate``, in methods.
     """
@@ -35,7 +37,9 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
     with torch_threads_for(scene.rasterizer.device):
         for view in aligned_views(loop, names):
             monitor.check()
-            psnr_db[view.name] = psnr(rendered(scene, view), view.image.astype(np.float32) / 255)
+            psnr_db[view.name] = psnr(
+                rendered(loop.model, view, scene.rasterizer), view.image.astype(np.float32) / 255
+            )
         context = loop.context(names, loop.align())
         for done, method in enumerate(methods, start=1):
             scores = create_selector(method).score(context, monitor)

@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.evaluate.results import Evaluation, ViewQuality
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
@@ -21,13 +22,16 @@ Lpips = Callable[[ArrayLike, ArrayLike], float]
 
 
 def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) -> Evaluation:
-    """Evaluate the model on the held-out photographs; it does not change. Stage ``evaluate``.
+    """Evaluate the full model, trained first if it is not there, on the held-out photographs.
+
+    Stage ``evaluate``, after those of training.
 
     With known poses their cameras are those of the dataset. With estimated ones each photograph is localised
     in the current model by its own features, so that the measure is of the model and not of the alignment;
     one that cannot be localised gets the dataset's camera, moved by the alignment.
     """
     scene = loop.scene
+    model = scene.train("full", monitor)
     localised = scene.localise(loop.held_out_names, monitor)
     missing = tuple(name for name in loop.held_out_names if name not in localised)
     views = [*localised.values(), *aligned_views(loop, missing)]
@@ -35,7 +39,7 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
     with torch_threads_for(scene.rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
-            qualities.append(_quality(scene, view, lpips))
+            qualities.append(_quality(model, view, scene.rasterizer, lpips))
             monitor.report(STAGE, done, len(views))
     mean_lpips = None
     if lpips is not None:
@@ -43,8 +47,8 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
     return Evaluation(
         visited=len(loop.visited),
         registered=len(scene.views),
-        iterations=scene.iteration,
-        gaussians=len(scene.gaussians),
+        iterations=model.iterations,
+        gaussians=len(model.gaussians),
         travel=loop.travel,
         psnr_db=float(np.mean([quality.psnr_db for quality in qualities])),
         ssim=float(np.mean([quality.ssim for quality in qualities])),
@@ -69,13 +73,15 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
         yield photographs.load(name, view.camera, model_from_camera.inverse())
 
 
-def rendered(scene: GrowingScene, view: TrainingView) -> NDArray[np.float32]:
-    """The scene rendered at a view, on black: [H, W, 3] in [0, 1]."""
-    return render_color(scene.gaussians, view, scene.rasterizer, sh_degree=scene.sh_degree)
+def rendered(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> NDArray[np.float32]:
+    """The model rendered at a view, on black: [H, W, 3] in [0, 1]."""
+    return render_color(model.gaussians, view, rasterizer, sh_degree=model.sh_degree)
 
 
-def _quality(scene: GrowingScene, view: TrainingView, lpips: Lpips | None) -> ViewQuality:
-    render, photograph = rendered(scene, view), view.image.astype(np.float32) / 255
+def _quality(
+    model: SceneModel, view: TrainingView, rasterizer: Rasterizer, lpips: Lpips | None
+) -> ViewQuality:
+    render, photograph = rendered(model, view, rasterizer), view.image.astype(np.float32) / 255
     return ViewQuality(
         name=view.name,
         psnr_db=psnr(render, photograph),

@@ -59,7 +59,8 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         ("images", f"long side {protocol.long_side_px} px; every {protocol.test_every}th photograph is test"),
         (
             "training",
-            f"{protocol.initial_iterations} iterations, and {protocol.iterations_per_view} per view added; "
+            f"{protocol.iterations_per_view} iterations per view, at least {protocol.initial_iterations}, "
+            "from coarse to fine; quick models, which choose, a share of it; "
             f"at most {protocol.max_gaussians:,} Gaussians of degree 0",
         ),
         (

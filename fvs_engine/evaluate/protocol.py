@@ -22,8 +22,9 @@ class Protocol(Record):
     ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited images. With ``sfm``
     and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
     spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis.
-    Training takes ``initial_iterations``, and ``iterations_per_view`` for every view added. ``time_limit_s``
-    ends a run early, which the report mentions.
+    The full model, which is measured, has ``iterations_per_view`` iterations for every view, at least
+    ``initial_iterations``; views are chosen by a quick one (``SceneSettings``). ``time_limit_s`` ends a run
+    early, which the report mentions.
 
     What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
     random, the noise of priors, and the order of views and the splits of Gaussians in training. Nothing else,

@@ -14,7 +14,7 @@ from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings, prior_noise
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StopReason
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest
 from fvs_engine.sfm.settings import SfmSettings
@@ -77,7 +77,7 @@ class Setup:
             long_side_px=protocol.long_side_px,
             initial_iterations=protocol.initial_iterations,
             iterations_per_view=protocol.iterations_per_view,
-            training=GROWING_TRAINING.model_copy(update={"max_gaussians": protocol.max_gaussians}),
+            training=SCENE_TRAINING.model_copy(update={"max_gaussians": protocol.max_gaussians}),
             sfm=SfmSettings(seed=seed, threads=self.threads or 1),  # one thread: reproducible
             seed=seed,
         )
@@ -102,7 +102,7 @@ class Setup:
 def make_start(setup: Setup, folder: Path, method: str, seed: int, monitor: Monitor) -> Path:
     """A selection trained on its initial views that has chosen nothing, in ``folder / selection``.
 
-    Its model does not depend on the method, so that all methods of a seed can begin with it.
+    Its models do not depend on the method, so that all methods of a seed can begin with them.
     """
     finished = folder / "finished"
     if not finished.exists():
@@ -110,7 +110,10 @@ def make_start(setup: Setup, folder: Path, method: str, seed: int, monitor: Moni
         earlier = LoopFolder(selection).manifest()
         if earlier is not None:  # it may have been created for another method
             method = earlier.settings.method
-        setup.open(selection, method, seed, monitor).begin(monitor)
+        loop = setup.open(selection, method, seed, monitor)
+        loop.begin(monitor)
+        if len(loop.initial) in setup.protocol.view_counts:
+            loop.scene.train("full", monitor)
         finished.touch()
     return folder / "selection"
 

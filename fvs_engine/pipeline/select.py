@@ -1,11 +1,11 @@
 """Selection of views of a dataset, in an output folder; resumable.
 
 selection.json    settings, the initial views, why it stopped
-steps/            one file per step: the ranking, the choice, the trained model's numbers
-scene/            the scene as it grew: features, cameras, the training state
+steps/            one file per step: the ranking, the choice, the quick model's numbers
+scene/            the scene as it grew: features, cameras, the training of its models
 result.json       the views in the order of their visit, with score, distance and travel
 trajectory.png    the path of the camera, from above
-point_cloud.ply   the Gaussians, in the layout that splat viewers read
+point_cloud.ply   the full model of all views, in the layout that splat viewers read
 """
 
 from collections.abc import Callable
@@ -18,6 +18,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.output import locked_output, open_outside
 from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.records import Record
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.distances import path_length
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.select.trajectory import draw_trajectory
@@ -45,7 +46,8 @@ class SelectionResult(Record):
     """``result.json``: what was visited, in order, and why the selection ended.
 
     ``travel_of_capture`` is the path length through all views that could be visited, in order of capture.
-    ``worst_rms``: of the alignments between dataset and model, in the dataset's unit.
+    ``worst_rms``: of the alignments between dataset and model, in the dataset's unit. ``iterations`` and
+    ``gaussians`` are those of the full model.
     """
 
     dataset: str
@@ -102,7 +104,8 @@ def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str],
     while isinstance(step := loop.step(monitor), StepRecord):
         for warning in step.warnings:
             warn(warning)
-    result = _result(loop, step)
+    model = loop.scene.train("full", monitor)
+    result = _result(loop, model, step)
     draw_trajectory(
         out / "trajectory.png",
         loop.dataset,
@@ -112,12 +115,12 @@ def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str],
         title=f"{result.dataset} · {result.method} · {len(result.views)} views · "
         f"travel {result.travel:.1f} of {result.travel_of_capture:.1f}",
     )
-    write_ply(out / "point_cloud.ply", loop.scene.gaussians)
+    write_ply(out / "point_cloud.ply", model.gaussians)
     write_record(out / "result.json", result)
     return result
 
 
-def _result(loop: SelectionLoop, stop: StopReason) -> SelectionResult:
+def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> SelectionResult:
     centres = loop.dataset.centres()
     way = [centres[name] for name in loop.visited]
     registered = {view.name for view in loop.scene.views}
@@ -149,7 +152,7 @@ def _result(loop: SelectionLoop, stop: StopReason) -> SelectionResult:
         travel=loop.travel,
         travel_of_capture=path_length([centres[name] for name in loop.pool]),
         worst_rms=max((record.alignment.rms for record in loop.records), default=0.0),
-        iterations=loop.scene.iteration,
-        gaussians=len(loop.scene.gaussians),
+        iterations=model.iterations,
+        gaussians=len(model.gaussians),
         seconds=sum(record.seconds.total for record in loop.records),
     )

@@ -8,7 +8,7 @@ from fvs_engine.hold_out import hold_out
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
 from fvs_engine.records import Record, first_error
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings, prior_noise
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop_settings import LoopSettings
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.settings import PRESETS, TrainingSettings
@@ -46,9 +46,9 @@ class SelectionRequest(Record):
     threads: int | None = None
 
     def scene_settings(self) -> SceneSettings:
-        """The coarse or fine preset on the paper's growing schedule."""
+        """The coarse or fine preset on the paper's schedule."""
         preset = PRESETS[self.quality]
-        training = GROWING_TRAINING.model_dump() | {
+        training = SCENE_TRAINING.model_dump() | {
             "sh_degree": preset.sh_degree,
             "max_gaussians": self.max_gaussians or preset.max_gaussians,
         }

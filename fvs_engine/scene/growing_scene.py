@@ -1,14 +1,13 @@
-"""A scene over time: images are registered, Gaussians are added where new points are, training goes on."""
+"""A scene over time: images are registered as they come, and its models are trained anew on all of them."""
 
+import hashlib
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
@@ -17,65 +16,39 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.pose_source import PoseSource, open_pose_source
 from fvs_engine.scene.scene_files import SceneFiles, SceneState
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.scene_update import SceneUpdate
-from fvs_engine.scene.seeding import Seeds, guessed_seeds, seeds_on_free_points
-from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.seeding import MIN_POINTS, initial_seeds
+from fvs_engine.scene.settings import ModelQuality, SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
-from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.checkpoint import read_checkpoint_state
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import train_saving
-from fvs_engine.splat.settings import coarse_to_fine
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
 
-MIN_POINTS = 100
-"""With fewer sparse points than this a new model also starts from guessed seeds."""
-
-POINTS_GROWTH = 2.0
-"""A model is retrained from scratch when its views share this many times the points that it started from.
-
-A model trained on few views fits later ones badly. Measured on *bonsai*, four views far from one
-another and then sixteen more: 18.5 dB on held-out views when a model started from 1,000 points is never
-restarted, 22.0 dB when it last was at 18 views, as by this rule, 22.2 dB when all views are there from the
-start (ADR 6).
-"""
+STAGES: Mapping[ModelQuality, str] = {"quick": "quick training", "full": "train"}
+"""The stage in which each model is trained."""
 
 _SAVE_EVERY_S = 60.0
-
-
-@dataclass(frozen=True, eq=False)
-class _ModelEdit:
-    """Change of the trained model that follows from a pose update; the images are loaded.
-
-    ``restart``: a new model replaces the current one, if any; then all views are ``added``.
-    ``points_at_start``: see ``SceneState``.
-    """
-
-    added: tuple[tuple[AnyView, TrainingView], ...]
-    moved: tuple[tuple[AnyView, TrainingView], ...]
-    lost: frozenset[str]
-    seeds: Seeds
-    warnings: tuple[str, ...]
-    restart: bool
-    points_at_start: int
 
 
 class GrowingScene:
     """A dataset's growing scene in a folder of its own; a complete state survives a kill at any moment.
 
-    A state is what the last ``save`` wrote (``train`` saves every minute, ``add`` before it begins).
-    Repeating the calls that followed it, after a kill, gives the same scene bit by bit (on the CPU, with
-    ``settings.sfm.threads=1`` where poses are estimated). Only one process at a time may use a folder.
+    A model depends on the registered views, their sparse points and the settings alone: neither on the order
+    in which images were added nor on earlier models. ``add`` changes the views; ``train`` makes a model of
+    the present ones, unless it is there already.
 
-    The cost of an added view grows little with the number of views: its image is read, and new points are
-    compared with all points and Gaussians. Images stay in memory, and are read again only if their camera's
-    intrinsics changed visibly. For the cost of poses and points see ``GrowingReconstruction`` and
-    ``KnownPoses``. The exception: when the views share twice the points that the model started from, it is
-    retrained from scratch, and ``train`` runs the whole schedule again.
+    ``train`` saves every minute, ``add`` before it begins. Repeating the calls that followed the last save,
+    after a kill, gives the same scene bit by bit (on the CPU, with ``settings.sfm.threads=1`` where poses are
+    estimated). Only one process at a time may use a folder.
+
+    Images stay in memory, and are read again only if their camera's intrinsics changed visibly. For the cost
+    of poses and points see ``GrowingReconstruction`` and ``KnownPoses``.
     """
 
     def __init__(
@@ -92,13 +65,13 @@ class GrowingScene:
         self._files = files
         self._source = source
         self._photographs = Photographs(dataset.image_dir, settings.long_side_px)
-        self._trainer: Trainer | None = None
         self._visited: tuple[str, ...] = ()
-        self._posed: dict[str, AnyView] = {}  # in the order of the trainer's views, with distortion
-        self._seeded: NDArray[np.float32] = np.zeros((0, 3), np.float32)
+        self._posed: dict[str, AnyView] = {}  # by name, in the order of names, with distortion
+        self._views: tuple[TrainingView, ...] = ()  # in the same order
+        self._points = PointCloud.empty()
+        self._digest = ""  # of what a model depends on, beside the settings
+        self._models: dict[ModelQuality, SceneModel] = {}
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
-        self._initial_views = 0
-        self._points_at_start = 0
         self._generation = 0
         self._dirty = False
 
@@ -115,8 +88,7 @@ class GrowingScene:
         files.claim(dataset, settings)
         source = open_pose_source(files.sfm, dataset, settings, monitor)
         scene = cls(files, dataset, settings, rasterizer, source)
-        if files.checkpoint.exists():
-            scene._resume(monitor)
+        scene._resume(monitor)
         return scene
 
     @property
@@ -126,11 +98,11 @@ class GrowingScene:
 
     @property
     def views(self) -> tuple[TrainingView, ...]:
-        """The registered views in order of registration.
+        """The registered views in the order of their names.
 
         Each has its name, its pinhole camera at the training size, ``camera_from_model``, and its image.
         """
-        return self._trainer.views if self._trainer else ()
+        return self._views
 
     @property
     def unregistered(self) -> tuple[str, ...]:
@@ -152,31 +124,6 @@ class GrowingScene:
         """The folder of the COLMAP model with the current poses; None when the source has none."""
         return self._source.model_dir
 
-    @property
-    def gaussians(self) -> Gaussians:
-        """The model; raises ``TrainingError`` before the first view is registered."""
-        return self._model().gaussians
-
-    @property
-    def sh_degree(self) -> int:
-        """The degree of spherical harmonics in use."""
-        return self._model().sh_degree
-
-    @property
-    def iteration(self) -> int:
-        """The number of iterations done."""
-        return self._trainer.iteration if self._trainer else 0
-
-    @property
-    def is_reduced(self) -> bool:
-        """Whether the model is being trained on reduced images: its renders are blurred."""
-        return self._model().is_reduced
-
-    @property
-    def target_iteration(self) -> int:
-        """The iteration up to which the schedule goes with the present views; 0 before the first."""
-        return 0 if self._trainer is None else self._iterations_for(len(self.views))
-
     def add(
         self,
         names: Sequence[str],
@@ -185,11 +132,10 @@ class GrowingScene:
         *,
         removed: Collection[str] = (),
     ) -> SceneUpdate:
-        """Visit the images ``names``: register them, and seed Gaussians where new points are.
+        """Visit the images ``names``: register them.
 
         Images ``removed`` are first taken out, as if they had never been visited; those that are in
-        ``names``, too, are added again. When one of them was trained on, the model is retrained from
-        scratch: there is no other way to remove their influence.
+        ``names``, too, are added again.
 
         ``priors``: pose priors for a dataset without poses, those of earlier images included; by
         default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
@@ -206,9 +152,9 @@ class GrowingScene:
         left = tuple(name for name in self._visited if name not in gone)
         new = tuple(name for name in dict.fromkeys(names) if name not in left)
         if not new and not gone:
-            return SceneUpdate((), self.unregistered, 0, 0, self.target_iteration, (), {})
+            return SceneUpdate((), self.unregistered, 0, self._scarcity(), {})
         if self._dirty:
-            self.save()  # the pose source may be at most one update ahead of the checkpoint
+            self.save()  # the pose source may be at most one update ahead of the state
         began = time.monotonic()
         visited = left + new
         if gone:
@@ -216,41 +162,60 @@ class GrowingScene:
         # Before a kill the source may have committed these images: changes are relative to the scene's views.
         update = self._source.update(visited, self._posed.values(), monitor, priors)
         found = time.monotonic()
-        edit = self._edit(update, visited, monitor, restart=not gone.isdisjoint(self._posed))
-        self._apply(edit)
+        posed, views, moved = self._load(update, monitor)
         self._visited, self._generation, self._dirty = visited, update.generation, True
+        self._set(posed, views, update.points)
         return SceneUpdate(
             registered=update.registered,
             unregistered=update.unregistered,
-            moved=len(edit.moved),
-            new_gaussians=len(edit.seeds),
-            iterations=self.target_iteration,
-            warnings=update.warnings + edit.warnings,
-            seconds={"poses": found - began, "model": time.monotonic() - found},
+            moved=moved,
+            warnings=update.warnings + self._scarcity(),
+            seconds={"poses": found - began, "images": time.monotonic() - found},
         )
 
-    def train(self, monitor: Monitor) -> None:
-        """Go on up to ``target_iteration``. Raises ``Cancelled``, having saved, and ``TrainingError``."""
-        trainer = self._model()
-        if trainer.iteration >= self.target_iteration:
-            return
-        self._dirty = True
-        train_saving(trainer, self.target_iteration, monitor, self.save, _SAVE_EVERY_S)
+    def is_trained(self, quality: ModelQuality) -> bool:
+        """Whether there is a finished model of the present views."""
+        if quality in self._models:
+            return True
+        wanted = self.settings.iterations_of(quality, len(self._views))
+        return self._iterations_done(quality) >= wanted
+
+    def train(self, quality: ModelQuality, monitor: Monitor) -> SceneModel:
+        """The model of the present views, which is trained or finished first where it is not there.
+
+        Raises ``Cancelled``, having saved, and ``TrainingError``, also when no view is registered.
+        """
+        if quality in self._models:
+            return self._models[quality]
+        if not self._views:
+            raise TrainingError(
+                f"None of the {len(self._visited)} visited images has a pose yet.",
+                hint="Add images that overlap those that were visited.",
+            )
+        if self._dirty:
+            self.save()
+        path = self._files.model(quality)
+        iterations = self.settings.iterations_of(quality, len(self._views))
+        if self._iterations_done(quality):
+            trainer = Trainer.resume(path, self._views, self.rasterizer)
+        else:
+            trainer = self._new_trainer(iterations)
+        if trainer.iteration < iterations:
+
+            def save() -> None:
+                trainer.save(path, owner_state={"digest": self._digest})
+
+            train_saving(trainer, iterations, monitor, save, _SAVE_EVERY_S, STAGES[quality])
+            save()
+        self._models[quality] = SceneModel.of(trainer)
+        return self._models[quality]
 
     def save(self) -> None:
-        """Commit the state: after a kill the folder has this state or the one before."""
+        """Commit the visits and views: after a kill the folder has this state or the one before."""
         state = SceneState(
-            visited=self._visited,
-            views=tuple(self._posed.values()),
-            initial_views=self._initial_views,
-            points_at_start=self._points_at_start,
-            generation=self._generation,
-        ).model_dump(mode="json")
-        if self._trainer is None:
-            write_checkpoint(self._files.checkpoint, {}, {"owner": state})
-        else:
-            seeded = torch.from_numpy(self._seeded)
-            self._trainer.save(self._files.checkpoint, owner_tensors={"seeded": seeded}, owner_state=state)
+            visited=self._visited, views=tuple(self._posed.values()), generation=self._generation
+        )
+        self._files.write_state(state, self._points)
         self._dirty = False
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, TrainingView]:
@@ -260,7 +225,11 @@ class GrowingScene:
         are left out.
         """
         posed = self._source.localise(names, monitor)
-        return {name: self._load(posed[name]) for name in names if name in posed}
+        views = (posed[name] for name in names if name in posed)
+        return {
+            view.name: self._photographs.load(view.name, view.camera, view.camera_from_model)
+            for view in views
+        }
 
     def expected_camera(self, name: str) -> PinholeCamera:
         """The pinhole camera, at the training size, that view ``name`` of the dataset will have.
@@ -274,130 +243,83 @@ class GrowingScene:
         usual = self._usual_cameras.get((expected.width, expected.height), expected)
         return self._photographs.pinhole(usual)
 
-    def _model(self) -> Trainer:
-        if self._trainer is None:
-            raise TrainingError(
-                f"None of the {len(self._visited)} visited images has a pose yet.",
-                hint="Add images that overlap those that were visited.",
-            )
-        return self._trainer
+    def _load(
+        self, update: PoseUpdate, monitor: Monitor
+    ) -> tuple[dict[str, AnyView], tuple[TrainingView, ...], int]:
+        """The views of an update, without and with their images, by name, and how many have moved.
 
-    def _edit(
-        self, update: PoseUpdate, visited: Sequence[str], monitor: Monitor, *, restart: bool
-    ) -> _ModelEdit:
-        """Load the images of new and changed views and find seeds; changes nothing."""
-        restart = restart or self._trainer is None or self._outgrown(update.points)
-        current = {view.name: view for view in update.views}
-        new = current.keys() if restart else set(update.registered)
-        names = [name for name in visited if name in new]
-        added = []
-        for done, name in enumerate(names, start=1):
+        An image is read only if it is new, or if its camera's intrinsics changed visibly.
+        """
+        loaded = {view.name: view for view in self._views}
+        ordered = sorted(update.views, key=lambda view: view.name)
+        posed, views, moved = {}, [], 0
+        for done, view in enumerate(ordered, start=1):
             monitor.check()
-            added.append((current[name], self._load(current[name])))
-            monitor.report("load", done, len(names))
-        if restart:
-            moved = []
-            points_at_start = len(update.points)
-            seeds, warnings = self._first_seeds(update.points, [view for _, view in added])
-        else:
-            moved = self._moved([current[name] for name in visited if name in update.moved], monitor)
-            points_at_start = self._points_at_start
-            seeds, warnings = self._further_seeds(update.points), ()
-        return _ModelEdit(tuple(added), tuple(moved), update.lost, seeds, warnings, restart, points_at_start)
+            before = self._posed.get(view.name)
+            if before is None or not self._photographs.same_image(before.camera, view.camera):
+                training = self._photographs.load(view.name, view.camera, view.camera_from_model)
+                moved += before is not None
+            else:
+                view = replace(view, camera=before.camera)
+                training = replace(loaded[view.name], camera_from_model=view.camera_from_model)
+                moved += not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix)
+            posed[view.name] = view
+            views.append(training)
+            monitor.report("load", done, len(ordered))
+        return posed, tuple(views), moved
 
-    def _moved(self, views: Sequence[AnyView], monitor: Monitor) -> list[tuple[AnyView, TrainingView]]:
-        """The changed ``views`` whose training view changes; an image is loaded only if its pixels do."""
-        loaded = {view.name: view for view in self._model().views}
-        moved = []
-        for view in views:
-            monitor.check()
-            before = self._posed[view.name]
-            if not self._photographs.same_image(before.camera, view.camera):
-                moved.append((view, self._load(view)))
-            elif not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix):
-                kept = replace(view, camera=before.camera)
-                moved.append((kept, replace(loaded[view.name], camera_from_model=view.camera_from_model)))
-        return moved
-
-    def _iterations_for(self, views: int) -> int:
-        """The iterations of the schedule for a number of views."""
-        more = max(0, views - self._initial_views)
-        return self.settings.initial_iterations + self.settings.iterations_per_view * more
-
-    def _load(self, view: AnyView) -> TrainingView:
-        return self._photographs.load(view.name, view.camera, view.camera_from_model)
-
-    def _outgrown(self, points: PointCloud) -> bool:
-        """Whether the shared points have grown enough for retraining from scratch."""
-        return len(points) >= max(MIN_POINTS, POINTS_GROWTH * self._points_at_start)
-
-    def _further_seeds(self, points: PointCloud) -> Seeds:
-        means = self._model().gaussians.means.detach().cpu().numpy()
-        occupied = np.concatenate([means, self._seeded]).astype(np.float64)
-        return seeds_on_free_points(points, occupied, self.settings.training.max_gaussians - len(means))
-
-    def _first_seeds(
-        self, points: PointCloud, views: Sequence[TrainingView]
-    ) -> tuple[Seeds, tuple[str, ...]]:
-        """The seeds of a new model, and warnings about them."""
-        room = self.settings.training.max_gaussians
-        seeds = seeds_on_free_points(points, np.zeros((0, 3)), room)
-        if len(seeds) >= MIN_POINTS or not views:
-            warning = (
-                f"The model is retrained from scratch on {len(seeds)} points that {len(views)} views share."
-            )
-            return seeds, (warning,) if self._trainer else ()
-        guesses = guessed_seeds(views, room - len(seeds), self.settings.seed)
-        warning = (
-            f"The first {len(views)} views share only {len(seeds)} points: "
-            f"{len(guesses)} Gaussians start at guessed depths."
+    def _scarcity(self) -> tuple[str, ...]:
+        """A warning when models start from guesses."""
+        if not self._views or len(self._points) >= MIN_POINTS:
+            return ()
+        return (
+            f"The {len(self._views)} registered views share only {len(self._points)} points: Gaussians also "
+            "start at guessed depths.",
         )
-        return seeds.and_also(guesses), (warning,)
 
-    def _apply(self, edit: _ModelEdit) -> None:
-        views = [view for _, view in edit.added]
-        if edit.restart:
-            if not views:
-                self._trainer, self._posed = None, {}
-                return
-            gaussians = edit.seeds.gaussians(self.settings.training.sh_degree)
-            if self._trainer is None:
-                self._initial_views = len(views)
-            schedule = self.settings.schedule
-            if self.settings.coarse_to_fine:
-                levels = coarse_to_fine(self._iterations_for(len(views)))
-                schedule = schedule.model_copy(update={"levels": levels})
-            self._trainer = Trainer(views, gaussians, schedule, self.rasterizer, self.settings.seed)
-            self._seeded, self._posed = self._seeded[:0], {}
-        else:
-            trainer = self._model()
-            trainer.update_views([view for _, view in edit.moved])
-            trainer.add_views(views)
-            trainer.drop_views(edit.lost)
-            if len(edit.seeds):
-                trainer.add_gaussians(edit.seeds.gaussians(self.settings.training.sh_degree))
-        self._points_at_start = edit.points_at_start
-        self._posed.update({view.name: view for view, _ in (*edit.moved, *edit.added)})
-        self._posed = {name: view for name, view in self._posed.items() if name not in edit.lost}
-        self._usual_cameras = _usual_cameras(self._posed.values())
-        self._seeded = np.concatenate([self._seeded, edit.seeds.points.xyz.astype(np.float32)])
+    def _new_trainer(self, iterations: int) -> Trainer:
+        training, seed = self.settings.training_of(iterations), self.settings.seed
+        seeds = initial_seeds(self._points, self._views, training.max_gaussians, seed)
+        return Trainer(self._views, seeds.gaussians(training.sh_degree), training, self.rasterizer, seed)
+
+    def _iterations_done(self, quality: ModelQuality) -> int:
+        """The iterations in a model's checkpoint; 0 when it is of other views."""
+        path = self._files.model(quality)
+        if not path.exists():
+            return 0
+        state = read_checkpoint_state(path)
+        return int(state["iteration"]) if state.get("owner") == {"digest": self._digest} else 0
+
+    def _set(self, posed: Mapping[str, AnyView], views: Sequence[TrainingView], points: PointCloud) -> None:
+        """Take over the views, which are in the order of their names; models of others are forgotten."""
+        self._posed, self._views, self._points = dict(posed), tuple(views), points
+        self._usual_cameras = _usual_cameras(posed.values())
+        digest = _digest(posed, points)
+        if digest != self._digest:
+            self._digest, self._models = digest, {}
 
     def _resume(self, monitor: Monitor) -> None:
-        tensors, state = read_checkpoint(self._files.checkpoint)
-        saved = self._files.state(state)
-        self._visited, self._generation = saved.visited, saved.generation
-        self._posed = {view.name: view for view in saved.views}
-        self._usual_cameras = _usual_cameras(self._posed.values())
-        self._initial_views, self._points_at_start = saved.initial_views, saved.points_at_start
-        if not self._posed:
+        saved = self._files.read_state()
+        if saved is None:
             return
-        self._seeded = tensors["owner.seeded"].numpy()
+        state, points = saved
+        self._visited, self._generation = state.visited, state.generation
         views = []
-        for done, view in enumerate(self._posed.values(), start=1):
+        for done, view in enumerate(state.views, start=1):
             monitor.check()
-            views.append(self._load(view))
-            monitor.report("load", done, len(self._posed))
-        self._trainer = Trainer.resume(self._files.checkpoint, views, self.rasterizer)
+            views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
+            monitor.report("load", done, len(state.views))
+        self._set({view.name: view for view in state.views}, views, points)
+
+
+def _digest(posed: Mapping[str, AnyView], points: PointCloud) -> str:
+    digest = hashlib.sha256()
+    for name, view in posed.items():
+        digest.update(f"{name}\0{view.camera}\0".encode())
+        digest.update(np.ascontiguousarray(view.camera_from_model.matrix).tobytes())
+    digest.update(np.ascontiguousarray(points.xyz).tobytes())
+    digest.update(np.ascontiguousarray(points.colors).tobytes())
+    return digest.hexdigest()
 
 
 def _usual_cameras(views: Iterable[AnyView]) -> dict[tuple[int, int], Camera]:

@@ -1,8 +1,10 @@
 """The files in a growing scene's folder.
 
-scene.json               identity: dataset and settings
-checkpoint.safetensors   the whole state: Gaussians, optimiser, views, visits (in one file, so consistent)
-sfm/                     features, matches, and the growing reconstruction
+scene.json           identity: dataset and settings
+state.safetensors    what the models depend on: visits, views and their sparse points
+quick.safetensors    the training of the quick model; it names the state that it belongs to
+full.safetensors     the training of the full model, likewise
+sfm/                 features, matches, and the growing reconstruction
 """
 
 import hashlib
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError, StorageError
@@ -18,7 +21,9 @@ from fvs_engine.files.owned_folder import OwnedFolder, differences
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.settings import ModelQuality, SceneSettings
+from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
 from fvs_engine.views import AnyView
 
 
@@ -30,13 +35,10 @@ class SceneIdentity(Record):
 
 
 class SceneState(Record):
-    """A scene's state beside its trainer's, in the same checkpoint."""
+    """``state.safetensors``, beside the sparse points: the visits and the poses of the registered images."""
 
     visited: tuple[str, ...]
     views: tuple[AnyView, ...]
-    initial_views: int
-    points_at_start: int
-    """Sparse points that the views shared when the model last started."""
     generation: int
 
 
@@ -52,9 +54,13 @@ class SceneFiles:
         return self.root / "scene.json"
 
     @property
-    def checkpoint(self) -> Path:
+    def state(self) -> Path:
         """The state of the last save."""
-        return self.root / "checkpoint.safetensors"
+        return self.root / "state.safetensors"
+
+    def model(self, quality: ModelQuality) -> Path:
+        """The checkpoint of a model."""
+        return self.root / f"{quality}.safetensors"
 
     @property
     def sfm(self) -> Path:
@@ -83,14 +89,22 @@ class SceneFiles:
             found.insert(0, "it is of another dataset")
         owned.require_same(found, InvalidInputError)
 
-    def state(self, document: Any) -> SceneState:
-        """The scene's part of a checkpoint's state; raises ``StorageError`` when there is none."""
+    def write_state(self, state: SceneState, points: PointCloud) -> None:
+        """Replace the state; atomic. Raises ``StorageError``."""
+        tensors = {"xyz": torch.from_numpy(points.xyz), "colors": torch.from_numpy(points.colors)}
+        write_checkpoint(self.state, tensors, state.model_dump(mode="json"))
+
+    def read_state(self) -> tuple[SceneState, PointCloud] | None:
+        """The state of the last save, None before the first; raises ``StorageError``."""
+        if not self.state.exists():
+            return None
+        tensors, document = read_checkpoint(self.state)
         try:
-            return SceneState.model_validate(document["owner"])
+            state = SceneState.model_validate(document)
+            return state, PointCloud(tensors["xyz"].numpy(), tensors["colors"].numpy())
         except (KeyError, ValidationError) as error:
             raise StorageError(
-                f"{self.checkpoint} is not the checkpoint of a scene.",
-                hint="Delete the folder and start again.",
+                f"{self.state} is not the state of a scene.", hint="Delete the folder and start again."
             ) from error
 
 

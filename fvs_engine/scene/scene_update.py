@@ -9,14 +9,12 @@ class SceneUpdate:
     """What one ``add`` changed.
 
     ``registered``: images that have a pose now and had none before; ``unregistered``: all visited images
-    without one; ``moved``: number of views whose camera or pose changed; ``iterations``: the iteration up to
-    which ``train`` will go on; ``seconds``: for the poses, and for the model.
+    without one; ``moved``: number of views whose camera or pose changed; ``seconds``: for the poses, and for
+    loading the images.
     """
 
     registered: tuple[str, ...]
     unregistered: tuple[str, ...]
     moved: int
-    new_gaussians: int
-    iterations: int
     warnings: tuple[str, ...]
     seconds: Mapping[str, float]

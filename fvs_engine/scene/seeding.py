@@ -1,11 +1,10 @@
-"""Seed points of new Gaussians: sparse points that no Gaussian covers yet, or guesses."""
+"""Seed points of a new model: the sparse points that its views share, or guesses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
@@ -14,8 +13,8 @@ from fvs_engine.splat.views import TrainingView, scene_extent
 
 Array = NDArray[np.float64]
 
-FREE_SPACING = 0.5
-"""A point is free when no Gaussian is within this share of the distance to its neighbours."""
+MIN_POINTS = 100
+"""With fewer sparse points than this a model also starts from guessed seeds."""
 
 GUESSES_PER_VIEW = 2_000
 _DEPTHS = (0.3, 4.0)
@@ -45,44 +44,35 @@ class Seeds:
         return initialise_from_points(self.points.xyz, self.points.colors, sh_degree, self.spacing)
 
 
-def seeds_on_free_points(points: PointCloud, occupied: Array, room: int) -> Seeds:
-    """Seeds on those of ``points`` that are far from all of ``occupied`` [Q, 3]; at most ``room``.
+def initial_seeds(points: PointCloud, views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
+    """The seeds of a new model of ``views``: their sparse ``points``, or guesses, too, where those are few.
 
-    Only positions count, not the points' ids or order: every bundle adjustment renumbers points and moves
-    them slightly. Points equal to one of ``occupied`` are found by hashing, at negligible cost. When there is
-    room for fewer, those with the largest spacing are kept.
+    At most ``room``. They depend neither on the points' order nor on the views'.
     """
+    seeds = seeds_on_points(points, room)
+    if len(seeds) >= MIN_POINTS:
+        return seeds
+    ordered = sorted(views, key=lambda view: view.name)
+    return seeds.and_also(guessed_seeds(ordered, room - len(seeds), seed))
+
+
+def seeds_on_points(points: PointCloud, room: int) -> Seeds:
+    """Seeds on ``points``, ordered by position; at most ``room``, those with the largest spacing."""
     finite = np.isfinite(points.xyz).all(axis=1)
     xyz, colors = points.xyz[finite], points.colors[finite]
-    if len(xyz) == 0 or room <= 0:
-        return Seeds(PointCloud(xyz[:0], colors[:0]), np.zeros(0))
-    new = ~_are_occupied(xyz, occupied)
-    xyz, colors, spacing = xyz[new], colors[new], point_spacing(xyz, new)
+    if len(xyz) == 0:
+        return Seeds(PointCloud(xyz, colors), np.zeros(0))
+    spacing = point_spacing(xyz)
     order = np.lexsort(xyz.T)
-    if len(occupied) and len(order):
-        # With few queries a tree that is quick to build is faster than one that is quick to search.
-        tree = cKDTree(occupied, balanced_tree=False, compact_nodes=False)
-        order = order[tree.query(xyz[order])[0] > FREE_SPACING * spacing[order]]
     if len(order) > room:
         order = order[np.sort(np.argsort(-spacing[order], kind="stable")[:room])]
     return Seeds(PointCloud(xyz[order], colors[order]), spacing[order])
 
 
-def _are_occupied(xyz: Array, occupied: Array) -> NDArray[np.bool_]:
-    """Which of the points [P, 3] are, to a float32's precision, among ``occupied`` [Q, 3]: [P]."""
-    known = set(_keys(occupied))
-    return np.fromiter((key in known for key in _keys(xyz)), dtype=bool, count=len(xyz))
-
-
-def _keys(xyz: Array) -> list[bytes]:
-    rows = np.ascontiguousarray(xyz, dtype=np.float32)
-    return list(rows.view(f"V{rows.dtype.itemsize * 3}")[:, 0].tolist())
-
-
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
     """Seeds on random rays through the images of ``views``, with their colours; at most ``room``.
 
-    Used when views share too few points to start a model from. Depths are log-uniform around the distance
+    Depths are log-uniform around the distance
     to the views' common focus. Only the visited images and their views are used. Training moves, prunes and
     replaces these seeds.
     """

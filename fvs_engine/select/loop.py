@@ -14,6 +14,7 @@ from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.distances import path_length
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
@@ -54,8 +55,10 @@ class SelectionLoop:
     """A selection of views of one dataset; on disk after every step, and resumed by opening it again.
 
     Positions and distances are camera centres in the dataset's frame; candidates are rendered in the
-    model's, by ``DatasetAlignment``. Held-out views are never visited and never candidates. The model is
-    trained on visited views alone, whatever else the dataset holds.
+    model's, by ``DatasetAlignment``. Held-out views are never visited and never candidates. Models are
+    trained on visited views alone, whatever else the dataset holds: a quick one after every visit, by which
+    the next view is chosen. ``scene.train`` makes the full model where one is wanted; choices do not depend
+    on it.
 
     A selection that was killed at any moment continues identically (on the CPU; see ``GrowingScene``).
     """
@@ -72,7 +75,7 @@ class SelectionLoop:
         self.dataset = dataset
         self.settings = settings
         self.scene = scene
-        """Trained on the visited views."""
+        """Of the visited views."""
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
@@ -148,6 +151,11 @@ class SelectionLoop:
         """The length of the path through the visited views, in the dataset's unit."""
         return path_length([self._centres[name] for name in self.visited])
 
+    @property
+    def model(self) -> SceneModel:
+        """The quick model of the registered views, by which views are ranked; ``begin`` trains it."""
+        return self.scene.train("quick", Monitor())
+
     def begin(self, monitor: Monitor) -> tuple[str, ...]:
         """Train on the initial views, or on what a resumed selection had visited; return warnings, once.
 
@@ -207,9 +215,9 @@ class SelectionLoop:
         """
         registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
         return SelectionContext(
-            gaussians=self.scene.gaussians,
+            gaussians=self.model.gaussians,
             rasterizer=self.scene.rasterizer,
-            sh_degree=self.scene.sh_degree,
+            sh_degree=self.model.sh_degree,
             visited=tuple(
                 registered.get(view.name, view) for view in self._candidates(self.visited, alignment)
             ),
@@ -281,15 +289,14 @@ class SelectionLoop:
             views=len(self.visited) + 1,
             registered=len(self.scene.views),
             unregistered=len(self.scene.unregistered),
-            iterations=self.scene.iteration,
-            gaussians=len(self.scene.gaussians),
+            iterations=self.model.iterations,
+            gaussians=len(self.model.gaussians),
             warnings=warnings,
             seconds=StepSeconds(score=choice.seconds, **seconds),
         )
 
     def _train_on(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
-        """Add views and train to the end of the schedule; returns warnings and seconds per part."""
-        before = self.scene.visited, self.scene.iteration
+        """Add views and train the quick model; returns warnings and seconds per part."""
         times = [time.monotonic()]
         update = self.scene.add(tuple(names), monitor)
         times.append(time.monotonic())
@@ -299,10 +306,7 @@ class SelectionLoop:
                 "not enough.",
                 hint="Begin with more views, or others (--initial, --initial-choice), or with --poses known.",
             )
-        self.scene.train(monitor)
+        self.scene.train("quick", monitor)
         times.append(time.monotonic())
-        if (self.scene.visited, self.scene.iteration) != before:
-            self.scene.save()
-        times.append(time.monotonic())
-        add, train, save = np.diff(times).tolist()
-        return update.warnings, {"add": add, "train": train, "save": save}
+        add, train = np.diff(times).tolist()
+        return update.warnings, {"add": add, "train": train}

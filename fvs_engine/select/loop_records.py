@@ -55,24 +55,24 @@ class Choice(Record):
 
 
 class StepSeconds(Record):
-    """Wall time of a step's parts: choosing, registering the image, training, writing."""
+    """Wall time of a step's parts: choosing, registering the image, training the quick model."""
 
     score: float
     add: float
     train: float
-    save: float
 
     @property
     def total(self) -> float:
         """All parts."""
-        return self.score + self.add + self.train + self.save
+        return self.score + self.add + self.train
 
 
 class StepRecord(Record):
     """One step of the loop: the choice and its outcome.
 
     ``views`` were visited, the chosen one included; of them ``registered`` are in the model and
-    ``unregistered`` are not. ``warnings`` are sentences about this view.
+    ``unregistered`` are not. ``iterations`` and ``gaussians`` are those of the quick model. ``warnings`` are
+    sentences about this view.
     """
 
     choice: Choice

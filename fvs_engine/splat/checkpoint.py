@@ -1,7 +1,8 @@
 """Checkpoints: the whole training state, in one safetensors file (no pickle)."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,18 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
     Raises ``StorageError`` when the file is missing, damaged, or not a checkpoint.
     """
+    with _opened(path) as (file, state):
+        return {name: file.get_tensor(name) for name in file.keys()}, state  # noqa: SIM118
+
+
+def read_checkpoint_state(path: Path) -> dict[str, Any]:
+    """Read the state alone, without the tensors; raises as ``read_checkpoint``."""
+    with _opened(path) as (_, state):
+        return state
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -41,7 +54,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
                     f"{path} is not a training checkpoint of this version.",
                     hint="Train again: delete it, or start again with --overwrite.",
                 )
-            return {name: file.get_tensor(name) for name in file.keys()}, json.loads(metadata["state"])  # noqa: SIM118
+            yield file, json.loads(metadata["state"])
     except (OSError, SafetensorError, KeyError, ValueError) as error:
         raise StorageError(
             f"{path} cannot be read as a checkpoint: {error}", hint="Delete it and train again."

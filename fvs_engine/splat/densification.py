@@ -58,11 +58,6 @@ class GradientStatistics:
         self.total += torch.where(visible, norm, torch.zeros_like(norm))
         self.views += visible
 
-    def extend(self, count: int) -> None:
-        """Follow ``count`` new Gaussians, appended, which no view has seen yet."""
-        self.total = torch.cat([self.total, self.total.new_zeros(count)])
-        self.views = torch.cat([self.views, self.views.new_zeros(count)])
-
     def mean(self) -> Tensor:
         """The mean norm per Gaussian [N]; 0 where no view saw it."""
         return self.total / self.views.clamp(min=1)

@@ -50,26 +50,20 @@ def initialise_from_points(
     )
 
 
-def point_spacing(
-    points: NDArray[np.float64], chosen: NDArray[np.bool_] | None = None
-) -> NDArray[np.float64]:
+def point_spacing(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean distance of each of the points [P, 3] to its three nearest others, within sane bounds [P].
 
-    Only of the ``chosen`` [P] points, when given, because searching takes the time. Coinciding points share
-    the distance to the nearest *other* positions. If there is no other position, the spacing is a hundredth
-    of the distance to the origin.
+    Coinciding points share the distance to the nearest *other* positions. If there is no other position, the
+    spacing is a hundredth of the distance to the origin.
     """
     places, place_of_point = np.unique(points, axis=0, return_inverse=True)
     place_of_point = place_of_point.reshape(-1)
-    if chosen is not None:
-        place_of_point = place_of_point[chosen]
     neighbors = min(NEIGHBORS, len(places) - 1)
-    if neighbors <= 0 or len(place_of_point) == 0:
+    if neighbors <= 0:
         alone = 0.01 * max(float(np.linalg.norm(points[:1])), 1e-3)
-        return np.full(len(place_of_point), alone)
-    chosen_places, index_of_point = np.unique(place_of_point, return_inverse=True)
-    distances, _ = cKDTree(places).query(places[chosen_places], k=neighbors + 1)
+        return np.full(len(points), alone)
+    distances, _ = cKDTree(places).query(places, k=neighbors + 1)
     spacing = distances[:, 1:].mean(axis=1)
     typical = np.median(spacing)
     bounded = np.clip(spacing, SMALLEST_SPACING * typical, LARGEST_SPACING * typical)
-    return np.asarray(bounded[index_of_point])
+    return np.asarray(bounded[place_of_point])

@@ -9,7 +9,7 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
-from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.trainer import STAGE, Trainer
 from fvs_engine.splat.views import TrainingView
 
 
@@ -34,14 +34,19 @@ def open_trainer(
 
 
 def train_saving(
-    trainer: Trainer, until_iteration: int, monitor: Monitor, save: Callable[[], None], every_s: float
+    trainer: Trainer,
+    until_iteration: int,
+    monitor: Monitor,
+    save: Callable[[], None],
+    every_s: float,
+    stage: str = STAGE,
 ) -> None:
     """Train up to ``until_iteration``, calling ``save`` every ``every_s`` seconds and when cancelled.
 
     The caller saves what follows the last save. Raises what ``Trainer.train`` raises.
     """
     try:
-        trainer.train(until_iteration, SavingMonitor(monitor, save, every_s))
+        trainer.train(until_iteration, SavingMonitor(monitor, save, every_s), stage)
     except Cancelled:
         save()
         raise

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,6 @@ from fvs_engine.splat.views import TrainingView, scene_extent
 STAGE = "train"
 _RATE_SMOOTHING = 0.05
 _LOSS_SMOOTHING = 0.05
-_EXTENT_STEP = 0.01
-"""Share of the remaining (logarithmic) distance to its target that the extent moves per iteration."""
 
 _DIVERGED_HINT = (
     "The last checkpoint is still good. Check the cameras; if they are right, train again with "
@@ -45,10 +43,7 @@ _DIVERGED_HINT = (
 
 @dataclass
 class _ViewOrder:
-    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end.
-
-    Views that were added during an epoch come before the rest of it.
-    """
+    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end."""
 
     seed: int
     epoch: int
@@ -59,15 +54,6 @@ class _ViewOrder:
             self.remaining = np.random.default_rng([self.seed, self.epoch]).permutation(count).tolist()
             self.epoch += 1
         return self.remaining.pop()
-
-    def prefer(self, added: range) -> None:
-        """Put the views ``added`` next, in their order."""
-        self.remaining.extend(reversed(added))
-
-    def keep(self, kept: Sequence[int]) -> None:
-        """Renumber after all views but those at the indices ``kept`` were dropped."""
-        place = {old: new for new, old in enumerate(kept)}
-        self.remaining = [place[old] for old in self.remaining if old in place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +73,7 @@ class Trainer:
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
-    The scene may grow between two calls of ``train``: ``add_views``, ``update_views``, ``drop_views``,
-    ``add_gaussians``. Existing Gaussians keep the optimiser's moments. ``extent``, by which learning rates
-    and size limits scale, follows the cameras gradually: per iteration it moves 1 % of the way to theirs (in
-    the logarithm), so that a view far outside changes the rates within some hundred iterations.
+    ``extent``: the length by which learning rates and size limits scale (``scene_extent``).
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
@@ -121,7 +104,7 @@ class Trainer:
         self.iteration = 0
         self.gaussians = _trainable(gaussians.to(rasterizer.device))
         self.views = tuple(views)
-        self.extent = self._extent_goal = scene_extent(views, gaussians.means.detach().cpu().numpy())
+        self.extent = scene_extent(views, gaussians.means.detach().cpu().numpy())
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
         self._reduction = settings.reduction_at(0)
@@ -132,74 +115,6 @@ class Trainer:
     def sh_degree(self) -> int:
         """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
         return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
-
-    @property
-    def is_reduced(self) -> bool:
-        """Whether the next iteration is on reduced images: renders of full size are blurred until later."""
-        return self.settings.reduction_at(self.iteration) > 1
-
-    def add_views(self, views: Sequence[TrainingView]) -> None:
-        """Train on more views: each comes once before any other, then in every epoch.
-
-        Raises ``InvalidInputError`` when a view of that name is there already.
-        """
-        repeated = {view.name for view in self.views}.intersection(view.name for view in views)
-        if repeated or len({view.name for view in views}) < len(views):
-            raise InvalidInputError(f"A view is added twice: {min(repeated, default=views[0].name)}.")
-        self._order.prefer(range(len(self.views), len(self.views) + len(views)))
-        self.views += tuple(views)
-        self._targets += [self._target(view) for view in views]
-        self._aim_extent()
-
-    def update_views(self, views: Sequence[TrainingView]) -> None:
-        """Replace the views of the same names, whose cameras or images have changed.
-
-        Raises ``InvalidInputError`` when there is no view of a name.
-        """
-        index = {view.name: i for i, view in enumerate(self.views)}
-        unknown = [view.name for view in views if view.name not in index]
-        if unknown:
-            raise InvalidInputError(f"There is no view {unknown[0]} to update.")
-        present = list(self.views)
-        for view in views:
-            i = index[view.name]
-            if view.image is not present[i].image or view.camera != present[i].camera:
-                self._targets[i] = self._target(view)
-            present[i] = view
-        self.views = tuple(present)
-        self._aim_extent()
-
-    def drop_views(self, names: Collection[str]) -> None:
-        """Stop training on the views of these names: their cameras proved wrong.
-
-        Raises ``InvalidInputError`` when none would be left.
-        """
-        kept = [i for i, view in enumerate(self.views) if view.name not in names]
-        if not kept:
-            raise InvalidInputError("A model cannot be trained on no view at all.")
-        self._order.keep(kept)
-        self.views = tuple(self.views[i] for i in kept)
-        self._targets = [self._targets[i] for i in kept]
-        self._aim_extent()
-
-    def add_gaussians(self, added: Gaussians) -> None:
-        """Add Gaussians with zero moments; existing ones keep their moments and statistics.
-
-        Raises ``InvalidInputError`` when their spherical harmonics are of another degree.
-        """
-        if added.sh_degree != self.gaussians.sh_degree:
-            raise InvalidInputError(
-                f"The added Gaussians have harmonics of degree {added.sh_degree}, "
-                f"the model's are of degree {self.gaussians.sh_degree}."
-            )
-        device = self.rasterizer.device
-        everyone = torch.arange(len(self.gaussians), device=device)
-        self.optimiser.keep(everyone, added=len(added))
-        self.statistics.extend(len(added))
-        more = added.to(device).tensors()
-        self.gaussians = _trainable(
-            Gaussians(**{name: torch.cat([t, more[name]]) for name, t in self.gaussians.tensors().items()})
-        )
 
     def _target(self, view: TrainingView) -> _Target:
         reduced = view.reduced(self._reduction)
@@ -212,11 +127,8 @@ class Trainer:
             self._reduction = reduction
             self._targets = [self._target(view) for view in self.views]
 
-    def _aim_extent(self) -> None:
-        self._extent_goal = scene_extent(self.views, self.gaussians.means.detach().cpu().numpy())
-
-    def train(self, until_iteration: int, monitor: Monitor) -> None:
-        """Train up to iteration ``until_iteration``; report each iteration to ``monitor``.
+    def train(self, until_iteration: int, monitor: Monitor, stage: str = STAGE) -> None:
+        """Train up to iteration ``until_iteration``; report each iteration to ``monitor`` as ``stage``.
 
         Raises ``Cancelled`` between two iterations: the trainer can go on or be saved. Raises
         ``TrainingError`` when the loss is no longer finite, before the optimiser uses it.
@@ -232,7 +144,7 @@ class Trainer:
                 smooth_loss = _blend(smooth_loss, loss, _LOSS_SMOOTHING)
                 smooth_s = _blend(smooth_s, elapsed, _RATE_SMOOTHING)
                 monitor.report(
-                    STAGE,
+                    stage,
                     self.iteration,
                     until_iteration,
                     worked=self.settings.work_until(self.iteration) / work,
@@ -243,8 +155,6 @@ class Trainer:
 
     def _step(self) -> float:
         """One iteration; returns the loss before it."""
-        if self.extent != self._extent_goal:
-            self.extent *= (self._extent_goal / self.extent) ** _EXTENT_STEP
         settings, gaussians = self.settings, self.gaussians
         index = self._order.next(len(self.views))
         self._follow_levels()
@@ -297,14 +207,13 @@ class Trainer:
         self,
         path: Path,
         *,
-        owner_tensors: Mapping[str, Tensor] | None = None,
         owner_state: Mapping[str, Any] | None = None,
     ) -> None:
         """Write a checkpoint; an earlier one at ``path`` is replaced only when this one is whole.
 
-        The owner's tensors and JSON state go into the same file, under ``owner.`` and ``"owner"``, so that
-        both are consistent. Raises ``StorageError`` when it cannot be written, ``TrainingError`` when the
-        parameters are not finite: a good checkpoint is never replaced by a diverged model.
+        The owner's JSON state goes into the same file, under ``"owner"``. Raises ``StorageError`` when it
+        cannot be written, ``TrainingError`` when the parameters are not finite: a good checkpoint is never
+        replaced by a diverged model.
         """
         for name, tensor in self.gaussians.tensors().items():
             if not bool(torch.isfinite(tensor.detach()).all()):
@@ -320,14 +229,12 @@ class Trainer:
                 **{f"second.{name}": tensor for name, tensor in self.optimiser.second.items()},
                 "gradients.total": self.statistics.total,
                 "gradients.views": self.statistics.views,
-                **{f"owner.{name}": tensor for name, tensor in (owner_tensors or {}).items()},
             },
             {
                 "settings": self.settings.model_dump(mode="json"),
                 "iteration": self.iteration,
                 "steps": self.optimiser.steps,
                 "extent": self.extent,
-                "extent_goal": self._extent_goal,
                 "seed": self.seed,
                 "epoch": self._order.epoch,
                 "remaining": self._order.remaining,
@@ -357,7 +264,6 @@ class Trainer:
             )
             trainer.iteration = state["iteration"]
             trainer.extent = state["extent"]
-            trainer._extent_goal = state["extent_goal"]
             trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"])
             trainer.optimiser.steps = state["steps"]
             trainer.optimiser.first = _named(tensors, "first.", rasterizer.device)

@@ -148,9 +148,10 @@ class WorkerSettings(Record):
     long_side_px: int = Field(default=800, ge=64, le=8192)
     """Long side to which updates reduce training images."""
     initial_iterations: _Iterations = 2_000
-    """Training iterations of a scene's first update; an eighth of them sees images of full size."""
-    iterations_per_image: _Iterations = 100
-    """Training iterations of later updates, per new image."""
+    """Minimum number of training iterations of the full model that every update trains; an eighth of them
+    sees images of full size. The quick model that precedes it has a fifth of the iterations."""
+    iterations_per_image: _Iterations = 40
+    """Training iterations of full models per image of the scene."""
     fine_iterations: _Iterations = 30_000
     """Training iterations of fine models."""
     max_gaussians: _Gaussians = 100_000

@@ -135,6 +135,25 @@ def test_a_snapshot_is_committed_once_per_stage(gateway: Any, tmp_path: Path) ->
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == second.id
 
 
+def test_a_model_that_comes_back_is_the_latest_again(gateway: Any) -> None:
+    """An image was excluded and included: its models are bit by bit those that were before."""
+
+    def latest() -> tuple[str, list[str]]:
+        found = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+        jobs = gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]
+        return found, max(jobs, key=lambda job: job["id"])["warnings"]
+
+    scene = gateway.scene()
+    with_it = gateway.model(scene, seed=1)
+    without = gateway.model(scene, seed=2)
+    assert latest() == (without, [])
+    assert gateway.model(scene, seed=1) == with_it
+    assert latest() == (with_it, [])
+    assert gateway.model(scene, seed=1) == with_it
+    assert latest()[0] == with_it
+    assert "changed nothing" in latest()[1][0]
+
+
 def test_a_fine_model_that_knows_fewer_images_does_not_guide(gateway: Any, tmp_path: Path) -> None:
     """Updates came while it was trained: rankings go on with the model that knows their images."""
     from fvs_service.jobs.repository import find_job

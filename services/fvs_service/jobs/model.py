@@ -12,7 +12,7 @@ class JobKind(StrEnum):
     """The kind of a job."""
 
     UPDATE = "update"
-    """Register the pending images, and continue to train the scene's model."""
+    """Register the pending images, and train the scene's models: a quick one, then the full one."""
     FINE = "fine"
     """Train the final model with the current cameras."""
 

@@ -77,6 +77,10 @@ def _per_pair(size: JobSize) -> float:
     return float(size.new * size.images)
 
 
+def _per_training_pixel(size: JobSize) -> float:
+    return size.iterations * size.train_megapixels
+
+
 _WORK: Mapping[str, Callable[[JobSize], float]] = {
     "start": lambda _size: 1.0,
     "images": _per_new_pixel,
@@ -87,6 +91,7 @@ _WORK: Mapping[str, Callable[[JobSize], float]] = {
     "matching": _per_pair,
     "registration": lambda size: float(size.new),
     "localisation": lambda size: float(size.new),
-    "train": lambda size: size.iterations * size.train_megapixels,
+    "quick training": _per_training_pixel,
+    "train": _per_training_pixel,
 }
 """What the time of a stage is proportional to; for stages not listed, the number of images."""

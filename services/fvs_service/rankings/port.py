@@ -38,26 +38,23 @@ class Question(Record):
 class RankViews(Question):
     """Rank ``views``, named by candidate id, by ``method`` with the model of a scene.
 
-    ``distances`` (by id, in metres) break ties. ``snapshot_id`` is the snapshot to use when ``pinned``; else
-    the state of a training that started from it may be used, which has the same frame. ``budget`` is how many
-    photographs are still to be taken. When ``streamed``, scores are sent before the result.
+    ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
+    When ``streamed``, scores are sent before the result.
     """
 
     kind: Literal["rank"] = "rank"
     method: str
     views: tuple[PinholeView, ...]
     distances: Mapping[str, float] = {}
-    pinned: bool = False
     budget: int = 1
     seed: int = 0
     streamed: bool = False
 
 
 class RankedViews(Record):
-    """All candidates in order, and the state of the model that scored them.
+    """All candidates in order, and the model that scored them: that of a snapshot, after ``iterations``.
 
-    ``snapshot_id`` is the snapshot that the state is, or from which its training started; ``iterations``
-    is how long it was trained. ``fallback`` names the rule that ordered candidates when the method could not,
+    ``fallback`` names the rule that ordered candidates when the method could not,
     else None. ``seconds`` is the time of scoring, ``waited_s`` that in the runner's queue.
     """
 

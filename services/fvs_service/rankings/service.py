@@ -214,7 +214,6 @@ class Rankings:
             method=request.method,
             views=frame.views(scored, self._cameras(snapshot.id).camera.pinhole),
             distances={name: distances[name] for name in scored if name in distances},
-            pinned=request.snapshot_id is not None,
             budget=request.budget,
             seed=request.seed,
         )

@@ -6,9 +6,10 @@ from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
+from fvs_service.jobs.model import JobKind
 from fvs_service.principal import Principal
 from fvs_service.snapshots.model import Snapshot
-from fvs_service.storage.tables import SceneRow, SnapshotArtifactRow, SnapshotRow
+from fvs_service.storage.tables import JobRow, SceneRow, SnapshotArtifactRow, SnapshotRow
 
 
 def add_snapshot(session: Session, snapshot: Snapshot) -> None:
@@ -78,6 +79,21 @@ def with_artifacts(session: Session, scene_id: str, wanted: Mapping[str, str]) -
     )
     snapshot_id = session.scalar(found.limit(1))
     return None if snapshot_id is None else find_snapshot(session, snapshot_id)
+
+
+def of_update_before(session: Session, scene_id: str, job_id: str) -> str | None:
+    """The id of the snapshot of the scene's latest update but ``job_id``; None when there is none."""
+    return session.scalar(
+        select(JobRow.snapshot_id)
+        .where(
+            JobRow.scene_id == scene_id,
+            JobRow.kind == JobKind.UPDATE.value,
+            JobRow.id != job_id,
+            JobRow.snapshot_id.is_not(None),
+        )
+        .order_by(JobRow.id.desc())
+        .limit(1)
+    )
 
 
 def snapshots_of_scene(

@@ -184,7 +184,10 @@ class Snapshots:
     def _commit_unchanged(
         self, lease: Lease, job: Job, stage: str, made: NewSnapshot, artifacts: tuple[Artifact, ...]
     ) -> Snapshot | None:
-        """Commit an update that ended with the model of an earlier snapshot, which is returned."""
+        """Commit an update that ended with the model of an earlier snapshot, which is returned.
+
+        When an update has made another model since, the earlier snapshot becomes the scene's latest again.
+        """
         model = {item.name: item.sha256 for item in artifacts if item.name in _MODEL}
         with self._database.writing(lease.scene_id) as session:
             require_lease(session, lease)
@@ -194,9 +197,12 @@ class Snapshots:
             register(session, lease.scene_id, made.registered, made.unregistered)
             attach_snapshot(session, job.id, earlier.id)
             record_stage(session, job.id, stage, {"snapshot_id": earlier.id})
-            add_warning(
-                session, job.id, f"The update changed nothing: its snapshot is the earlier {earlier.id}."
-            )
+            if earlier.id == repository.of_update_before(session, lease.scene_id, job.id):
+                add_warning(
+                    session, job.id, f"The update changed nothing: its snapshot is the earlier {earlier.id}."
+                )
+            else:
+                set_snapshot(session, lease.scene_id, earlier.id)
         return earlier
 
     def _committed(self, job_id: str, stage: str) -> Snapshot | None:

@@ -6,7 +6,7 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ _SAVE_S = 60.0
 _LOOK_EVERY_S = 0.5
 _REPORT_EVERY_S = 2.0
 """The remaining time is also reported in a stage that reports no progress for this long."""
-_RESUMABLE = ("train",)
+_RESUMABLE = ("quick training", "train")
 """Stages that go on from where they were stopped; others start again."""
 
 _log = structlog.get_logger()
@@ -180,7 +180,7 @@ class JobRuns:
             outcome = self._compute(leased, job, request, remaining, spans)
             spans.came_to(COMMIT)
             self._copies.store(leased.lease)
-            self._commit(leased, job, outcome, {image.digest: image for image in images})
+            self._commit(leased, job, _SNAPSHOT_STAGE, outcome, images)
         timing = remaining.finished()
         if timing is not None:
             self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, timing.model_dump())
@@ -229,6 +229,10 @@ class JobRuns:
                         self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
                     stage = found.stage
+                case {"quick": dict(outcome)}:
+                    quick = JobOutcome.model_validate(outcome)
+                    stage_of_quick = f"quick-snapshot-{job.attempt}"
+                    _patiently(scene, lambda: self._commit(scene, job, stage_of_quick, quick, request.images))  # noqa: B023
                 case {"quarantined": dict(reasons)}:
                     _patiently(scene, lambda: self._quarantine(scene, reasons, request.images))
                 case {"warning": str(sentence)}:
@@ -272,11 +276,12 @@ class JobRuns:
             quarantine(session, scene.lease, named)
 
     def _commit(
-        self, leased: LeasedScene, job: Job, outcome: JobOutcome, images: Mapping[str, Image]
+        self, leased: LeasedScene, job: Job, stage: str, outcome: JobOutcome, images: Sequence[Image]
     ) -> None:
         with self._storage.database.reading() as session:
             scene = find_scene(session, job.scene_id)
-        alignment = align(scene, images, outcome.model_from_camera)
+        by_digest = {image.digest: image for image in images}
+        alignment = align(scene, by_digest, outcome.model_from_camera)
         folder = Path(outcome.folder)
         write_text_atomically(folder / ALIGNMENT, alignment.model_dump_json(indent=1))
         updating = job.kind is JobKind.UPDATE
@@ -287,7 +292,7 @@ class JobRuns:
             registered=tuple(outcome.model_from_camera) if updating else (),
             unregistered=outcome.unregistered if updating else (),
         )
-        self._storage.snapshots.commit(leased.lease, job, _SNAPSHOT_STAGE, made)
+        self._storage.snapshots.commit(leased.lease, job, stage, made)
 
 
 class _Stop:

@@ -25,10 +25,9 @@ def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSett
         reduced.append(small[0] * small[1] / _MEGAPIXEL)
     if fine:
         iterations = job.request.iterations or settings.fine_iterations
-    elif first:
-        iterations = job.request.iterations or settings.initial_iterations
     else:
-        iterations = settings.iterations_per_image * new
+        least = job.request.iterations or settings.initial_iterations
+        iterations = max(least, settings.iterations_per_image * len(images))
     return JobSize(
         first=first,
         images=len(images),

@@ -16,7 +16,9 @@ _UPDATE = {
     "registration": (0.33, 0.42),
     "evidence": (0.42, 0.43),
     "load": (0.43, 0.46),
-    "train": (0.46, 0.97),
+    "quick training": (0.46, 0.55),
+    "quick snapshot": (0.55, 0.56),
+    "train": (0.56, 0.97),
     "snapshot": (0.97, 1.00),
 }
 _FINE = {

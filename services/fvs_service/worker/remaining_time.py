@@ -26,6 +26,8 @@ _ORDER = (
     "evidence",
     "load",
     "evaluate",
+    "quick training",
+    "quick snapshot",
     "train",
     "snapshot",
     COMMIT,
@@ -37,6 +39,7 @@ _OWN_TRUST, _FOREIGN_TRUST = 0.05, 0.01
 usual speed is another machine's."""
 _RATE_TRUST = 0.2
 """Share of a stage after which its present rate and its usual time weigh the same."""
+_TRAINING = ("quick training", "train")
 _TRAIN_POWER = 1.25
 """Iterations slow down as Gaussians are added: a share s of them takes s to this power of the time."""
 _OVERDUE = 0.15
@@ -78,7 +81,7 @@ class RemainingTime:
         """Take note of a stage's progress; returns the remaining time in seconds, None while unknown."""
         self._elapse()
         share = 0.0 if progress.share is None else min(1.0, max(0.0, progress.share))
-        if progress.stage == "train":
+        if progress.stage in _TRAINING:
             share **= _TRAIN_POWER
         if progress.stage != self._stage:
             self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0
@@ -90,12 +93,8 @@ class RemainingTime:
 
     @property
     def _usual_in_stage_s(self) -> float:
-        """The usual time of the stage from no share to all of it.
-
-        Training goes on with the iterations of earlier jobs: its share begins at theirs.
-        """
-        usual_s = self._expected.get(self._stage, 0.0)
-        return usual_s if self._resumed else usual_s / (1 - self._share_at_start)
+        """The usual time of the stage from no share to all of it."""
+        return self._expected.get(self._stage, 0.0)
 
     def now(self) -> float | None:
         """The remaining time now, also when no progress is reported for a while."""
@@ -107,8 +106,10 @@ class RemainingTime:
         return self._smoothed(left_s)
 
     def _shows_its_rate(self) -> bool:
-        trained_s = self._seconds.get("train", 0.0)
-        return self._stage == "train" and self._share > self._share_at_start and trained_s >= _LEAST_TRAINED_S
+        trained_s = self._seconds.get(self._stage, 0.0)
+        return (
+            self._stage in _TRAINING and self._share > self._share_at_start and trained_s >= _LEAST_TRAINED_S
+        )
 
     def finished(self) -> JobTiming | None:
         """The job's timing, once it is committed; None when an earlier try has done a part of it."""
@@ -124,7 +125,7 @@ class RemainingTime:
         """The job's time relative to the usual one, and the share of the usual time that it rests on."""
         usual = taken = 0.0
         for stage, seconds in self._seconds.items():
-            if self._resumed and stage != "train":
+            if self._resumed and stage not in _TRAINING:
                 continue  # it may have been done before, and take no time now
             expected = self._expected.get(stage, 0.0)
             if stage == self._stage:

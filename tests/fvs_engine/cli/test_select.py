@@ -17,6 +17,7 @@ from PIL import Image
 from fvs_engine.choices import Method
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
 from fvs_engine.select.selectors import SELECTORS
+from fvs_engine.splat.ply import read_ply
 
 Fvs = Callable[..., Any]
 FvsCommand = Callable[..., list[str]]
@@ -53,20 +54,20 @@ def test_views_are_chosen_and_everything_is_written(clean_run: tuple[Path, Any])
     with Image.open(out / "trajectory.png") as picture:
         assert min(picture.size) > 600
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 50
-    assert (out / "point_cloud.ply").stat().st_size > 10_000
+    assert len(read_ply(out / "point_cloud.ply")) == document["gaussians"]
 
 
 def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run: tuple[Path, Any]) -> None:
     """The same command on a finished folder only says so again."""
     out, first = clean_run
-    before = (out / "scene" / "checkpoint.safetensors").read_bytes()
+    before = (out / "scene" / "full.safetensors").read_bytes()
     run = fvs("select", room_dir, "--out", out, *OPTIONS)
     assert run.status == 0, run.stderr
     rows = [line.split() for line in run.stdout.splitlines()]
     assert [row[1] for row in rows[1:9]] == names_of(first.document)
     assert "The budget of 8 views is used." in run.stdout
     assert str(out / "trajectory.png") in run.stdout
-    assert (out / "scene" / "checkpoint.safetensors").read_bytes() == before
+    assert (out / "scene" / "full.safetensors").read_bytes() == before
 
 
 def test_without_a_budget_a_small_dataset_is_visited_whole(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
@@ -165,13 +166,13 @@ def test_ctrl_c_ends_it_with_a_resumable_state(fvs_until: FvsUntil, room_dir: Pa
     options = (*QUICK[:4], "--initial-iterations", 5_000, "--initial", 4, "--budget", 5)
     status, said = fvs_until(
         *("select", room_dir, "--out", tmp_path, *options),
-        wanted=lambda report: report.get("stage") == "train",
+        wanted=lambda report: report.get("stage") == "quick training",
         number=signal.SIGINT,
     )
     assert status == INTERRUPTED
     assert "Traceback" not in said
     assert "Run the same command again" in said
-    assert (tmp_path / "scene" / "checkpoint.safetensors").exists()
+    assert (tmp_path / "scene" / "quick.safetensors").exists()
 
 
 def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:

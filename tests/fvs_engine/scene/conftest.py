@@ -9,7 +9,7 @@ from PIL import Image
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.scene.sparse_points import SparsePoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
@@ -63,10 +63,8 @@ def quick_settings() -> Callable[..., SceneSettings]:
     """Builds settings of known poses with 20 iterations and 10 more per view; keywords change them."""
 
     def build(**changes: object) -> SceneSettings:
-        densification = GROWING_TRAINING.densification.model_copy(
-            update={"first_iteration": 5, "interval": 10}
-        )
-        training = GROWING_TRAINING.model_copy(update={"densification": densification})
+        densification = SCENE_TRAINING.densification.model_copy(update={"first_iteration": 5, "interval": 10})
+        training = SCENE_TRAINING.model_copy(update={"densification": densification})
         settings = SceneSettings(
             poses="known", long_side_px=48, initial_iterations=20, iterations_per_view=10, training=training
         )

@@ -2,11 +2,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.scene.seeding import GUESSES_PER_VIEW, guessed_seeds, seeds_on_free_points
+from fvs_engine.scene.seeding import GUESSES_PER_VIEW, guessed_seeds, initial_seeds, seeds_on_points
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.views import TrainingView
-
-NOWHERE = np.zeros((0, 3))
 
 
 def grid(side: int) -> NDArray[np.float64]:
@@ -18,36 +16,35 @@ def cloud(xyz: NDArray[np.float64]) -> PointCloud:
     return PointCloud(xyz, np.full((len(xyz), 3), 7, np.uint8))
 
 
-def test_points_near_something_are_taken() -> None:
-    points = grid(4)
-    assert len(seeds_on_free_points(cloud(points), NOWHERE, 1000)) == 64
-    occupied = points[:10] + np.array([0.3, 0.0, 0.0])
-    seeds = seeds_on_free_points(cloud(points), occupied, 1000)
-    assert {tuple(p) for p in seeds.points.xyz} == {tuple(p) for p in points[10:]}
-    assert np.allclose(seeds.spacing, 1.0)
-
-
 def test_numbers_and_order_of_points_do_not_count() -> None:
     points = np.random.default_rng(0).normal(size=(300, 3))
-    occupied = points[:50] + 0.01
     shuffled = np.random.default_rng(1).permutation(points)
-    first = seeds_on_free_points(cloud(points), occupied, 100)
-    second = seeds_on_free_points(cloud(shuffled), occupied, 100)
+    first, second = seeds_on_points(cloud(points), 100), seeds_on_points(cloud(shuffled), 100)
     assert np.array_equal(first.points.xyz, second.points.xyz)
     assert np.array_equal(first.spacing, second.spacing)
 
 
+def test_few_points_are_completed_by_guesses_whatever_the_order_of_views() -> None:
+    views = [view("a", [5.0, 0, 1], 10), view("b", [0, 5.0, 1], 200)]
+    many, few = cloud(grid(5)), cloud(grid(2))
+    assert len(initial_seeds(many, views, 1000, seed=0)) == 125
+    first, second = (initial_seeds(few, order, 1000, seed=0) for order in (views, views[::-1]))
+    assert np.array_equal(first.points.xyz[:8], grid(2)[np.lexsort(grid(2).T)])
+    assert len(first) == 8 + 2 * (992 // 2)
+    assert np.array_equal(first.points.xyz, second.points.xyz)
+
+
 def test_the_loneliest_points_win_when_room_is_short() -> None:
     points = np.concatenate([grid(4), [[20.0, 0, 0], [30.0, 0, 0]]])
-    seeds = seeds_on_free_points(cloud(points), NOWHERE, 2)
+    seeds = seeds_on_points(cloud(points), 2)
     assert sorted(seeds.points.xyz[:, 0]) == [20.0, 30.0]
-    assert len(seeds_on_free_points(cloud(points), NOWHERE, 0)) == 0
+    assert len(seeds_on_points(cloud(points), 0)) == 0
 
 
 def test_points_that_are_not_finite_are_no_places() -> None:
     points = grid(3)
     points[5, 1] = np.nan
-    seeds = seeds_on_free_points(cloud(points), NOWHERE, 1000)
+    seeds = seeds_on_points(cloud(points), 1000)
     assert np.array_equal(np.unique(seeds.points.xyz, axis=0), np.unique(np.delete(points, 5, 0), axis=0))
     assert len(seeds) == 26
 

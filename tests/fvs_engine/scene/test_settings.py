@@ -1,19 +1,27 @@
+import itertools
+
 import pytest
 
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.splat.densification import is_due
 
 
-@pytest.mark.parametrize(("initial", "step"), [(1000, 100), (200, 50), (600, 60), (300, 10), (500, 250)])
-def test_no_model_is_judged_just_after_it_was_split(initial: int, step: int) -> None:
-    settings = SceneSettings(initial_iterations=initial, iterations_per_view=step)
-    rules = settings.schedule.densification
-    due = [iteration for iteration in range(1, 5_000) if is_due(rules, iteration)]
-    ends = [initial + step * views for views in range(100)]
-    assert min(end - max(d for d in due if d <= end) for end in ends) == step - step // 2
-    assert len(due) == pytest.approx(4_900 / max(100, step), rel=0.25)
+@pytest.mark.parametrize("iterations", [1, 2, 10, 60, 200, 401, 1_000, 10_000])
+def test_no_model_ends_just_after_gaussians_were_split(iterations: int) -> None:
+    training = SceneSettings().training_of(iterations)
+    due = [iteration for iteration in range(1, iterations + 1) if is_due(training.densification, iteration)]
+    assert all(training.reduction_at(iteration - 1) > 1 for iteration in due)
+    assert len(due) == max(0, (round(0.875 * iterations) // 100) - 1)
 
 
-def test_a_schedule_without_more_iterations_is_the_one_that_was_asked_for() -> None:
-    settings = SceneSettings(iterations_per_view=0)
-    assert settings.schedule == settings.training
+@pytest.mark.parametrize("iterations", [8, 200, 1_000])
+def test_a_model_is_trained_from_coarse_to_fine(iterations: int) -> None:
+    training = SceneSettings().training_of(iterations)
+    reductions = [training.reduction_at(iteration) for iteration in range(iterations)]
+    assert [key for key, _ in itertools.groupby(reductions)] == [8, 4, 2, 1]
+
+
+def test_the_papers_schedule_is_the_default() -> None:
+    settings = SceneSettings()
+    assert [settings.iterations_of("full", views) for views in (4, 10, 20, 100)] == [1000, 1000, 2000, 10_000]
+    assert settings.iterations_of("quick", 20) < settings.iterations_of("full", 20) / 2

@@ -29,7 +29,9 @@ from fvs_engine.splat.views import TrainingView
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
-SCENE = SceneSettings(poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5)
+SCENE = SceneSettings(
+    poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5, quick_share=1.0
+)
 BASE: dict[str, Any] = {"scene": SCENE, "initial": 4, "budget": 8, "nearest": 6}
 
 
@@ -182,7 +184,7 @@ def test_the_time_limit_and_the_threads_may_change(room: Dataset, tmp_path: Path
 def test_what_there_is_to_say_of_the_initial_views_is_said_once(room: Dataset, tmp_path: Path) -> None:
     loop = open_loop(tmp_path, room, initial=2)
     (warning,) = loop.begin(Monitor())
-    assert "first 2 views share only" in warning
+    assert "2 registered views share only" in warning
     assert loop.begin(Monitor()) == ()
 
 
@@ -275,6 +277,7 @@ ESTIMATED_SCENE = SceneSettings(
     long_side_px=96,
     initial_iterations=20,
     iterations_per_view=5,
+    quick_share=1.0,
     sfm=SfmSettings(threads=1, max_features=2000),
 )
 ESTIMATED = {"scene": ESTIMATED_SCENE, "initial": 4, "budget": 5, "nearest": 1}

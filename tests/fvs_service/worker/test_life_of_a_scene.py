@@ -44,8 +44,10 @@ def _niceness(pid: int) -> int:
 
 
 def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
-    snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][0]
-    assert snapshot["metrics"]["registered"] == 5
+    quick, snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][:2]
+    assert quick["job_id"] == snapshot["job_id"]
+    assert quick["metrics"]["iterations"] == 24
+    assert quick["metrics"]["registered"] == snapshot["metrics"]["registered"] == 5
     names = {artifact["name"] for artifact in snapshot["artifacts"]}
     files = {"alignment.json", "cameras.json", "colmap.zip", "metrics.json"}
     assert names == {*files, "point_cloud.ply", "point_cloud.spz"}
@@ -88,10 +90,15 @@ def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
         service.send(scene, courtyard_photographs[4:])
         job = service.start(scene, iterations=ENDLESS)
         # Whoever looks too late to see the matching stops the mapping.
-        for stages in (("matching", "incremental mapping", "global mapping", "train"), ("train",)):
+        for stages in (
+            ("matching", "incremental mapping", "global mapping", "quick training"),
+            ("quick training",),
+        ):
             service.wait(job, lambda found, stages=stages: found["stage"] in stages)
             _stop_and_retry(service, job)
-        found = service.wait(job, lambda found: found["stage"] == "train" and found["eta_s"] is not None)
+        found = service.wait(
+            job, lambda found: found["stage"] == "quick training" and found["eta_s"] is not None
+        )
         assert found["attempt"] == 3
         runners = len(service.processes(RUNNER))
         assert service.client.get(f"/v1/scenes/{scene}/size").json()["images_bytes"] > 0
@@ -196,7 +203,7 @@ def test_jobs_outlive_whatever_is_killed(
     done = service.finish(fine)
     assert done["attempt"] == 1
     snapshots = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"]
-    assert [item["job_id"] for item in snapshots].count(update) == 1
+    assert [item["job_id"] for item in snapshots].count(update) == 2  # the quick model and the full one
     (made,) = (item for item in snapshots if item["job_id"] == fine)
     assert (made["metrics"]["iterations"], made["metrics"]["sh_degree"]) == (300, 3)
     assert made["metrics"]["registered"] == registered + 2

@@ -31,7 +31,6 @@ def test_a_ranking_survives_the_wire_bit_by_bit() -> None:
         method="fisher",
         views=(view,),
         distances={"a": 0.1},
-        pinned=True,
         budget=2,
         seed=3,
     )

@@ -253,13 +253,11 @@ def test_the_pace_is_that_of_the_same_kind() -> None:
     assert pace.expected_s("fisher", 5) == pytest.approx(5.0, rel=1e-3)
 
 
-def test_every_step_is_seen_but_not_every_step_is_reported() -> None:
+def test_not_every_step_is_reported() -> None:
     stages: list[StageProgress] = []
-    steps: list[int] = []
-    monitor = JobMonitor(stages.append, RequestQueue(1, 1), steps.append)
+    monitor = JobMonitor(stages.append, RequestQueue(1, 1))
     for step in range(1, 101):
         monitor.report("train", step, 100, iterations_per_s=10.0)
-    assert steps == list(range(1, 101))
     assert len(stages) < 10
     assert stages[0].share == pytest.approx(0.01)
 

@@ -107,7 +107,9 @@ def test_sigterm_ends_everything_in_time_and_jobs_continue(
         until(lambda: service.processes("fvs_engine.sfm.native.child"))
         ended("structure from motion", stop(service.process))
     with serving(root, environment) as service:
-        until(lambda: stage(service, job) == "train" and service.job(job)["progress"] > 0.5)
+        until(
+            lambda: stage(service, job) in ("quick training", "train") and service.job(job)["progress"] > 0.5
+        )
         ended("training", stop(service.process))
     with serving(root, environment) as service:
         until(lambda: stage(service, job) in ("snapshot", "done"))

@@ -69,12 +69,11 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
 
 
 class Scene:
-    """A scene whose model needs another 10 iterations."""
+    """A scene whose models are to be trained."""
 
     visited: tuple[str, ...] = ()
     quarantined: dict[str, str] = {}  # noqa: RUF012
     views: tuple[Any, ...] = ()
-    iteration, target_iteration = 10, 20
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -86,8 +85,11 @@ class Scene:
     def save(self) -> None:
         self.calls.append("save")
 
-    def train(self, _monitor: Monitor) -> None:
-        self.calls.append("train")
+    def is_trained(self, _quality: str) -> bool:
+        return False
+
+    def train(self, quality: str, _monitor: Monitor) -> None:
+        self.calls.append(f"train {quality}")
         raise Cancelled("It was asked to train.")
 
 
@@ -105,7 +107,7 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
         cast(Any, None),
         WorkerSettings(),
         cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
-        cast(Any, SimpleNamespace(forget_live=lambda: None)),
+        cast(Any, SimpleNamespace()),
     )
 
     def run(*, trains: bool) -> Any:
@@ -124,3 +126,4 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     assert scene.calls == ["add", "save"]
     with pytest.raises(Cancelled, match="asked to train"):
         run(trains=True)
+    assert scene.calls[2:] == ["add", "save", "train quick"]

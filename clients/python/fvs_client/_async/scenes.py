@@ -64,7 +64,7 @@ class AsyncScene(AsyncResource, SceneData):
         return await self._session.fetch(SceneSize, requests.get_scene_size(self.id))
 
     async def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> AsyncJob:
-        """Queue an update: register all pending images and train the model further."""
+        """Queue an update: register all pending images and train the model anew."""
         return await self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
 
     async def fine(

@@ -65,7 +65,7 @@ class Scene(Resource, SceneData):
         return self._session.fetch(SceneSize, requests.get_scene_size(self.id))
 
     def update(self, *, iterations: int | None = None, long_side_px: int | None = None) -> Job:
-        """Queue an update: register all pending images and train the model further."""
+        """Queue an update: register all pending images and train the model anew."""
         return self.jobs.create(JobKind.UPDATE, iterations=iterations, long_side_px=long_side_px)
 
     def fine(

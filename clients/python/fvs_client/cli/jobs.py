@@ -30,7 +30,7 @@ def update(
     timeout: TimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Register all pending images and train the model further."""
+    """Register all pending images and train the model anew."""
     request = JobRequest(kind=JobKind.UPDATE, iterations=iterations, long_side_px=long_side)
     _queue(context, scene, request, wait=wait, timeout=timeout, as_json=as_json)
 

@@ -7,7 +7,7 @@ class JobKind(Word):
     """What a job does."""
 
     UPDATE = "update"
-    """Registers all pending images and trains the model further."""
+    """Registers all pending images and trains the model anew."""
     FINE = "fine"
     """Trains the final model from the latest cameras."""
 

@@ -2,9 +2,10 @@
 
 A request is ``RankViews``, ``RenderView``, ``RunJob``, ``CancelJob``, ``YieldScene`` or ``Ping``. The
 response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects with
-``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason) or ``wanted``
-(another worker asks for the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are
-scored, objects with ``scored`` (a list of ``CandidateScore``).
+``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason), ``quick``
+(the ``JobOutcome`` of an update's quick model) or ``wanted`` (another worker asks for the scene) precede it;
+while views of a ``RankViews`` that is ``streamed`` are scored, objects with ``scored`` (a list of
+``CandidateScore``).
 """
 
 from typing import Annotated, Literal

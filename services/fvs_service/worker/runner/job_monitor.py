@@ -11,17 +11,15 @@ _REPORT_EVERY_S = 0.2
 
 
 class JobMonitor(Monitor):
-    """Calls ``on_stage`` a few times a second and ``on_step`` after every training iteration."""
+    """Calls ``on_stage`` a few times a second."""
 
     def __init__(
         self,
         on_stage: Callable[[StageProgress], None],
         requests: RequestQueue,
-        on_step: Callable[[int], None] = lambda _iteration: None,
     ) -> None:
         super().__init__(self._report)
         self._on_stage = on_stage
-        self._on_step = on_step
         self._requests = requests
         self._reported: tuple[str, float] = ("", 0.0)
 
@@ -31,8 +29,6 @@ class JobMonitor(Monitor):
         self._requests.wait_until_empty()
 
     def _report(self, progress: Progress) -> None:
-        if progress.stage == "train":
-            self._on_step(progress.done)
         stage, when = self._reported
         if stage == progress.stage and time.monotonic() - when < _REPORT_EVERY_S:
             return

@@ -1,7 +1,4 @@
-"""The states of a scene's model that rank: snapshots, and copies of the model in training.
-
-A state never changes, so readers need no lock.
-"""
+"""The snapshots of a scene's model that rank, loaded."""
 
 import tempfile
 import threading
@@ -23,7 +20,7 @@ _KEPT = 2
 
 @dataclass(frozen=True, eq=False)
 class ModelState:
-    """A model after ``iterations``: the snapshot ``snapshot_id``, or a training that started from it."""
+    """The model of the snapshot ``snapshot_id``, after ``iterations``; it never changes."""
 
     snapshot_id: str
     gaussians: Gaussians
@@ -52,12 +49,6 @@ class ModelStates:
         self._rasterizer = rasterizer
         self._lock = threading.Lock()
         self._loaded: OrderedDict[str, ModelState] = OrderedDict()
-        self._live: ModelState | None = None
-
-    def newest(self, snapshot_id: str) -> ModelState:
-        """The latest state of a training that started from the snapshot, or the snapshot."""
-        live = self._live
-        return live if live is not None and live.snapshot_id == snapshot_id else self.of_snapshot(snapshot_id)
 
     def of_snapshot(self, snapshot_id: str) -> ModelState:
         """The state of a snapshot; raises ``NotFoundError``."""
@@ -69,16 +60,6 @@ class ModelStates:
                     self._loaded.popitem(last=False)
             self._loaded.move_to_end(snapshot_id)
             return state
-
-    def publish(self, snapshot_id: str, gaussians: Gaussians, sh_degree: int, iterations: int) -> None:
-        """Publish a copy of ``gaussians`` for rankings; training may then change the original."""
-        copy = Gaussians(**{name: tensor.detach().clone() for name, tensor in gaussians.tensors().items()})
-        cameras = self.of_snapshot(snapshot_id).cameras
-        self._live = ModelState(snapshot_id, copy, sh_degree, cameras, iterations)
-
-    def forget_live(self) -> None:
-        """Rank with snapshots only: the training has ended."""
-        self._live = None
 
     def _load(self, snapshot_id: str) -> ModelState:
         cameras = SnapshotCameras.model_validate_json(self._read(snapshot_id, CAMERAS))

@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
-from fvs_engine.scene.settings import GROWING_TRAINING, SceneSettings
+from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.scene.settings import SCENE_TRAINING, ModelQuality, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
@@ -25,7 +26,6 @@ from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import fresh_folder
-from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import open_trainer, train_saving
@@ -55,15 +55,8 @@ _MOST_EVALUATED = 16
 Warn = Callable[[str], None]
 Quarantine = Callable[[Mapping[str, str]], None]
 """Takes the digests of images to quarantine, with the reasons."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Model:
-    """A trained model."""
-
-    gaussians: Gaussians
-    sh_degree: int
-    iterations: int
+Publish = Callable[[JobOutcome], None]
+"""Takes what an update has made before its end: the quick model."""
 
 
 class SceneJobs:
@@ -83,10 +76,14 @@ class SceneJobs:
         self._rasterizer = rasterizer
         self._states = states
         self._scene: GrowingScene | None = None
-        self._start_iteration = 0  # of the running update
 
     def run(
-        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine = lambda _reasons: None
+        self,
+        request: RunJob,
+        monitor: JobMonitor,
+        warn: Warn,
+        quarantine: Quarantine = lambda _reasons: None,
+        publish: Publish = lambda _outcome: None,
     ) -> JobOutcome | None:
         """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
 
@@ -94,33 +91,19 @@ class SceneJobs:
         """
         try:
             if request.request.kind is JobKind.UPDATE:
-                return self._update(request, monitor, warn, quarantine)
+                return self._update(request, monitor, warn, quarantine, publish)
             return self._fine(request, monitor, warn, quarantine)
         except BaseException:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
-        finally:
-            self._states.forget_live()
-
-    def publish_state(self, request: RunJob, iteration: int) -> None:
-        """Publish the model that an update trains for rankings, at iterations at which it renders well.
-
-        A model renders worse shortly after densification, which the schedule puts halfway between these
-        iterations. A model that is retrained from scratch is published once it has as many iterations as its
-        predecessor, on images of full size.
-        """
-        scene = self._scene
-        updating = request.request.kind is JobKind.UPDATE
-        if not updating or request.snapshot_id is None or scene is None:
-            return
-        every = scene.settings.iterations_per_view
-        caught_up = iteration >= self._start_iteration and not scene.is_reduced
-        if caught_up and (iteration - scene.settings.initial_iterations) % every == 0:
-            self._states.publish(request.snapshot_id, scene.gaussians, scene.sh_degree, iteration)
 
     def _update(
-        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine
+        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine, publish: Publish
     ) -> JobOutcome | None:
+        """Register the images, train the quick model and publish it, then train the full one.
+
+        When the full model of these images is there already, no quick one is published.
+        """
         images = self._images(request, monitor, warn, quarantine)
         if len(images) < 2:
             raise ReconstructionError(
@@ -128,7 +111,6 @@ class SceneJobs:
                 hint="Send more images that overlap; start with eight or more.",
             )
         scene = self._open_scene(request, monitor)
-        self._start_iteration = scene.iteration
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
@@ -141,22 +123,28 @@ class SceneJobs:
         previous = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)
-        if update.registered or update.moved:
-            scene.save()
-        if not request.trains and scene.iteration < scene.target_iteration:
-            scene.save()
-            return None
-        with self._gpu_slot(monitor):
-            scene.train(monitor)
         scene.save()
-        discard_images(self._folder.images, images)
-        assert scene.model_dir is not None  # training needs views, whose poses are those of this model
-        model = _Model(scene.gaussians, scene.sh_degree, scene.iteration)
+        if not request.trains and not scene.is_trained("full"):
+            return None
         measured = {"new_images_psnr_db": None if previous is None else previous.psnr_db}
-        reconstruction = read_colmap(scene.model_dir)
-        return self._outcome(
-            request, scene.views, images, model, reconstruction, scene.model_dir, measured, monitor
-        )
+
+        def outcome(model: SceneModel, quality: ModelQuality) -> JobOutcome:
+            assert scene.model_dir is not None  # training needs views, whose poses are those of this model
+            folder = self._folder.outcome(request.job_id) / quality
+            reconstruction = read_colmap(scene.model_dir)
+            return self._outcome(
+                folder, scene.views, images, model, reconstruction, scene.model_dir, measured
+            )
+
+        with self._gpu_slot(monitor):
+            if not scene.is_trained("full"):
+                quick = scene.train("quick", monitor)
+                monitor.report("quick snapshot", 0, 1)
+                publish(outcome(quick, "quick"))
+            full = scene.train("full", monitor)
+        discard_images(self._folder.images, images)
+        monitor.report("snapshot", 0, 1)
+        return outcome(full, "full")
 
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
@@ -188,8 +176,7 @@ class SceneJobs:
                     long_side_px=choice.long_side_px,
                     initial_iterations=choice.initial_iterations,
                     iterations_per_view=choice.iterations_per_image,
-                    coarse_to_fine=True,
-                    training=GROWING_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
+                    training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
                     sfm=self._sfm(request.camera),
                 ),
                 self._rasterizer,
@@ -248,7 +235,7 @@ class SceneJobs:
                 trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S
             )
         trainer.save(checkpoint)
-        model = _Model(trainer.gaussians, trainer.sh_degree, trainer.iteration)
+        model = SceneModel.of(trainer)
         quality = measure(model.gaussians, model.sh_degree, held_out, self._rasterizer, monitor)
         measured = {} if quality is None else asdict(quality)
         # Images that arrived after the model's update are neither registered nor unregistered yet.
@@ -258,7 +245,9 @@ class SceneJobs:
             for name, image in placed.items()
             if name in posed or image.registration is Registration.UNREGISTERED
         }
-        return self._outcome(request, views, images, model, cameras, fine / "sparse", measured, monitor)
+        monitor.report("snapshot", 0, 1)
+        folder = self._folder.outcome(request.job_id)
+        return self._outcome(folder, views, images, model, cameras, fine / "sparse", measured)
 
     def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
         return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
@@ -302,20 +291,18 @@ class SceneJobs:
 
     def _outcome(
         self,
-        request: RunJob,
+        folder: Path,
         views: Sequence[TrainingView],
         images: Mapping[str, Image],
-        model: _Model,
+        model: SceneModel,
         reconstruction: Reconstruction,
         colmap: Path,
         measured: Mapping[str, float | None],
-        monitor: Monitor,
     ) -> JobOutcome:
-        """Write the artifacts, which the worker commits.
+        """Write the artifacts, which the worker commits, into ``folder``.
 
         ``colmap`` is the folder of ``reconstruction``; ``measured`` are metrics of the model's quality.
         """
-        monitor.report("snapshot", 0, 1)
         posed = {view.name for view in views}
         unregistered = tuple(image.digest for name, image in images.items() if name not in posed)
         metrics = SnapshotMetrics(
@@ -327,7 +314,6 @@ class SceneJobs:
             sh_degree=model.sh_degree,
             **measured,
         )
-        folder = self._folder.outcome(request.job_id)
         points = _seen_points(reconstruction)
         files = write_artifacts(folder, views, images, points, model.gaussians, metrics, colmap)
         return JobOutcome(

@@ -148,8 +148,7 @@ class RunnerServer:
         return self._requests.ask(question, asker)
 
     def _rank(self, request: RankViews, monitor: Monitor) -> Any:
-        find = self._states.of_snapshot if request.pinned else self._states.newest
-        state = find(request.snapshot_id)
+        state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
         return rank_views(request, state, self._rasterizer, monitor).model_dump(mode="json")
 
@@ -166,13 +165,13 @@ class RunnerServer:
             self._monitor = JobMonitor(
                 lambda progress: connection.send({"progress": progress.model_dump(mode="json")}),
                 self._requests,
-                lambda iteration: self._jobs.publish_state(request, iteration),
             )
             outcome = self._jobs.run(
                 request,
                 self._monitor,
                 lambda sentence: connection.send({"warning": sentence}),
                 lambda reasons: connection.send({"quarantined": dict(reasons)}),
+                lambda quick: connection.send({"quick": quick.model_dump(mode="json")}),
             )
             return None if outcome is None else outcome.model_dump(mode="json")
         finally:

@@ -1,0 +1,21 @@
+"""A trained model of a scene."""
+
+from dataclasses import dataclass
+
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.trainer import Trainer
+
+
+@dataclass(frozen=True, eq=False)
+class SceneModel:
+    """Gaussians after ``iterations`` of training, to be rendered with harmonics up to ``sh_degree``."""
+
+    gaussians: Gaussians
+    sh_degree: int
+    iterations: int
+
+    @classmethod
+    def of(cls, trainer: Trainer) -> "SceneModel":
+        """What a finished training has made; it shares the trainer's tensors."""
+        tensors = {name: tensor.detach() for name, tensor in trainer.gaussians.tensors().items()}
+        return cls(Gaussians(**tensors), trainer.sh_degree, trainer.iteration)
