@@ -3,7 +3,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import httpx2
@@ -18,9 +18,9 @@ from fvs_service.serving import supervisor
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 
-supervisor._SILENT_S, supervisor._LOOK_S = 8.0, 0.5
+supervisor._SILENT_S, supervisor._LOOK_S = {"gateway": 8.0, "worker": 8.0}, 0.5
 settings = Settings(root=Path(sys.argv[1]), port=0, grpc=False)
-role = supervisor.Role.GATEWAY
+role = supervisor.Role(sys.argv[2])
 with StopSignals(8, lambda: None) as signals:
     service = supervisor.Supervisor(settings, signals, log_json=False, role=role)
     service.run(lambda line: print(line, flush=True))
@@ -75,16 +75,20 @@ def test_the_sleep_of_the_supervisor_is_no_silence_of_the_gateway(
     assert watched.silent_s() < 60
 
 
-def _gateway_of(supervisor: int) -> int:
+def _children(supervisor: int, role: bytes) -> list[int]:
     children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
-    (gateway,) = [pid for pid in children if b"gateway" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    return int(gateway)
+    return [int(pid) for pid in children if role in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def _gateway_of(supervisor: int) -> int:
+    (gateway,) = _children(supervisor, b"gateway")
+    return gateway
 
 
 @pytest.mark.process
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for the gateway in /proc")
 def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", _SERVICE, str(tmp_path)]
+    command = [sys.executable, "-c", _SERVICE, str(tmp_path), "gateway"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
@@ -104,3 +108,25 @@ def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
         finally:
             process.send_signal(signal.SIGTERM)
         assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+@pytest.mark.process
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for the worker in /proc")
+def test_a_worker_that_hangs_is_restarted(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", _SERVICE, str(tmp_path), "worker"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        try:
+            _read_until(process.stderr, "worker ready")
+            (hangs,) = _children(process.pid, b"worker")
+            os.kill(hangs, signal.SIGSTOP)
+            _read_until(process.stderr, "worker ready")
+            assert hangs not in _children(process.pid, b"worker")
+        finally:
+            process.send_signal(signal.SIGTERM)
+        process.stderr.read()
+        assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def _read_until(lines: Iterable[str], sign: str) -> None:
+    assert any(sign in line for line in lines), sign

@@ -1,7 +1,7 @@
 """The supervisor's child processes: ``python -m fvs_service.serving.process gateway|worker``.
 
 The first line of standard input is a ``ProcessOrder``. A gateway writes its ``Addresses`` to standard output
-once it answers, and then its pulse (``pulse``).
+once it answers. Then both write their pulse to it (``pulse``).
 """
 
 import os
@@ -47,9 +47,10 @@ def _print(addresses: Addresses) -> None:
 def _run_worker(order: ProcessOrder) -> None:
     from fvs_service.worker.process import run_worker
 
+    os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
     tracing = Tracing.of_environment("fvs-worker")
     with open_storage(order.settings, tracing) as storage:
-        run_worker(storage, order.name)
+        run_worker(storage, order.name, beat)
     tracing.close()
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them
 

@@ -1,7 +1,7 @@
-"""The gateway's pulse: a process that hangs does not die, and nobody would restart it.
+"""The pulse of a gateway or worker: a process that hangs does not die, and nobody would restart it.
 
-The gateway's event loop writes an empty line to its standard output every ``PULSE_S``. Its supervisor kills
-it when none has come for long.
+The gateway's event loop writes an empty line to its standard output every ``PULSE_S``, a worker's main thread
+before every heartbeat. Their supervisor kills a process when none has come for long.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ _MOST_PER_LOOK_S = 10.0
 
 
 def beat() -> None:
-    """In the gateway, on its event loop: show that it runs. Never waits for the reader."""
+    """In a gateway on its event loop, in a worker on its main thread: show that it runs. Never waits."""
     with contextlib.suppress(OSError):  # the pipe is full when the supervisor is frozen
         os.write(1, b"\n")
 

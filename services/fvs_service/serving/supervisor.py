@@ -3,7 +3,6 @@
 import contextlib
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -45,8 +44,8 @@ _KILLED_S = 1.0
 _QUICK_S = 5.0
 """After a child that died sooner than this, the pause before its next start doubles."""
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
-_SILENT_S = 60.0
-"""Silence of a gateway's event loop after which the gateway is killed and restarted."""
+_SILENT_S = {GATEWAY: 60.0, WORKER: 180.0}
+"""Silence after which a process is killed and restarted; a worker may be waiting for its database."""
 
 _log = structlog.get_logger()
 
@@ -115,7 +114,7 @@ class Supervisor:
                 while not self._signals.wait(self._until_next_start_s()):
                     for child in self._children():
                         self._restart_if_dead(child)
-                    self._kill_silent_gateway()
+                        self._kill_if_silent(child)
                     reap_adopted({process.pid for process in self._running().values()})
             finally:
                 self._stop_all()
@@ -163,7 +162,7 @@ class Supervisor:
             "fvs_service.serving.process",
             order.model_dump_json(),
             arguments=[child.role],
-            stdout=subprocess.PIPE if child is self._gateway else sys.stderr,
+            stdout=subprocess.PIPE,
         )
 
     def _until_next_start_s(self) -> float:
@@ -185,17 +184,16 @@ class Supervisor:
         child_process.close_pipes(child.process)
         child.process, child.pulse, child.due = None, None, time.monotonic() + child.pause_s
 
-    def _kill_silent_gateway(self) -> None:
-        gateway = self._gateway
-        if gateway.process is None:
+    def _kill_if_silent(self, child: _Child) -> None:
+        if child.process is None:
             return
-        if gateway.pulse is None:  # it was restarted
-            assert gateway.process.stdout is not None
-            gateway.pulse = Pulse(gateway.process.stdout.fileno())
-        silent_s = gateway.pulse.silent_s()
-        if silent_s > _SILENT_S:
-            _log.warning("child killed", name=gateway.name, silent_s=round(silent_s))
-            gateway.process.kill()
+        if child.pulse is None:  # it has just been started
+            assert child.process.stdout is not None
+            child.pulse = Pulse(child.process.stdout.fileno())
+        silent_s = child.pulse.silent_s()
+        if silent_s > _SILENT_S[child.role]:
+            _log.warning("child killed", name=child.name, silent_s=round(silent_s))
+            child.process.kill()
 
     def _running(self) -> "dict[str, subprocess.Popen[str]]":
         """The processes that have been started, by name."""

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -30,8 +31,11 @@ class _ReplacedError(Exception):
     """Another worker has declared this one dead and put its jobs back."""
 
 
-def run_worker(storage: Storage, worker_id: str) -> None:
-    """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own."""
+def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> None:
+    """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own.
+
+    ``beat`` is called when it is ready and before every heartbeat, with or without the database.
+    """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
@@ -62,10 +66,12 @@ def run_worker(storage: Storage, worker_id: str) -> None:
     subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
     dispatcher.start()
     sweeps.start()
+    beat()
     _log.info("worker ready", worker=worker_id)
     try:
         while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
             _maintain(storage, heartbeats, room, scenes, file)
+            beat()
     except _ReplacedError:
         _log.warning("replaced by another worker", worker=worker_id)
         os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
