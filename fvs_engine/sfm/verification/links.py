@@ -14,7 +14,7 @@ from fvs_engine.sfm.verification.pair_check import EXPLAINED, MIN_PAIR_MATCHES, 
 MIN_LINK_SHARE = 0.025
 """Share of a pair's features that match and fit the poses from which on the pair is no look-alike's.
 
-See ``docs/adr/0026-a-witness-for-models-without-priors.md`` for the measurements behind it.
+See ``docs/adr/0027-a-witness-for-models-without-priors.md`` for the measurements behind it.
 """
 
 
