@@ -32,6 +32,10 @@ class InvalidInputError(EngineError):
     code = "invalid-input"
 
 
+class OtherSettingsError(InvalidInputError):
+    """A folder was made with other settings, or by a version whose settings differ."""
+
+
 class NoImagesError(InvalidInputError):
     """The input has no usable photograph, or too few."""
 

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from pydantic import ValidationError
 
-from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.errors import InvalidInputError, OtherSettingsError, StorageError
 from fvs_engine.files.owned_folder import OwnedFolder, differences
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.records import Record
@@ -70,8 +70,9 @@ class SceneFiles:
     def claim(self, dataset: Dataset, settings: SceneSettings) -> None:
         """Create the folder for this dataset and these settings, or check that it belongs to them.
 
-        The number of threads of structure from motion may change. Raises ``InvalidInputError`` when the
-        folder belongs to others, ``StorageError`` when it cannot be used.
+        The number of threads of structure from motion may change. Raises ``OtherSettingsError`` when the
+        folder is of this dataset with other settings, ``InvalidInputError`` when it is of another one,
+        ``StorageError`` when it cannot be used.
         """
         given = SceneIdentity(
             dataset=_fingerprint(dataset),
@@ -86,8 +87,8 @@ class SceneFiles:
             return
         found = differences(earlier.settings, given.settings)
         if earlier.dataset != given.dataset:
-            found.insert(0, "it is of another dataset")
-        owned.require_same(found, InvalidInputError)
+            owned.require_same(["it is of another dataset", *found], InvalidInputError)
+        owned.require_same(found, OtherSettingsError)
 
     def write_state(self, state: SceneState, points: PointCloud) -> None:
         """Replace the state; atomic. Raises ``StorageError``."""

@@ -3,6 +3,7 @@
 import socket
 import threading
 from contextlib import closing, suppress
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ from fvs_service.worker.runner.image_files import PreparedImages
 from fvs_service.worker.runner.scene_jobs import SceneJobs
 from granted_scenes import GrantedScenes
 
-from fvs_engine.errors import Cancelled
+from fvs_engine.errors import Cancelled, OtherSettingsError
 from fvs_engine.monitor import Monitor
 
 
@@ -93,6 +94,51 @@ class Scene:
         raise Cancelled("It was asked to train.")
 
 
+def _jobs(folder: Path) -> SceneJobs:
+    return SceneJobs(
+        folder,
+        cast(Any, None),
+        WorkerSettings(),
+        cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
+        cast(Any, SimpleNamespace()),
+    )
+
+
+def _request(*, trains: bool) -> RunJob:
+    return RunJob(
+        job_id="job",
+        request=JobRequest(kind=JobKind.UPDATE),
+        images=(),
+        camera=None,
+        origin=None,
+        snapshot_id=None,
+        trains=trains,
+    )
+
+
+def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, kept = Scene(), tmp_path / "growing" / "kept"
+    kept.parent.mkdir()
+    kept.touch()
+
+    def opened(folder: Path, *_: Any) -> Scene:
+        if folder.exists():
+            raise OtherSettingsError("It holds another scene: seed was 0 and is 1.")
+        return scene
+
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs.GrowingScene, "open", opened)
+    warnings: list[str] = []
+    assert _jobs(tmp_path).run(_request(trains=False), cast(Any, Monitor()), warnings.append) is None
+    assert scene.calls == ["add", "save"]
+    assert not kept.exists()
+    assert warnings == ["The scene was reconstructed from scratch: the settings of the service have changed."]
+
+
 def test_a_runner_registers_alone_what_its_worker_does_not_train(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,25 +148,10 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: prepared)
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
-    jobs = SceneJobs(
-        tmp_path,
-        cast(Any, None),
-        WorkerSettings(),
-        cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
-        cast(Any, SimpleNamespace()),
-    )
+    jobs = _jobs(tmp_path)
 
     def run(*, trains: bool) -> Any:
-        request = RunJob(
-            job_id="job",
-            request=JobRequest(kind=JobKind.UPDATE),
-            images=(),
-            camera=None,
-            origin=None,
-            snapshot_id=None,
-            trains=trains,
-        )
-        return jobs.run(request, cast(Any, Monitor()), lambda _sentence: None)
+        return jobs.run(_request(trains=trains), cast(Any, Monitor()), lambda _sentence: None)
 
     assert run(trains=False) is None
     assert scene.calls == ["add", "save"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.errors import InvalidInputError, ReconstructionError
+from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
@@ -110,7 +110,7 @@ class SceneJobs:
                 f"The scene has {len(images)} usable images, and a model needs two or more.",
                 hint="Send more images that overlap; start with eight or more.",
             )
-        scene = self._open_scene(request, monitor)
+        scene = self._open_scene(request, monitor, warn)
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
@@ -166,23 +166,27 @@ class SceneJobs:
         _leave_out(prepared.rejected, request, warn, quarantine)
         return prepared.files
 
-    def _open_scene(self, request: RunJob, monitor: Monitor) -> GrowingScene:
+    def _open_scene(self, request: RunJob, monitor: Monitor, warn: Warn) -> GrowingScene:
         choice = self._choose(request.request)
         if self._scene is None:
-            self._scene = GrowingScene.open(
-                self._folder.growing,
-                Dataset("scene", self._folder.images, (), arriving=True),
-                SceneSettings(
-                    long_side_px=choice.long_side_px,
-                    initial_iterations=choice.initial_iterations,
-                    iterations_per_view=choice.iterations_per_image,
-                    training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
-                    sfm=self._sfm(request.camera),
-                ),
-                self._rasterizer,
-                monitor,
+            settings = SceneSettings(
+                long_side_px=choice.long_side_px,
+                initial_iterations=choice.initial_iterations,
+                iterations_per_view=choice.iterations_per_image,
+                training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
+                sfm=self._sfm(request.camera),
             )
+            try:
+                self._scene = self._growing(settings, monitor)
+            except OtherSettingsError:
+                warn("The scene was reconstructed from scratch: the settings of the service have changed.")
+                shutil.rmtree(self._folder.growing)
+                self._scene = self._growing(settings, monitor)
         return self._scene
+
+    def _growing(self, settings: SceneSettings, monitor: Monitor) -> GrowingScene:
+        dataset = Dataset("scene", self._folder.images, (), arriving=True)
+        return GrowingScene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
 
     def _choose(self, request: JobRequest) -> SceneChoice:
         """The settings of the first update; raises ``InvalidInputError`` when a later request has others."""
