@@ -391,6 +391,19 @@ def test_retention_by_number_keeps_the_newest_and_the_pinned(open_gateway: Any) 
     assert gateway.client.get(f"/v1/scenes/{own}").json()["snapshot_id"] == made[own][3]
 
 
+def test_all_rankings_beyond_a_limit_are_deleted_in_one_sweep(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_service.deletion.retention._RANKINGS_AT_ONCE", 2)
+    gateway = open_gateway()
+    scene = gateway.scene(retention={"rankings": 1})
+    gateway.model(scene)
+    rankings = [_rank(gateway, scene).json()["id"] for _ in range(6)]
+    _apply(gateway)
+    found = [gateway.client.get(f"/v1/rankings/{ranking}").status_code for ranking in rankings]
+    assert found == [404] * 5 + [200]
+
+
 def test_retention_by_age_never_takes_the_current_snapshot(open_gateway: Any) -> None:
     gateway = open_gateway()
     scene = gateway.scene()

@@ -59,6 +59,12 @@ class RetentionRules:
         return limited
 
     def _apply_to(self, scene_id: str, retention: Retention) -> int:
+        deleted = 0
+        while count := self._delete_some(scene_id, retention):
+            deleted += count
+        return deleted
+
+    def _delete_some(self, scene_id: str, retention: Retention) -> int:
         with self._database.reading() as session:
             if not (self._snapshots(session, scene_id, retention) or _rankings(session, scene_id, retention)):
                 return 0
