@@ -104,8 +104,8 @@ class Stopwatch:
         if owner is Database:
 
             @contextmanager
-            def timed(*arguments: Any) -> Iterator[Any]:
-                with self._timed(share), function(*arguments) as session:
+            def timed(*arguments: Any, **options: Any) -> Iterator[Any]:
+                with self._timed(share), function(*arguments, **options) as session:
                     yield session
 
         elif iscoroutinefunction(function):
