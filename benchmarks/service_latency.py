@@ -1,12 +1,13 @@
-"""Time from photographs on disk to the next ranking through the client, by stage.
+"""Time from photographs on disk to the next ranking through the client, by stage, and to the full model.
 
     python benchmarks/service_latency.py PHOTOGRAPHS [--first 49] [--more 1] [--candidates 24] [--json FILE]
 
 `fvs serve` with its defaults, and no scene yet: it is started before the clock is. The first photographs
 (sorted names are the capture order) make the first model; then more come, one at a time. Each time they are
-uploaded, an update runs, and the next ranking follows. The stages of an update are those that the job
-reports to the client; what happens before it runs (a worker takes it up and starts the scene's runner) and
-after its last stage (the client hears of the end) is waiting.
+uploaded, and an update runs; the next ranking is asked for as soon as the quick model is there, while the
+full one is trained. The stages of an update are those that the job reports to the client; what happens before
+it runs (a worker takes it up and starts the scene's runner) and after its last stage (the client hears of the
+end) is waiting.
 
 For each part its time by the clock, and the processor time of all processes of the service and of the client,
 which other load hardly changes. Goals in processor time, with `fox`: 90 s for the first model, 6 s from one
@@ -17,7 +18,7 @@ import argparse
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,20 +31,23 @@ _PARTS = {
     "images": "photographs to the worker",
     "normalise": "photographs to the worker",
     "load": "photographs to the trainer",
-    "train": "training",
-    "snapshot": "snapshot",
+    "evaluate": "rendering the new views",
+    "quick training": "quick model",
+    "quick snapshot": "quick model",
+    "train": "full model",
+    "snapshot": "full model",
 }
 """Stages of a job by what they are for; all others are structure from motion."""
-_ALL = "from photographs to ranking"
+_RANKING = "ranking, while the full model trains"
 
 
 class Stopwatch:
     """Adds up the time that passes in each part: by the clock, and of the processor."""
 
-    def __init__(self, service: RunningService) -> None:
+    def __init__(self, service: RunningService, rank: Callable[[], object]) -> None:
         self.seconds: Counter[str] = Counter()
         self.processor_s: Counter[str] = Counter()
-        self._service = service
+        self._service, self._rank = service, rank
         self._part, self._since = "", self._now()
 
     def enter(self, part: str) -> None:
@@ -60,6 +64,9 @@ class Stopwatch:
         if job.ended:
             self.enter("waiting: for the news of its end")
         elif job.stage is not None:
+            if job.stage == "train" and _RANKING not in self.seconds:
+                self.enter(_RANKING)
+                self._rank()
             self.enter(_PARTS.get(job.stage, f"structure from motion: {job.stage}"))
 
     def _now(self) -> tuple[float, float]:
@@ -69,26 +76,33 @@ class Stopwatch:
 def measure_update(
     service: RunningService, scene: Scene, photographs: Sequence[Path], candidates: int
 ) -> Stopwatch:
-    """The times from photographs to the ranking by a model with them."""
-    watch = Stopwatch(service)
+    """The times from photographs to the ranking by a model with them, and to the full model."""
+    watch = Stopwatch(service, lambda: scene.rank(generator=Orbit(count=candidates)))
     watch.enter("upload")
     scene.images.upload(photographs)
     watch.enter("waiting: for the worker and its runner")
     scene.update().wait(on_progress=watch.follow)
-    watch.enter("ranking")
-    scene.rank(generator=Orbit(count=candidates))
     watch.enter("")
     return watch
 
 
 def rows_of(case: str, watch: Stopwatch) -> list[dict[str, Any]]:
-    """The parts of one update, and their sum."""
-    all_s, all_processor_s = watch.seconds.total(), watch.processor_s.total()
-    parts = [(part, seconds, watch.processor_s[part]) for part, seconds in watch.seconds.items()]
-    return [
-        {"photographs": case, "part": part, "s": seconds, "processor s": processor_s}
-        for part, seconds, processor_s in (*parts, (_ALL, all_s, all_processor_s))
-    ]
+    """The parts of one update, and what has passed since the photographs at the end of each."""
+    rows, passed, used = [], 0.0, 0.0
+    for part, seconds in watch.seconds.items():
+        processor_s = watch.processor_s[part]
+        passed, used = passed + seconds, used + processor_s
+        rows.append(
+            {
+                "photographs": case,
+                "part": part,
+                "s": seconds,
+                "processor s": processor_s,
+                "in all, s": passed,
+                "in all, processor s": used,
+            }
+        )
+    return rows
 
 
 def main() -> None:
