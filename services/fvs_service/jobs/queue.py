@@ -115,6 +115,16 @@ class JobQueue:
             if job.id == job_id
         )
 
+    def update_waits(self, scene_id: str) -> bool:
+        """Whether an update of the scene is queued."""
+        waiting = select(JobRow.id).where(
+            JobRow.scene_id == scene_id,
+            JobRow.kind == JobKind.UPDATE.value,
+            JobRow.state == JobState.QUEUED.value,
+        )
+        with self._database.reading() as session:
+            return session.scalar(waiting.limit(1)) is not None
+
     def order(self, session: Session) -> Order:
         """The order of all open jobs."""
         return self._order(session, ALL_WORK)

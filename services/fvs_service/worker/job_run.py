@@ -81,6 +81,10 @@ class _CanceledError(Exception):
     """The job was canceled."""
 
 
+class _SupersededError(Exception):
+    """The next update of the scene waits; the job's quick model is its result."""
+
+
 class _JobFailedError(Exception):
     """The job failed for a reason of its own: another try would fail too."""
 
@@ -147,6 +151,9 @@ class JobRuns:
             )
             span.fail(failure.code)
             ledger.fail(scene.lease, job.id, failure)
+        except _SupersededError:
+            self._copies.store(scene.lease)  # another machine may run the next update
+            ledger.succeed(scene.lease, job.id)
         except BaseException:
             self._scenes.drop(scene)  # its runner may still compute for this try
             raise
@@ -174,7 +181,9 @@ class JobRuns:
             trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
         )
         remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
-        with StageSpans(self._storage.tracing, expected=(JobPausedError, _CanceledError)) as spans:
+        with StageSpans(
+            self._storage.tracing, expected=(JobPausedError, _CanceledError, _SupersededError)
+        ) as spans:
             spans.came_to(_RESTORE)
             self._copies.restore(job.scene_id)
             outcome = self._compute(leased, job, request, remaining, spans)
@@ -233,6 +242,7 @@ class JobRuns:
                     quick = JobOutcome.model_validate(outcome)
                     stage_of_quick = f"quick-snapshot-{job.attempt}"
                     _patiently(scene, lambda: self._commit(scene, job, stage_of_quick, quick, request.images))  # noqa: B023
+                    stop.may_be_superseded = True
                 case {"quarantined": dict(reasons)}:
                     _patiently(scene, lambda: self._quarantine(scene, reasons, request.images))
                 case {"warning": str(sentence)}:
@@ -301,6 +311,9 @@ class _Stop:
     It is canceled by its flag, and paused when the disk comes to the reserve or when its turn ends. A turn
     ends only where little work is lost, and once the job has come farther than in its earlier turns: else it
     might never get past a long stage.
+
+    ``may_be_superseded``: the quick model of an update is committed. The full one is not finished when the
+    scene's next update waits, which trains a model of more images.
     """
 
     def __init__(self, storage: Storage, room: Room, scene: LeasedScene, job: Job) -> None:
@@ -311,7 +324,8 @@ class _Stop:
         self._turn_may_end = False
         self._looked = time.monotonic()
         self._since = 0.0
-        self.reason: _CanceledError | JobPausedError | None = None
+        self.may_be_superseded = False
+        self.reason: _CanceledError | JobPausedError | _SupersededError | None = None
 
     def came_to(self, progress: float, *, stage: str, new_stage: bool) -> None:
         """Take note of the job's progress; the moment at which a stage begins is a good one to stop at."""
@@ -325,12 +339,12 @@ class _Stop:
         if found is not None:
             self.reason, self._since = found, time.monotonic()
             _request_stop(self._scene.endpoint)
-        patience_s = _SAVE_S if isinstance(self.reason, JobPausedError) else _STOP_S
+        patience_s = _STOP_S if isinstance(self.reason, _CanceledError) else _SAVE_S
         if self.reason is not None and time.monotonic() - self._since > patience_s:
             self._scene.child.kill()  # the lease stays, so that the job's end can be recorded
             raise self.reason
 
-    def _new_reason(self) -> "_CanceledError | JobPausedError | None":
+    def _new_reason(self) -> "_CanceledError | JobPausedError | _SupersededError | None":
         if isinstance(self.reason, _CanceledError):
             return None
         if self._storage.ledger.cancel_requested(self._job.id):
@@ -340,6 +354,8 @@ class _Stop:
         self._looked = time.monotonic()
         if self._room.used_up:
             return JobPausedError(WaitReason.DISK)
+        if self.may_be_superseded and self._storage.queue.update_waits(self._job.scene_id):
+            return _SupersededError()
         if self._storage.queue.must_pause(self._job.id, turn_may_end=self._turn_may_end):
             return JobPausedError()
         return None

@@ -182,6 +182,24 @@ def test_an_update_without_new_images_keeps_the_snapshot(service: Any, modelled:
     assert service.client.get(f"/v1/scenes/{modelled}/size").json()["working_bytes"] > 0
 
 
+def test_an_update_ends_with_its_quick_model_when_the_next_one_waits(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[:5])
+    first = service.start(scene, iterations=2_000)
+    service.wait(first, lambda found: found["stage"] == "train")
+    service.send(scene, courtyard_photographs[5:6])
+    second = service.start(scene)
+    done = service.finish(first)
+    snapshots = service.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]
+    (quick,) = (item for item in snapshots if item["job_id"] == first)
+    assert done["snapshot_id"] == quick["id"]
+    assert quick["metrics"]["iterations"] == 400
+    service.client.post(f"/v1/jobs/{second}:cancel")
+    service.wait(second, lambda found: found["state"] == "canceled")
+
+
 @pytest.mark.slow  # half a minute; tests/faults kills more
 def test_jobs_outlive_whatever_is_killed(
     service: Any, modelled: str, courtyard_photographs: list[Path]
