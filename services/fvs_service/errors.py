@@ -31,6 +31,8 @@ class ServiceError(Exception):
     status: ClassVar[int] = 500
     rpc_status: ClassVar[str] = "INTERNAL"
     retryable: ClassVar[bool] = True
+    usual_hint: ClassVar[str] = ""
+    """The hint of errors that have none of their own."""
 
     def __init_subclass__(
         cls,
@@ -40,6 +42,7 @@ class ServiceError(Exception):
         status: int | None = None,
         rpc_status: str | None = None,
         retryable: bool | None = None,
+        usual_hint: str | None = None,
     ) -> None:
         super().__init_subclass__()
         cls.code = cls.code if code is None else code
@@ -47,6 +50,7 @@ class ServiceError(Exception):
         cls.status = cls.status if status is None else status
         cls.rpc_status = cls.rpc_status if rpc_status is None else rpc_status
         cls.retryable = cls.retryable if retryable is None else retryable
+        cls.usual_hint = cls.usual_hint if usual_hint is None else usual_hint
 
     def __init__(
         self,
@@ -58,7 +62,7 @@ class ServiceError(Exception):
     ) -> None:
         super().__init__(message)
         self.message = message
-        self.hint = hint
+        self.hint = hint or self.usual_hint
         self.errors = tuple(errors)
         self.retry_after_s = retry_after_s
 
@@ -128,7 +132,13 @@ class UnknownHostError(
 
 
 class NotFoundError(
-    ServiceError, code="not-found", title="Not found", status=404, rpc_status="NOT_FOUND", retryable=False
+    ServiceError,
+    code="not-found",
+    title="Not found",
+    status=404,
+    rpc_status="NOT_FOUND",
+    retryable=False,
+    usual_hint="Check the id. It may have been deleted, or be out of reach of this API key.",
 ):
     """The resource does not exist or belongs to another tenant: the responses are the same."""
 
@@ -257,6 +267,7 @@ class LimitExceededError(
     title="A limit is reached",
     status=429,
     rpc_status="RESOURCE_EXHAUSTED",
+    usual_hint="Wait for those that are in progress, and send fewer at once.",
 ):
     """The tenant has reached a limit; ``retry_after_s`` is the time until a retry can succeed."""
 

@@ -160,3 +160,9 @@ def test_the_service_tells_how_it_is(gateway: Any) -> None:
     gateway.client.get("/v1/scenes/scn_none")
     metrics = gateway.client.get("/metrics").text
     assert 'fvs_requests_total{method="GET",route="/v1/scenes/{scene_id}",status="404"}' in metrics
+
+
+def test_a_usual_hint_gives_way_to_that_of_an_error() -> None:
+    assert "Check the id" in errors.NotFoundError("There is no such job.").hint
+    assert errors.NotFoundError("There is no such job.", hint="Look elsewhere.").hint == "Look elsewhere."
+    assert "fewer at once" in errors.LimitExceededError("Too many are open.").hint

@@ -33,7 +33,9 @@ class BodyGuard:
             await self._app(scope, receive, send)
             return
         if scope["query_string"].count(b"&") >= _MAX_QUERY_FIELDS:
-            refused = InvalidRequestError(f"The query has more than {_MAX_QUERY_FIELDS} fields.")
+            refused = InvalidRequestError(
+                f"The query has more than {_MAX_QUERY_FIELDS} fields.", hint="Send each field once."
+            )
             await problem_response(Request(scope), refused)(scope, receive, send)
             return
         pace = UploadPace(self._settings)
