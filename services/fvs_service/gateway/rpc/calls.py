@@ -120,6 +120,7 @@ class Call:
             ) from error
         if content is grpc.aio.EOF:
             raise InvalidRequestError("The call has no request.", hint="Send one message.")
+        self.require_time()
         return content
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
@@ -153,6 +154,11 @@ class Call:
         """The time until the deadline; None without one."""
         return self._context.time_remaining()  # type: ignore[no-any-return]
 
+    def require_time(self) -> None:
+        """Raise ``DeadlineError`` once the deadline has passed."""
+        if self.left_s is not None and self.left_s <= 0:
+            raise DeadlineError("The deadline had passed before the call arrived.")
+
     def timeout_s(self) -> float:
         """The time that may be spent on the call, in s."""
         most = self._gateway.application.storage.settings.limits.ranking_timeout_s
@@ -180,8 +186,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
         _counted(gateway, name, span) as outcome,
     ):
         try:
-            if call.left_s is not None and call.left_s <= 0:
-                raise DeadlineError("The deadline had passed before the call arrived.")
+            call.require_time()
             return await work(call)
         except asyncio.CancelledError:
             error = _cut(gateway, call)
