@@ -1,4 +1,4 @@
-"""Right and wrong models for the calibration of the gate: of subsets, by the mappers, and spoilt ones.
+"""Right and wrong models for the calibration of the gate: mapped from subsets, or perturbed.
 
 A scene's features and matches are computed once; every subset gets a copy without the other images. What a
 folder holds is not computed again.
@@ -126,7 +126,7 @@ def map_subset(scene: Scene, names: Sequence[str], whole: SfmFolder, folder: Pat
 
 
 def mapped(folder: SfmFolder) -> dict[str, Callable[[], pycolmap.Reconstruction]]:
-    """Mapper → its largest model, read anew at each call, of the mappers that made one."""
+    """Mapper → its largest model, for mappers that made one; each call reads the files again."""
     paths = {mapper: folder.mapping(mapper) for mapper in MAPPERS}
     return {mapper: partial(_largest, path) for mapper, path in paths.items() if load_models(path)}
 

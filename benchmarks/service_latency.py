@@ -42,7 +42,7 @@ _RANKING = "ranking, while the full model trains"
 
 
 class Stopwatch:
-    """Adds up the time that passes in each part: by the clock, and of the processor."""
+    """Sums wall-clock and processor time by part."""
 
     def __init__(self, service: RunningService, rank: Callable[[], object]) -> None:
         self.seconds: Counter[str] = Counter()

@@ -12,7 +12,7 @@ ModelQuality = Literal["quick", "full"]
 """The two models of a scene: ``quick`` ranks soon after new images, ``full`` is better and takes longer."""
 
 QUICK_SHARE = 0.2
-"""Iterations of a quick model, in those of the full one (ADR 26)."""
+"""Iterations of a quick model as a share of those of the full model (ADR 26)."""
 
 _PAPER = LearningRates()
 

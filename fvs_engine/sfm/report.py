@@ -18,7 +18,7 @@ class WitnessEvidence(Record):
 
     matches: int
     match_support: float | None
-    """Share of the matches that fit the poses; None without matches, as the two that follow."""
+    """Share of the matches that fit the poses; like the next two, None without matches."""
 
     rotation_support: float | None
     translation_support: float | None

@@ -135,7 +135,7 @@ class SfmSettings(Record):
     """Up to this number of images both mappers run; above, the second only when the first is doubtful."""
 
     witness: bool = True
-    """Check models that no position priors confirm by ALIKED's features, where these are installed."""
+    """Verify models without confirming position priors with ALIKED features, if installed."""
 
     gate: GateSettings = GateSettings()
     growth: GrowthSettings = GrowthSettings()

@@ -40,7 +40,7 @@ def sample(features: Tensor, positions: Tensor) -> Tensor:
 
 
 class DeformableConvolution(nn.Module):
-    """A 3×3 deformable convolution whose offsets a plain one predicts; up to a quarter of the long side."""
+    """A 3×3 deformable convolution; a plain one predicts its offsets, at most a quarter of the long side."""
 
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()

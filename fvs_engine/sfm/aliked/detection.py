@@ -12,10 +12,10 @@ RADIUS = 2
 """Key points are peaks within this number of pixels."""
 
 _TEMPERATURE = 0.1
-"""Of the soft maximum around a peak."""
+"""Temperature of the soft maximum around a peak."""
 
 _ROUNDS = 2
-"""How often peaks are looked for again beside those that were found."""
+"""Number of further passes of non-maximum suppression beside the peaks that were found."""
 
 
 def detect(scores: Tensor, least: float, most: int) -> Tensor:

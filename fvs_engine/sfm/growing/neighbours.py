@@ -19,7 +19,7 @@ _BEST_MATCHED = 3
 """Number of an image's best matched neighbours at which the search in space starts."""
 
 _ALSO_SIMILAR = 4
-"""Most similar images that one is matched with besides those that its pose prior suggests."""
+"""Number of most similar images that one is matched with, besides those suggested by its pose prior."""
 
 Descriptors = Callable[[str], NDArray[np.float32]]
 """Name → descriptors [K, 128]."""

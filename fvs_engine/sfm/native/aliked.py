@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Report = Callable[[int], None]
 
 _HALF = 2
-"""Bytes of a descriptor's number: half precision changes no match and halves the file."""
+"""Bytes per descriptor element: half precision changes no match and halves the file."""
 
 
 def extract_aliked(

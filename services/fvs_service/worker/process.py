@@ -83,7 +83,7 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
 
 
 def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes, file: Path) -> None:
-    """Send a heartbeat, touch ``file`` once it has arrived, and put back the jobs of dead workers.
+    """Send a heartbeat, then touch ``file``, and requeue the jobs of dead workers.
 
     Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
     """

@@ -1,4 +1,4 @@
-"""A worker's file for probes on its machine: its age is the time since the worker's last heartbeat.
+"""The heartbeat file of a worker, for health checks: its age is the time since the last heartbeat.
 
 A probe that only looks for the process takes a frozen one for healthy.
 """

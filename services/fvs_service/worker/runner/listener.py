@@ -18,7 +18,7 @@ from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 _BACKLOG = 128
 _GREETING_S, _GREETING_BYTES = 5.0, 200
 _STRANGERS = 32
-"""Connections that have not sent the secret yet; one more closes the oldest of them."""
+"""Maximum number of connections that are not authenticated yet; one more closes the oldest."""
 _PAUSE_S = 0.2
 _LOG_EVERY_S = 60.0
 

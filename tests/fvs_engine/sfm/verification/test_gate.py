@@ -181,7 +181,7 @@ def witness(**changes: object) -> WitnessEvidence:
 
 
 FEW = tuple(NAMES[:2])
-"""Images that few matches join with the rest."""
+"""Images that few matches link to the rest."""
 
 
 def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
@@ -204,7 +204,7 @@ def test_a_witness_that_is_silent_about_them_does_not():
 
 
 def test_the_witness_confirms_a_right_model_with_weak_directions_alone():
-    """Evidence that twelve views of a real scene had, far from one another and right to 0.6 %."""
+    """The evidence of a correct model of twelve far-spread views of a real scene (errors up to 0.6 %)."""
     weak = {"match_support": 0.93, "translation_support": 0.786}
     assert decide([candidate("incremental", **weak)], SETTINGS).chosen is None
     confirmed = decide([candidate("incremental", witness=witness(), **weak)], SETTINGS)
