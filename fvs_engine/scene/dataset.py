@@ -29,8 +29,8 @@ class Dataset:
     its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
     model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
     None when it has none. ``warnings`` are sentences about what was left out. ``arriving``: photographs are
-    added to the folder over time and have no known poses; there are no views then, and a scene of it
-    estimates poses by structure from motion.
+    added to the folder over time, may be deleted from it, and have no known poses; there are no views then,
+    and a scene of it estimates poses by structure from motion.
     """
 
     name: str

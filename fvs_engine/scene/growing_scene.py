@@ -81,6 +81,8 @@ class GrowingScene:
     ) -> "GrowingScene":
         """Create a scene in ``folder``, or resume the one in it.
 
+        Views whose photograph was deleted from an ``arriving`` dataset are not resumed; they stay in
+        ``visited`` until they are ``removed``.
         Raises ``InvalidInputError`` when the folder holds a scene of another dataset or other settings,
         ``StorageError`` when it cannot be read or written.
         """
@@ -304,12 +306,14 @@ class GrowingScene:
             return
         state, points = saved
         self._visited, self._generation = state.visited, state.generation
-        views = []
+        posed, views = {}, []
         for done, view in enumerate(state.views, start=1):
             monitor.check()
-            views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
+            if not self.dataset.arriving or (self.dataset.image_dir / view.name).is_file():
+                views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
+                posed[view.name] = view
             monitor.report("load", done, len(state.views))
-        self._set({view.name: view for view in state.views}, views, points)
+        self._set(posed, views, points)
 
 
 def _digest(posed: Mapping[str, AnyView], points: PointCloud) -> str:

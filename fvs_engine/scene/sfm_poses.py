@@ -27,7 +27,9 @@ class SfmPoses:
         priors: PosePriors | None = None,
     ) -> None:
         self._priors = priors
-        self._growing = GrowingReconstruction.open(folder, dataset.image_dir, settings, monitor)
+        self._growing = GrowingReconstruction.open(
+            folder, dataset.image_dir, settings, monitor, leaving=dataset.arriving
+        )
 
     @property
     def model_dir(self) -> Path | None:

@@ -71,18 +71,28 @@ class GrowingReconstruction:
 
     @classmethod
     def open(
-        cls, folder: Path, image_dir: Path, settings: SfmSettings, monitor: Monitor
+        cls,
+        folder: Path,
+        image_dir: Path,
+        settings: SfmSettings,
+        monitor: Monitor,
+        *,
+        leaving: bool = False,
     ) -> "GrowingReconstruction":
         """Open the reconstruction in ``folder`` as it was last committed, or create it.
 
+        ``leaving``: images may leave the folder; those whose file is gone are removed.
         Raises ``InvalidInputError`` when the folder belongs to other settings or an image file has changed,
         ``StorageError`` when it is damaged.
         """
         monitor.check()
         growth = GrowthFolder(folder)
         state = growth.open(settings)
-        require_unchanged(state, image_dir, tuple(state.images))
-        return cls(growth, image_dir, settings, state)
+        opened = cls(growth, image_dir, settings, state)
+        if leaving and (gone := {name for name in state.images if not (image_dir / name).is_file()}):
+            opened.remove(gone)
+        require_unchanged(state, image_dir, opened.added)
+        return opened
 
     @property
     def reconstruction(self) -> Reconstruction:

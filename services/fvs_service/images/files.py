@@ -13,6 +13,9 @@ from fvs_service.images.model import Image
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 
+IMAGES, ARRIVALS, READY = "images", "arrivals", "ready"
+"""Parts of a scene's folder on a worker: the images as the engine reads them, and two on the way there."""
+
 
 def blob_key(scene_id: str, digest: str) -> str:
     """The blob key of an image."""
@@ -38,7 +41,12 @@ def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict
 def file_name(image: Image) -> str:
     """The name of an image's file for the engine."""
     suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
-    return f"{image.number:06d}-{image.digest.removeprefix('sha256:')[:12]}{suffix[image.format or 'JPEG']}"
+    return file_stem(image.number, image.digest.removeprefix("sha256:")) + suffix[image.format or "JPEG"]
+
+
+def file_stem(number: int, sha256: str) -> str:
+    """The name of an image's file without its suffix, which depends on the format."""
+    return f"{number:06d}-{sha256[:12]}"
 
 
 _FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")

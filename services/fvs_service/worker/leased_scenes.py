@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from weakref import WeakValueDictionary
 
 import structlog
@@ -16,6 +17,7 @@ from fvs_service.errors import NotFoundError, StaleLeaseError
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import find_scene_head
 from fvs_service.snapshots.repository import find_snapshot
+from fvs_service.worker.deleted_images import unless_locked
 from fvs_service.worker.memory import MemoryBudget, idle_need_bytes, memory_limit_bytes
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError, call
 from fvs_service.worker.protocol.messages import YieldScene
@@ -107,6 +109,26 @@ class LeasedScenes:
             finally:
                 if lease is not None:
                     self._storage.leases.release(lease)
+
+    @contextmanager
+    def without_jobs(self, folder: Path) -> Iterator[bool]:
+        """Keep jobs away from a scene's ``folder`` during the block; yields False when one may use it.
+
+        An idle runner of this worker, which has the folder locked, forgets its images and still ranks.
+        """
+        lock = self._lock_of(folder.name)
+        if not lock.acquire(blocking=False):
+            yield False
+            return
+        try:
+            scene = self._scenes.get(folder.name)
+            if scene is not None and scene.child.alive:
+                yield scene.users == 0 and scene.child.forget_images()
+            else:
+                with unless_locked(folder) as free:
+                    yield free
+        finally:
+            lock.release()
 
     def start_runner(self, scene_id: str) -> None:
         """Start the scene's runner, so that it can rank; a failure is only logged.

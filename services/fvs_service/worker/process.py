@@ -62,7 +62,7 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
         poll_s=settings.worker.queue_poll_s,
         has_room=lambda: not room.short,
     )
-    sweeps = Sweeps(storage)
+    sweeps = Sweeps(storage, scenes.without_jobs)
     subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
     dispatcher.start()
     sweeps.start()

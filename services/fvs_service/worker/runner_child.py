@@ -15,7 +15,7 @@ from fvs_engine import child_process
 from fvs_engine.records import Record
 from fvs_service.settings import Settings
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError, call
-from fvs_service.worker.protocol.messages import CancelJob, Ping, RunnerOrder, YieldScene
+from fvs_service.worker.protocol.messages import CancelJob, ForgetImages, Ping, RunnerOrder, YieldScene
 
 _MODULE = "fvs_service.worker.runner.process"
 _START_S = 300.0
@@ -84,6 +84,14 @@ class RunnerChild:
     def deaf(self) -> bool:
         """Whether it has answered none of several calls of ``idle_s`` in a row."""
         return self._unanswered >= _UNANSWERED
+
+    def forget_images(self) -> bool:
+        """Have the images forgotten that it keeps in memory; returns False when a job runs, or it is gone."""
+        try:
+            self._call(ForgetImages())
+        except (RunnerError, RunnerGoneError):
+            return False
+        return True
 
     def yield_scene(self) -> bool:
         """End the runner unless a job runs; returns whether it ended."""

@@ -1,6 +1,7 @@
 """The sweeps of a worker: they apply the retention and remove what was deleted.
 
-Of all workers one at a time removes rows and blobs; each removes the working folders on its own machine.
+Of all workers one at a time removes rows and blobs; each removes working folders and copies of deleted images
+on its own machine.
 """
 
 import shutil
@@ -25,6 +26,7 @@ from fvs_service.model import now
 from fvs_service.storage.database import now_ms
 from fvs_service.storage.removals import deleted_scenes
 from fvs_service.storage.tables import SweepRow
+from fvs_service.worker.deleted_images import DeletedImages, WithoutJobs, unless_locked
 
 _DELETION = "deletion"
 _NAMES_AT_ONCE = 500
@@ -37,8 +39,9 @@ T = TypeVar("T")
 class Sweeps:
     """The sweeps of one worker, in a thread of their own: a large scene takes a while to remove."""
 
-    def __init__(self, storage: Storage) -> None:
+    def __init__(self, storage: Storage, without_jobs: WithoutJobs = unless_locked) -> None:
         self._storage = storage
+        self._images = DeletedImages(storage, without_jobs)
         settings = storage.settings
         self._retention = RetentionRules(storage.database, settings.retention, settings.removal_grace_s)
         self._events = EventRetention(storage.database, settings.retention)
@@ -59,6 +62,7 @@ class Sweeps:
     def sweep(self) -> None:
         """Do what is due; what fails is logged, and the rest does not wait for it."""
         self._try("working folders", self.remove_working_folders)
+        self._try("deleted images", self._images.remove)
         if self._is_mine():
             parts = {
                 "deleted": self._retention.apply,

@@ -33,7 +33,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
         def add(self, _names: Any, _monitor: Any, priors: Any, _known: Any) -> None:
             passed.append(priors)
 
-    opened = SimpleNamespace(open=lambda *_: Growing())
+    opened = SimpleNamespace(open=lambda *_, **__: Growing())
     monkeypatch.setattr(sfm_poses, "GrowingReconstruction", opened)
     return passed, removed
 

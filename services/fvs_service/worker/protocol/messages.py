@@ -74,6 +74,12 @@ class YieldScene(Record):
     kind: Literal["yield"] = "yield"
 
 
+class ForgetImages(Record):
+    """Forget the images that are kept in memory between jobs; refused while a job runs."""
+
+    kind: Literal["forget-images"] = "forget-images"
+
+
 class Ping(Record):
     """Return ``{"idle_s": …, "queue": …}``.
 
@@ -84,7 +90,8 @@ class Ping(Record):
 
 
 Request = Annotated[
-    RankViews | RenderView | RunJob | CancelJob | YieldScene | Ping, Field(discriminator="kind")
+    RankViews | RenderView | RunJob | CancelJob | YieldScene | ForgetImages | Ping,
+    Field(discriminator="kind"),
 ]
 REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 

@@ -9,7 +9,7 @@ from fvs_engine.images.catalog import catalog_images
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
-from fvs_service.images.files import export_images, file_name
+from fvs_service.images.files import ARRIVALS, READY, export_images, file_name
 from fvs_service.images.model import Image
 from fvs_service.storage.blobs import Blobs
 
@@ -36,11 +36,11 @@ def prepare_images(blobs: Blobs, images: Sequence[Image], folder: Path, monitor:
     there = _present(folder)
     missing = [image for image in images if _stem(file_name(image)) not in there]
     if missing:
-        arrivals = folder.with_name("arrivals")
+        arrivals = folder.with_name(ARRIVALS)
         shutil.rmtree(arrivals, ignore_errors=True)
         arrivals.mkdir()
         arrived = export_images(blobs, tuple(missing), arrivals)
-        ready = fresh_folder(folder.with_name("ready"))
+        ready = fresh_folder(folder.with_name(READY))
         catalog = catalog_images(arrivals, monitor=monitor)
         for file in normalise_images(catalog.photographs, ready, monitor=monitor).values():
             file.replace(folder / file.name)

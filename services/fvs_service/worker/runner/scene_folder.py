@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.records import Record
+from fvs_service.images.files import IMAGES
 
 
 class SceneChoice(Record):
@@ -24,7 +25,7 @@ class SceneFolder:
     @property
     def images(self) -> Path:
         """The images, as files for the engine."""
-        return self.root / "images"
+        return self.root / IMAGES
 
     @property
     def growing(self) -> Path:

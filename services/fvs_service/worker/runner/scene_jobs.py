@@ -97,6 +97,10 @@ class SceneJobs:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
 
+    def forget(self) -> None:
+        """Forget the growing scene, which has the photographs; the next job reads it from the folder."""
+        self._scene = None
+
     def _update(
         self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine, publish: Publish
     ) -> JobOutcome | None:

@@ -24,6 +24,7 @@ from fvs_service.worker.protocol.messages import (
     REQUEST,
     CancelJob,
     Failure,
+    ForgetImages,
     Ping,
     Request,
     RunJob,
@@ -125,6 +126,14 @@ class RunnerServer:
                         worker.send({"wanted": True})
                     raise ConflictError("A job is running.")
                 return None  # the lock stays acquired, so that no other job starts
+            case ForgetImages():
+                if not self._job_running.acquire(blocking=False):
+                    raise ConflictError("A job is running.")
+                try:
+                    self._jobs.forget()
+                finally:
+                    self._job_running.release()
+                return None
             case Ping():
                 queue = self._requests.status
                 busy = self._job_running.locked() or queue.waiting or queue.computing

@@ -375,6 +375,19 @@ def test_files_that_cannot_be_added_are_named(grown: Grown, images_copy: Path, t
     assert growing.unregistered == ()
 
 
+def test_photographs_that_left_the_folder_are_taken_out_where_they_may(
+    grown: Grown, images_copy: Path, tmp_path: Path
+):
+    folder = shutil.copytree(grown.bootstrapped, tmp_path / "sfm")
+    (images_copy / FIRST[1]).unlink()
+    with pytest.raises(InvalidInputError, match=FIRST[1]):
+        GrowingReconstruction.open(folder, images_copy, SETTINGS, Monitor())
+    for _ in range(2):
+        opened = GrowingReconstruction.open(folder, images_copy, SETTINGS, Monitor(), leaving=True)
+        assert opened.added == (FIRST[0], *FIRST[2:])
+        assert sorted(view.name for view in opened.reconstruction.views) == [FIRST[0], *FIRST[2:]]
+
+
 def test_a_folder_of_other_settings_is_refused(grown: Grown, images: Path):
     with pytest.raises(InvalidInputError, match="other settings"):
         GrowingReconstruction.open(grown.bootstrapped, images, SfmSettings(seed=1), Monitor())
