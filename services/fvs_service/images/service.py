@@ -2,7 +2,7 @@
 
 An upload is staged first (``staging``): all of its bytes are on disk, and their digest is known. ``store``
 then inspects them and commits the image, the bytes before the row: a crash in between loses no image that was
-acknowledged, and an image that is sent again is stored once.
+acknowledged, and an image that is sent again is stored once. Bytes whose row never came are removed later.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import keep
+from fvs_service.storage.removals import ABANDONED_AFTER, keep, remove_later
 
 _POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
 
@@ -99,7 +99,11 @@ class Images:
             return found, False
         inspection = self._inspector.inspect(staged.path)
         if inspection.verdict is Verdict.ACCEPTED and not self._has_twin(scene_id, inspection):
-            self._blobs.adopt(staged.path, blob_key(scene_id, staged.digest))
+            key = blob_key(scene_id, staged.digest)
+            with self._database.writing(scene_id, durable=False) as session:
+                scene_of(session, principal, scene_id)  # the inspection may have outlasted it
+                remove_later(session, scene_id, key, after=ABANDONED_AFTER)
+            self._blobs.adopt(staged.path, key)
         with self._database.writing(scene_id) as session:
             scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, staged.digest)

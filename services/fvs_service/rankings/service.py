@@ -37,7 +37,7 @@ from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
-from fvs_service.storage.removals import has_row
+from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
 
 _CACHED_SNAPSHOTS = 64
 
@@ -157,7 +157,9 @@ class Rankings:
             if isinstance(prepared, bytes):
                 return prepared
             png = await self._runners.render(prepared)
-            await run_sync(self._keep_render, png, _render_key(ranking_id, candidate_id, prepared))
+            await run_sync(
+                self._keep_render, png, _render_key(ranking_id, candidate_id, prepared), prepared.scene_id
+            )
             return png
 
     def _prepare(
@@ -284,10 +286,18 @@ class Rankings:
         self._require_room()
         return question
 
-    def _keep_render(self, png: bytes, key: str) -> None:
+    def _keep_render(self, png: bytes, key: str, scene_id: str) -> None:
+        """Store a render, unless its ranking was deleted meanwhile."""
+        # Durable, and with it the ranking: a power cut must not undo that after the render is on the disk.
+        with self._database.writing(scene_id) as session:
+            if not has_row(session, key):
+                return
+            remove_later(session, scene_id, key, after=ABANDONED_AFTER)
         self._blobs.put(png, key)
-        with self._database.reading() as session:
-            if not has_row(session, key):  # deleted meanwhile
+        with self._database.writing(scene_id, durable=False) as session:
+            if has_row(session, key):
+                keep(session, [key])
+            else:
                 self._blobs.remove(key)
 
     def _earlier(self, reader: Reader, principal: Principal, key: IdempotencyKey) -> Ranking | None:

@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import timedelta
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -35,12 +34,11 @@ from fvs_service.snapshots.model import (
 from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import keep, lock_scene, remove_later
+from fvs_service.storage.removals import ABANDONED_AFTER, keep, lock_scene, remove_later
 from fvs_service.storage.tables import JobStageRow
 
 _MODEL = frozenset({GAUSSIANS, COLMAP, ALIGNMENT})
 """The artifacts that make a model; the others repeat them in another order or form, or are about the job."""
-_ABANDONED_AFTER = timedelta(hours=1)
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ class Snapshots:
         with self._database.writing(lease.scene_id) as session:
             require_lease(session, lease)
             for key in (*stored, manifest):
-                remove_later(session, snapshot.scene_id, key, after=_ABANDONED_AFTER)
+                remove_later(session, snapshot.scene_id, key, after=ABANDONED_AFTER)
         for key, file in stored.items():
             self._blobs.keep(file, key)
         digests = {artifact.name: artifact.sha256 for artifact in snapshot.artifacts}

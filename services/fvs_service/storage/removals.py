@@ -33,6 +33,9 @@ _FIRST_PAUSE_S, _LAST_PAUSE_S = 60.0, 3600.0
 _TRACES_KEPT = timedelta(days=30)
 """Time for which a scene's deletion is remembered, so that workers that were away remove its folder."""
 
+ABANDONED_AFTER = timedelta(hours=1)
+"""When a blob is removed that got no row: its process was killed, or its transaction failed."""
+
 _log = structlog.get_logger()
 
 
@@ -57,8 +60,8 @@ def keep(session: Session, keys: Collection[str]) -> None:
 class Removals:
     """Removes what is due.
 
-    Uploads and rankings that were under way when their scene or ranking was deleted may still write below its
-    prefix: it is emptied twice, the second time after ``grace_s``.
+    What was under way when a scene or a ranking was deleted may still write below its prefix: it is emptied
+    twice, the second time after ``grace_s``. Later writes have removals of their own (``ABANDONED_AFTER``).
     """
 
     def __init__(self, database: Database, blobs: Blobs, grace_s: float) -> None:

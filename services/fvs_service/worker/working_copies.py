@@ -7,7 +7,6 @@ it. An older copy than the snapshot's would do, too: updates add all images that
 
 import shutil
 import tarfile
-from datetime import timedelta
 from pathlib import Path
 
 import structlog
@@ -18,14 +17,13 @@ from fvs_service.ids import new_id
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import set_working_copy, working_copy_of
 from fvs_service.storage.blob_keys import working_copy_key
-from fvs_service.storage.removals import keep, remove_later
+from fvs_service.storage.removals import ABANDONED_AFTER, keep, remove_later
 
 _PARTS = ("growing", "fine", "choice.json")
 """Files needed to resume a job; all others can be recomputed."""
 _MARKER = "working-copy"
 """The file with the name of the working copy that the folder comes from."""
 _PARTIAL = "working-copy.partial"
-_ABANDONED_AFTER = timedelta(hours=1)
 
 _log = structlog.get_logger()
 
@@ -50,7 +48,7 @@ class WorkingCopies:
                         tar.add(folder / part, part)
             with self._storage.database.writing(scene_id) as session:
                 require_lease(session, lease)
-                remove_later(session, scene_id, key, after=_ABANDONED_AFTER)
+                remove_later(session, scene_id, key, after=ABANDONED_AFTER)
             self._storage.blobs.adopt(file, key)
         finally:
             file.unlink(missing_ok=True)
@@ -58,7 +56,7 @@ class WorkingCopies:
             require_lease(session, lease)
             earlier = working_copy_of(session, scene_id)
             if earlier is not None:
-                remove_later(session, scene_id, working_copy_key(scene_id, earlier), after=_ABANDONED_AFTER)
+                remove_later(session, scene_id, working_copy_key(scene_id, earlier), after=ABANDONED_AFTER)
             keep(session, [key])
             set_working_copy(session, scene_id, name)
         write_text_atomically(folder / _MARKER, name)

@@ -1,0 +1,140 @@
+"""A blob that gets no row, whatever came between, is removed by the sweeps; the doctor need not find it."""
+
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from fvs_service.doctor.examination import examine
+from fvs_service.errors import StorageUnavailableError
+from fvs_service.images import repository
+from fvs_service.model import now
+from fvs_service.principal import LOCAL_USER
+from fvs_service.storage.tables import RemovalRow
+from sqlalchemy import select, update
+
+
+@pytest.fixture
+def gateway(open_gateway: Callable[..., Any]) -> Any:
+    """A gateway whose store has nothing but what the test leaves."""
+    return open_gateway()
+
+
+def _sweep(gateway: Any, keys: str = "%") -> None:
+    """Do all removals of such keys, those that are due later too."""
+    storage = gateway.application.storage
+    past = now() - timedelta(days=1)
+    waiting = update(RemovalRow).where(RemovalRow.removed_at.is_(None), RemovalRow.key.like(keys))
+    for _ in range(2):
+        with storage.database.writing() as session:
+            session.execute(waiting.values(due_at=past, created_at=past))
+        storage.removals.run()
+
+
+def _blobs(gateway: Any, scene: str) -> list[str]:
+    return [blob.key for blob in gateway.application.storage.blobs.below(f"scenes/{scene}/")]
+
+
+def _removals(gateway: Any) -> list[str]:
+    with gateway.application.storage.database.reading() as session:
+        return list(session.scalars(select(RemovalRow.key).where(RemovalRow.removed_at.is_(None))))
+
+
+def _orphans(gateway: Any) -> list[str]:
+    found = examine(gateway.application.storage, timedelta(0))
+    return [finding.what for finding in found if finding.kind == "blob without row"]
+
+
+def _away(*_: object) -> None:
+    raise StorageUnavailableError("The database is away.")
+
+
+def test_an_inspection_that_outlasts_its_scene_and_the_grace_leaves_nothing(
+    gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = gateway.scene()
+    inspector = gateway.application.images._inspector
+    inspect = inspector.inspect
+
+    def slow(path: Any) -> Any:
+        found = inspect(path)
+        gateway.application.deletions.scene(LOCAL_USER, scene)
+        _sweep(gateway)
+        return found
+
+    monkeypatch.setattr(inspector, "inspect", slow)
+    assert gateway.put(scene, photograph(1)).status_code == 404
+    _sweep(gateway)
+    assert _blobs(gateway, scene) == []
+
+
+def test_an_image_whose_row_fails_is_removed_and_can_be_sent_again(
+    gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = gateway.scene()
+    with monkeypatch.context() as patch:
+        patch.setattr(repository, "add_image", _away)
+        assert gateway.put(scene, photograph(1)).status_code == 503
+    assert len(_blobs(gateway, scene)) == 1
+    assert _orphans(gateway) == []
+    _sweep(gateway)
+    assert _blobs(gateway, scene) == []
+    assert gateway.put(scene, photograph(1)).status_code == 201
+    assert _removals(gateway) == []
+    _sweep(gateway)
+    assert len(_blobs(gateway, scene)) == 1
+
+
+def test_a_render_whose_ranking_is_undone_before_it_is_stored_is_removed(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    ranking = gateway.client.post(
+        f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit", "count": 8}}
+    ).json()
+    first, second = (
+        f"/v1/rankings/{ranking['id']}/candidates/{candidate['id']}/render.png"
+        for candidate in ranking["candidates"][:2]
+    )
+    assert gateway.client.get(first).status_code == 200
+    assert _removals(gateway) == []
+    _sweep(gateway)
+    assert gateway.client.get(first).status_code == 200
+    blobs = gateway.application.storage.blobs
+    put = blobs.put
+
+    def put_too_late_and_fail(content: bytes, key: str) -> None:
+        gateway.application.deletions.ranking(LOCAL_USER, ranking["id"])
+        _sweep(gateway, "%/")  # as after the grace
+        put(content, key)
+        _away()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(blobs, "put", put_too_late_and_fail)
+        assert gateway.client.get(second).status_code == 503
+    assert any("/rankings/" in key for key in _blobs(gateway, scene))
+    assert _orphans(gateway) == []
+    _sweep(gateway)
+    assert not any("/rankings/" in key for key in _blobs(gateway, scene))
+
+
+def test_a_render_of_a_ranking_that_is_gone_is_not_stored(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    ranking = gateway.client.post(
+        f"/v1/scenes/{scene}/rankings", json={"generator": {"kind": "orbit", "count": 8}}
+    ).json()
+    runners = gateway.runners
+    render = runners.render
+
+    async def slow(request: Any) -> Any:
+        gateway.application.deletions.ranking(LOCAL_USER, ranking["id"])
+        return await render(request)
+
+    monkeypatch.setattr(runners, "render", slow)
+    path = f"/v1/rankings/{ranking['id']}/candidates/{ranking['candidates'][0]['id']}/render.png"
+    assert gateway.client.get(path).status_code == 200
+    assert not any("/rankings/" in key for key in _blobs(gateway, scene))
