@@ -85,6 +85,20 @@ def test_an_image_whose_row_fails_is_removed_and_can_be_sent_again(
     assert len(_blobs(gateway, scene)) == 1
 
 
+def test_artifacts_of_a_commit_that_never_came_are_removed(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = gateway.scene()
+    with monkeypatch.context() as patch:
+        patch.setattr(gateway.application.storage.snapshots, "_add", _away)
+        with pytest.raises(StorageUnavailableError):
+            gateway.model(scene)
+    assert _blobs(gateway, scene)
+    assert _orphans(gateway) == []
+    _sweep(gateway)
+    assert _blobs(gateway, scene) == []
+
+
 def test_a_render_whose_ranking_is_undone_before_it_is_stored_is_removed(
     gateway: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,26 +1,17 @@
 """What is deleted is gone for every reader at once, and from the disk after the next sweep."""
 
 import concurrent.futures
-import json
-import os
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import timedelta
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from anyio.to_thread import run_sync
-from fvs_service.deletion.retention import RetentionRules
-from fvs_service.errors import StaleLeaseError, StorageRefusedError, StorageUnavailableError
+from fvs_service.errors import StaleLeaseError
 from fvs_service.model import now
-from fvs_service.settings import Retention
-from fvs_service.storage import removals
 from fvs_service.storage.removals import Removals
-from fvs_service.storage.tables import RemovalRow, SnapshotRow, Table
-from fvs_service.worker.sweep import Sweeps
+from fvs_service.storage.tables import RemovalRow, Table
 from sqlalchemy import func, select, update
 
 QUESTION = {"generator": {"kind": "orbit", "count": 8}}
@@ -58,17 +49,6 @@ def _rows(gateway: Any, scene: str) -> dict[str, int]:
             for table in Table.metadata.sorted_tables
             if "scene_id" in table.c and table.name != "api_keys"
         }
-
-
-def _broken() -> int:
-    raise ZeroDivisionError
-
-
-class Clock:
-    now = 0.0
-
-    def monotonic(self) -> float:
-        return self.now
 
 
 def _killed(*_arguments: object) -> None:
@@ -126,107 +106,6 @@ def test_a_removal_that_was_interrupted_goes_on(
     assert gateway.client.get(f"/v1/scenes/{scene}").status_code == 404
     Removals(storage.database, storage.blobs, 0).run()
     assert _files(gateway, scene) == set()
-
-
-def _deny(monkeypatch: pytest.MonkeyPatch, blobs: Any, error: Exception, part: str = "") -> list[str]:
-    """Let the store refuse to remove keys that contain ``part``; returns the keys that were asked for."""
-    asked: list[str] = []
-    remove = blobs.remove
-
-    def refuse(key: str) -> None:
-        asked.append(key)
-        if part in key:
-            raise error
-        remove(key)
-
-    monkeypatch.setattr(blobs, "remove", refuse)
-    return asked
-
-
-def _delete_images(gateway: Any, scene: str, contents: list[bytes]) -> list[str]:
-    """Send and delete images; returns their keys."""
-    digests = [gateway.put(scene, content).json()["digest"] for content in contents]
-    for digest in digests:
-        assert gateway.client.delete(f"/v1/scenes/{scene}/images/{digest}").status_code == 204
-    return [f"scenes/{scene}/images/{digest.removeprefix('sha256:')}" for digest in digests]
-
-
-@pytest.mark.parametrize("error", [StorageRefusedError("No."), PermissionError("No.")])
-def test_a_blob_that_cannot_be_removed_is_put_off_alone(
-    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    gateway = open_gateway()
-    scene, storage = gateway.scene(), gateway.application.storage
-    stays, *others = _delete_images(gateway, scene, [photograph(number) for number in range(3)])
-    clock = Clock()
-    monkeypatch.setattr(removals, "time", clock)
-    asked = _deny(monkeypatch, storage.blobs, error, stays)
-    assert storage.removals.run() == len(others)
-    assert sorted(asked) == sorted([stays, *others])
-    assert storage.removals.late(timedelta(0)) == (stays,)
-    assert storage.removals.run() == 0
-    assert asked.count(stays) == 1
-    pauses = []
-    while len(pauses) < 8:
-        tries, clock.now = asked.count(stays), clock.now + 30.0
-        storage.removals.run()
-        if asked.count(stays) > tries:
-            pauses.append(clock.now)
-    assert [later - sooner for sooner, later in pairwise(pauses)] == [120, 240, 480, 960, 1920, 3600, 3600]
-    monkeypatch.undo()
-    Removals(storage.database, storage.blobs, 0).run()
-    assert _files(gateway, scene) == set()
-
-
-def test_removals_wait_while_the_store_is_away(
-    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gateway = open_gateway()
-    scene, storage = gateway.scene(), gateway.application.storage
-    _delete_images(gateway, scene, [photograph(number) for number in range(3)])
-    asked = _deny(monkeypatch, storage.blobs, StorageUnavailableError("Away."))
-    storage.removals.run()
-    assert len(asked) == 1  # each takes seconds
-    storage.removals.run()
-    assert len(set(asked)) == 2  # the oldest does not hold up the others
-
-
-def test_other_writers_of_a_scene_wait_for_the_removal_of_one_blob_at_most(
-    open_gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gateway = open_gateway()
-    scene, storage = gateway.scene(), gateway.application.storage
-    _delete_images(gateway, scene, [photograph(number) for number in range(3)])
-    in_transaction: list[str] = []
-    most, writing, remove = [0], storage.database.writing, storage.blobs.remove
-
-    @contextmanager
-    def watched(*arguments: Any, **options: Any) -> Iterator[Any]:
-        with writing(*arguments, **options) as session:
-            in_transaction.clear()
-            yield session
-        most[0] = max(most[0], len(in_transaction))
-
-    monkeypatch.setattr(storage.database, "writing", watched)
-    monkeypatch.setattr(storage.blobs, "remove", lambda key: (in_transaction.append(key), remove(key)))
-    assert storage.removals.run() == 3
-    assert most == [1]
-
-
-def test_a_part_of_the_sweep_that_fails_does_not_stop_the_others(
-    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gateway = open_gateway(retention=Retention(events=5))
-    scene, storage = gateway.scene(), gateway.application.storage
-    for number in range(10):
-        gateway.client.patch(f"/v1/scenes/{scene}", json={"name": f"courtyard {number}"})
-    before = _rows(gateway, scene)["events"]
-    sweeps = Sweeps(storage)
-    monkeypatch.setattr(storage.removals, "run", _broken)
-    monkeypatch.setattr(sweeps._retention, "apply", _broken)
-    monkeypatch.setattr(sweeps, "remove_working_folders", _broken)
-    sweeps.sweep()
-    assert _rows(gateway, scene)["events"] == 5 < before
 
 
 def test_of_two_deletions_at_once_one_finds_nothing(gateway: Any) -> None:
@@ -367,68 +246,6 @@ def test_an_update_that_changes_nothing_makes_no_snapshot(gateway: Any) -> None:
     assert len(gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]) == 1
 
 
-def _apply(gateway: Any, **usual: Any) -> int:
-    database = gateway.application.storage.database
-    return RetentionRules(database, Retention(**usual), grace_s=0).apply()
-
-
-def _snapshots(gateway: Any, scene: str) -> list[str]:
-    return [item["id"] for item in gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]]
-
-
-def test_retention_by_number_keeps_the_newest_and_the_pinned(open_gateway: Any) -> None:
-    gateway = open_gateway()
-    own, usual = gateway.scene(retention={"snapshots": 1, "rankings": 2}), gateway.scene()
-    made = {scene: [gateway.model(scene) for _ in range(4)] for scene in (own, usual)}
-    rankings = [_rank(gateway, own).json()["id"] for _ in range(4)]
-    gateway.client.patch(f"/v1/snapshots/{made[own][1]}", json={"pinned": True})
-    assert _apply(gateway, snapshots=3) == 2 + 2 + 1
-    assert _snapshots(gateway, own) == [made[own][1], made[own][3]]
-    assert _snapshots(gateway, usual) == made[usual][1:]
-    found = [gateway.client.get(f"/v1/rankings/{ranking}").status_code for ranking in rankings]
-    assert found == [404, 404, 200, 200]
-    assert _apply(gateway, snapshots=3) == 0
-    assert gateway.client.get(f"/v1/scenes/{own}").json()["snapshot_id"] == made[own][3]
-
-
-def test_all_rankings_beyond_a_limit_are_deleted_in_one_sweep(
-    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("fvs_service.deletion.retention._RANKINGS_AT_ONCE", 2)
-    gateway = open_gateway()
-    scene = gateway.scene(retention={"rankings": 1})
-    gateway.model(scene)
-    rankings = [_rank(gateway, scene).json()["id"] for _ in range(6)]
-    _apply(gateway)
-    found = [gateway.client.get(f"/v1/rankings/{ranking}").status_code for ranking in rankings]
-    assert found == [404] * 5 + [200]
-
-
-def test_retention_by_age_never_takes_the_current_snapshot(open_gateway: Any) -> None:
-    gateway = open_gateway()
-    scene = gateway.scene()
-    made = [gateway.model(scene) for _ in range(3)]
-    assert _apply(gateway) == 0
-    with gateway.application.storage.database.writing() as session:
-        session.execute(update(SnapshotRow).values(created_at=now() - timedelta(days=9)))
-    assert _apply(gateway, snapshot_days=10) == 0
-    assert _apply(gateway, snapshot_days=8) == 2
-    assert _snapshots(gateway, scene) == made[2:]
-
-
-def test_retention_spares_a_snapshot_that_was_the_newest_a_moment_ago(open_gateway: Any) -> None:
-    gateway = open_gateway()
-    scene = gateway.scene()
-    made = [gateway.model(scene) for _ in range(3)]
-    database = gateway.application.storage.database
-    with database.writing() as session:
-        session.execute(
-            update(SnapshotRow).where(SnapshotRow.id != made[2]).values(created_at=now() - timedelta(hours=1))
-        )
-    RetentionRules(database, Retention(snapshots=1), grace_s=180).apply()
-    assert _snapshots(gateway, scene) == made[1:]
-
-
 def test_scenes_of_one_name_are_renamed_and_deleted_one_by_one(gateway: Any) -> None:
     first, second = gateway.scene(name="twin"), gateway.scene(name="twin")
     renamed = gateway.client.patch(f"/v1/scenes/{second}", json={"name": "second twin"})
@@ -452,34 +269,6 @@ def test_the_size_of_a_scene_is_told(gateway: Any, photograph: Any) -> None:
     assert size["images_bytes"] == sum(map(len, contents))
     assert (size["artifacts_bytes"], size["working_bytes"]) == (0, 0)
     assert size["total_bytes"] == size["images_bytes"]
-
-
-def test_workers_remove_working_folders_of_deleted_scenes_only(gateway: Any) -> None:
-    deleted, kept = gateway.scene(), gateway.scene()
-    folders = {name: gateway.settings.scenes / name for name in (deleted, kept, "scn_of_another_database")}
-    for folder in folders.values():
-        (folder / "growing").mkdir(parents=True)
-        (folder / "growing" / "state.json").write_text(json.dumps({}))
-    gateway.client.delete(f"/v1/scenes/{deleted}")
-    Sweeps(gateway.application.storage).remove_working_folders()
-    assert {name for name, folder in folders.items() if folder.exists()} == set(folders) - {deleted}
-
-
-def test_writes_that_a_crash_interrupted_are_swept(open_gateway: Any) -> None:
-    gateway = open_gateway()
-    old, new = (gateway.settings.root / "blobs" / f".{name}.partial" for name in ("old", "new"))
-    for file in (old, new):
-        file.write_bytes(b"half")
-    os.utime(old, (1, 1))
-    Sweeps(gateway.application.storage).sweep()
-    assert (old.exists(), new.exists()) == (False, True)
-
-
-def test_one_worker_at_a_time_sweeps(open_gateway: Any) -> None:
-    storage = open_gateway(sweep_s=600).application.storage
-    sweeps = [Sweeps(storage) for _ in range(4)]
-    with concurrent.futures.ThreadPoolExecutor(4) as pool:
-        assert sorted(pool.map(Sweeps._is_mine, sweeps)) == [False, False, False, True]
 
 
 def test_the_blob_of_a_snapshot_that_is_committed_while_an_equal_one_is_removed_stays(
@@ -506,18 +295,6 @@ def test_the_blob_of_a_snapshot_that_is_committed_while_an_equal_one_is_removed_
     gateway.model(scene)
     assert removed
     assert storage.blobs.exists(key)
-
-
-def test_blobs_of_a_commit_that_never_came_are_removed(gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = gateway.scene()
-    storage = gateway.application.storage
-    with monkeypatch.context() as patch:
-        patch.setattr(storage.snapshots, "_add", _killed)
-        with pytest.raises(KeyboardInterrupt):
-            gateway.model(scene)
-    assert _files(gateway, scene)
-    _remove(gateway)
-    assert _files(gateway, scene) == set()
 
 
 def test_blobs_are_kept_and_listed(tmp_path: Path, gateway: Any) -> None:

@@ -95,8 +95,9 @@ def test_what_is_no_image_of_the_scene_cannot_be_excluded(gateway: Any, photogra
     assert "unreadable" in refused.json()["detail"]
 
 
+@pytest.mark.parametrize("removed", [True, False], ids=["after its removal", "before its removal"])
 def test_a_deleted_image_is_gone_with_its_bytes_and_can_be_sent_again(
-    gateway: Any, photograph: Photograph
+    gateway: Any, photograph: Photograph, removed: bool
 ) -> None:
     scene, contents = gateway.scene(), [photograph(1), photograph(2)]
     first = [gateway.put(scene, content).json() for content in contents]
@@ -104,24 +105,15 @@ def test_a_deleted_image_is_gone_with_its_bytes_and_can_be_sent_again(
     assert gateway.client.delete(_path(scene, contents[1])).status_code == 404
     assert gateway.client.get(_path(scene, contents[1])).status_code == 404
     assert gateway.client.get(_path(scene, contents[1], "/content")).status_code == 404
-    gateway.application.storage.removals.run()
-    assert _blobs(gateway, scene) == [hashlib.sha256(contents[0]).hexdigest()]
+    if removed:
+        gateway.application.storage.removals.run()
+        assert _blobs(gateway, scene) == [hashlib.sha256(contents[0]).hexdigest()]
     again = gateway.put(scene, contents[1])
     assert again.status_code == 201
     assert again.json()["number"] == first[1]["number"] + 1  # no number is given twice
     gateway.application.storage.removals.run()
     assert len(_blobs(gateway, scene)) == 2
-
-
-def test_an_image_that_was_sent_again_before_its_removal_keeps_its_bytes(
-    gateway: Any, photograph: Photograph
-) -> None:
-    scene, content = gateway.scene(), photograph()
-    gateway.put(scene, content)
-    gateway.client.delete(_path(scene, content))
-    assert gateway.put(scene, content).status_code == 201
-    gateway.application.storage.removals.run()
-    assert gateway.client.get(_path(scene, content, "/content")).content == content
+    assert gateway.client.get(_path(scene, contents[1], "/content")).content == contents[1]
 
 
 def test_deleting_and_sending_at_once_leaves_a_whole_image_or_none(
