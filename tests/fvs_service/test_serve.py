@@ -1,8 +1,9 @@
+import contextlib
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import grpc
 import httpx2
 import pytest
 import uvicorn
-from fvs_service.application import open_storage
+from fvs_service.application import open_existing_storage, open_storage
 from fvs_service.errors import ForbiddenError
+from fvs_service.events.repository import last_number
 from fvs_service.gateway.protection import require_protection
 from fvs_service.gateway.server import listen
 from fvs_service.settings import Settings
@@ -47,6 +49,31 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
         finally:
             process.send_signal(signal.SIGTERM)
         assert process.wait(20) in (0, -signal.SIGTERM)
+
+
+def test_a_service_that_starts_again_gives_no_event_a_number_that_was_lost(tmp_path: Path) -> None:
+    """A power cut may have undone the last events, which clients have seen; a service cannot know."""
+    root = tmp_path / "service"
+    numbers = []
+    for _ in range(2):
+        with _served(root) as url:
+            assert httpx2.post(f"{url}/v1/scenes", json={"name": "a"}).status_code == 201
+        with open_existing_storage(Settings(root=root)) as storage, storage.database.reading() as session:
+            numbers.append(last_number(session))
+    assert numbers[1] > numbers[0] + 1_000
+
+
+@contextlib.contextmanager
+def _served(root: Path) -> Iterator[str]:
+    """Run ``fvs serve`` with a gateway only; gives its URL."""
+    command = [PROGRAM, "serve", "--role", "gateway", "--root", str(root), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait(20)
 
 
 def test_grpc_has_the_next_port_a_free_one_or_none() -> None:
