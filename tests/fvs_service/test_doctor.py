@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_service.application import open_storage
 from fvs_service.cli.serve import add_commands
 from fvs_service.doctor.deployment import troubles
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageRefusedError
 from fvs_service.model import now
+from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.owner import OWNER_KEY, claim_store
 from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import delete, update
@@ -214,6 +217,36 @@ def test_a_database_and_a_store_that_do_not_know_each_other_are_not_mended(gatew
     (trouble,) = (trouble for trouble in troubles(storage) if trouble.serious)
     assert "know" in trouble.what
     assert "restore a backup" in trouble.hint
+
+
+def test_a_store_of_another_database_is_neither_served_nor_mended(
+    gateway: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each knows some images in the store, and those of the other would be blobs without rows."""
+    storage = gateway.application.storage
+    claim_store(storage.database, storage.blobs)
+    claim_store(storage.database, storage.blobs)
+    images = [blob.key for blob in storage.blobs.below("scenes/")]
+    monkeypatch.setenv("FVS_DATABASE_URL", f"sqlite:///{tmp_path / 'another.sqlite3'}")
+    theirs = Settings(root=gateway.settings.root)
+    refused = pytest.raises(StorageRefusedError, match="belongs to another database")
+    with open_storage(theirs) as another, refused:
+        claim_store(another.database, another.blobs)
+    app = Typer()
+    add_commands(app)
+    root = str(gateway.settings.root)
+    mended = CliRunner().invoke(app, ["doctor", "--root", root, "--grace", "0", "--mend"])
+    assert mended.exit_code == 13
+    assert "belongs to another database" in mended.stdout
+    served = CliRunner().invoke(app, ["serve", "--root", root, "--port", "0"])
+    assert served.exit_code != 0
+    assert "belongs to another database" in served.stderr
+    assert [blob.key for blob in storage.blobs.below("scenes/")] == images
+    storage.blobs.remove(OWNER_KEY)  # as the hint says
+    with open_storage(theirs) as another:
+        claim_store(another.database, another.blobs)
+    with pytest.raises(StorageRefusedError, match="belongs to another database"):
+        claim_store(storage.database, storage.blobs)
 
 
 def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(

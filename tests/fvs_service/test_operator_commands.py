@@ -60,10 +60,10 @@ def test_what_only_looks_creates_nothing(words: tuple[str, ...], missing: str, r
 def test_what_only_looks_does_not_migrate(
     words: tuple[str, ...], root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(database_module, "KNOWN_VERSIONS", ("0001", "0002"))
+    monkeypatch.setattr(database_module, "KNOWN_VERSIONS", ("0001", "0002", "0003"))
     refused = _fvs(*words, "--root", str(root))
     assert refused.exit_code == _status(words)
-    assert "has version 0001 of the schema, and this program needs version 0002" in refused.stderr
+    assert "has version 0002 of the schema, and this program needs version 0003" in refused.stderr
     assert "fvs serve migrates it" in refused.stderr
 
 

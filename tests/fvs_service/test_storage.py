@@ -10,6 +10,7 @@ from fvs_service.errors import NotFoundError, OutOfSpaceError
 from fvs_service.ids import new_id
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
+from fvs_service.storage.owner import claim_store, require_own_store
 from fvs_service.storage.tables import Table
 from sqlalchemy import text
 
@@ -74,6 +75,20 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
         assert context.get_current_heads() == (KNOWN_VERSIONS[-1],)
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert compare_metadata(context, Table.metadata) == []
+    database.close()
+
+
+def test_an_older_database_gets_an_identity_once(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    blobs = Blobs(tmp_path / "blobs")
+    database.migrate()
+    with database.writing() as session:  # as the first version left it
+        session.execute(text("DROP TABLE identity"))
+        session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
+    for _ in range(2):
+        database.migrate()
+        claim_store(database, blobs)
+        assert require_own_store(database, blobs)
     database.close()
 
 

@@ -13,6 +13,7 @@ from fvs_service.fleet import workers_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import free_bytes
 from fvs_service.storage.database import now_ms
+from fvs_service.storage.owner import require_own_store
 from fvs_service.storage.tables import ImageRow, RemovalRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
@@ -55,6 +56,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
     """The faults of this machine and of the deployment, each with its remedy."""
     try:
         storage.blobs.check()
+        require_own_store(storage.database, storage.blobs)
         yield from _another_store(storage)
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)

@@ -33,6 +33,7 @@ from fvs_service.serving.process_tree import adopt_orphans, end_descendants, rea
 from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
+from fvs_service.storage.owner import claim_store
 from fvs_service.worker import sign_of_life
 
 _LOOK_S = 5.0
@@ -91,7 +92,7 @@ class Supervisor:
         ``ForbiddenError`` when other machines can reach the service and no API key protects it,
         ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
         written, ``UnavailableError`` when the gateway does not start, the database cannot be reached, or the
-        object store refuses.
+        blob store refuses, or belongs to another database.
         """
         if self._role is not Role.WORKER:
             require_certificates(self._settings)
@@ -222,9 +223,10 @@ class Supervisor:
 
 
 def _require_blobs(storage: Storage) -> None:
-    """Raise ``StorageRefusedError`` when the object store will not serve; it may be away for a while."""
+    """Raise ``StorageRefusedError`` when the store will not serve this database; it may be away."""
     try:
         storage.blobs.check()
+        claim_store(storage.database, storage.blobs)
     except StorageRefusedError:
         raise
     except StorageUnavailableError as error:

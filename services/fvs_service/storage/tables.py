@@ -299,6 +299,14 @@ class RemovalRow(Table):
     __table_args__ = (Index("ix_removals_due", "removed_at", "due_at"),)
 
 
+class IdentityRow(Table):
+    """The database's identity: one row, made with the table. Copies and backups have the same."""
+
+    __tablename__ = "identity"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+
+
 class SweepRow(Table):
     """When the next sweep is due (in ms since 1970 by the database); a worker postpones it, then runs it."""
 
