@@ -158,8 +158,8 @@ class WorkerSettings(Record):
     """Maximum number of Gaussians in a model that updates train."""
     fine_max_gaussians: _Gaussians = 1_000_000
     """Maximum number of Gaussians in a fine model."""
-    queue_poll_s: _Seconds = 5.0
-    """Interval at which workers look for jobs whose notification was lost."""
+    queue_poll_s: _Seconds = 10.0
+    """Interval at which workers look for jobs whose notification was lost, and for those that lacked room."""
 
 
 class Retention(Record):

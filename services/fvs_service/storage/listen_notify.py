@@ -1,6 +1,7 @@
 """Notifications by PostgreSQL's LISTEN and NOTIFY, over a connection of their own."""
 
 import contextlib
+import selectors
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -56,8 +57,11 @@ class Listener:
             driver.execute(f"LISTEN {channel}")
         for callback in self._callbacks.values():  # for notifications missed before LISTEN
             callback()
-        while not self._closed.is_set():
-            for received in driver.notifies(timeout=_LOOK_S, stop_after=1):
-                with contextlib.suppress(KeyError):
-                    if not self._closed.is_set():
-                        self._callbacks[received.channel]()
+        with selectors.DefaultSelector() as selector:
+            selector.register(driver, selectors.EVENT_READ)
+            while not self._closed.is_set():
+                selector.select(_LOOK_S)  # psycopg's own wait wakes up ten times a second
+                for received in driver.notifies(timeout=0):
+                    with contextlib.suppress(KeyError):
+                        if not self._closed.is_set():
+                            self._callbacks[received.channel]()

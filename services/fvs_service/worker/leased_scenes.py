@@ -25,7 +25,7 @@ from fvs_service.worker.runner_child import RunnerChild
 
 _POLL_S = 0.25
 _MAINTAIN_S = 1.0
-_EXTENSIONS = 4
+_EXTENSIONS = 3
 """Number of times that a lease is extended in its duration."""
 _YIELD_S = 2.0
 _RETIRE_S = 2.0
