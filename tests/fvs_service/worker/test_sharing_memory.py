@@ -60,7 +60,7 @@ def test_images_start_updates_by_themselves_and_place_the_scene_in_the_world(
     from fvs_engine.simulate import orbit
 
     scene = service.scene(world={"kind": "local"}, policy={"trigger": "each-image", "first": 7})
-    places = [pose.translation for pose in orbit(11, turns=0.44)]
+    places = [pose.translation for pose in orbit(9, turns=0.36)]  # as the photographs
     for file, (x, y, z) in zip(courtyard_photographs, places, strict=True):
         service.send(scene, [file], x_m=x, y_m=y, z_m=z)
     deadline = time.monotonic() + 240
