@@ -38,15 +38,7 @@ def _start(gateway: Any, settings: Settings) -> tuple[RpcServer, int]:
     state = gateway.app.state
 
     async def start() -> tuple[RpcServer, int]:
-        parts = RpcGateway(
-            state.application,
-            state.feed,
-            state.metrics,
-            state.loop_lag,
-            state.parsing,
-            state.refusals,
-            settings.upload_idle_s,
-        )
+        parts = RpcGateway.of(state, settings.upload_idle_s)
         server = RpcServer(parts, settings)
         return server, await server.start()
 

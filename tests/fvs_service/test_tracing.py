@@ -139,15 +139,7 @@ def test_a_call_over_grpc_is_traced_too(collector: Collector, open_gateway: Call
     scene = gateway.scene()
 
     async def start() -> tuple[RpcServer, int]:
-        parts = RpcGateway(
-            state.application,
-            state.feed,
-            state.metrics,
-            state.loop_lag,
-            state.parsing,
-            state.refusals,
-            gateway.settings.upload_idle_s,
-        )
+        parts = RpcGateway.of(state, gateway.settings.upload_idle_s)
         server = RpcServer(parts, gateway.settings)
         return server, await server.start()
 

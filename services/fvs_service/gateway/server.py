@@ -153,16 +153,7 @@ class GatewayServer(uvicorn.Server):
         if self._settings.rpc_port is None:
             self._when_started(None)
             return
-        state = self._app.state
-        gateway = Gateway(
-            state.application,
-            state.feed,
-            state.metrics,
-            state.loop_lag,
-            state.parsing,
-            state.refusals,
-            self._settings.upload_idle_s,
-        )
+        gateway = Gateway.of(self._app.state, self._settings.upload_idle_s)
         rpc = RpcServer(gateway, self._settings)
         try:
             self._when_started(await rpc.start())

@@ -17,6 +17,7 @@ import anyio.to_thread
 import grpc
 import structlog
 from google.protobuf.message import Message
+from starlette.datastructures import State
 
 from fvs_engine.errors import EngineError
 from fvs_service.application import Application
@@ -77,6 +78,19 @@ class Gateway:
     call_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("calls", _CALLS_PER_TENANT))
     stopping: bool = False
     running: set["asyncio.Task[Any]"] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, state: State, request_within_s: float) -> "Gateway":
+        """What the calls of an application with this state use: the same as its requests over REST."""
+        return cls(
+            state.application,
+            state.feed,
+            state.metrics,
+            state.loop_lag,
+            state.parsing,
+            state.refusals,
+            request_within_s,
+        )
 
 
 class Call:
