@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import hashlib
 import threading
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -163,6 +164,31 @@ def test_what_arrived_over_grpc_of_an_upload_that_gives_way_is_kept(open_gateway
 
     asyncio.run(run())
     assert app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500
+
+
+def test_an_image_that_the_scene_has_needs_a_place_too(open_gateway: Any, photograph: Any) -> None:
+    gateway = open_gateway(limits={"open_uploads_per_tenant": 1})
+    app, scene, content = gateway.application, gateway.scene(), photograph(1)
+    digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
+    url = f"/v1/scenes/{scene}/images/{digest}"
+    assert gateway.client.put(url, content=content).status_code == 201
+
+    async def over_grpc() -> None:
+        first = UploadImageRequest(
+            upload={"scene_id": scene, "digest": digest, "size_bytes": len(content)}
+        ).SerializeToString()
+
+        async def receive() -> bytes:
+            return first
+
+        await ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run()
+
+    with app.upload_places.place(LOCAL_USER, _Arrival(), None):
+        assert gateway.client.put(url, content=content).status_code == 429
+        with pytest.raises(LimitExceededError):
+            asyncio.run(over_grpc())
+    assert gateway.client.put(url, content=content).status_code == 200
+    asyncio.run(over_grpc())
 
 
 def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(

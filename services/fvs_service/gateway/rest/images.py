@@ -210,22 +210,21 @@ async def _receive(
 ) -> tuple[Image, bool]:
     """Stage the body of a PUT, and store it if the scene does not have the image."""
     _require_image_type(request)
-    known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
-    if known is not None:
-        async for _ in request.stream():  # read it all, so that the connection can be reused
-            pass
-        return known, False
-    with (
-        app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place,
-        app.staging.receive(_declared_bytes(request)) as receiver,
-    ):
-        async with place.receiving():
-            async for block in blocks(request):
-                await run_in_threadpool(receiver.write, block)
-        staged = receiver.finish()
-        require_digest(staged.digest, digest)
-        async with app.inspection_turns.turn(caller):
-            image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
+    with app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place:
+        known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
+        if known is not None:
+            async with place.receiving():
+                async for _ in request.stream():  # read it all, so that the connection can be reused
+                    pass
+            return known, False
+        with app.staging.receive(_declared_bytes(request)) as receiver:
+            async with place.receiving():
+                async for block in blocks(request):
+                    await run_in_threadpool(receiver.write, block)
+            staged = receiver.finish()
+            require_digest(staged.digest, digest)
+            async with app.inspection_turns.turn(caller):
+                image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
     _count(metrics, image, created=created)
     return image, created
 

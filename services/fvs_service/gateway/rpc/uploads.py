@@ -44,14 +44,14 @@ class ImageUpload:
             raise MalformedRequestError("The stream is empty.", hint="Send a message with `upload` first.")
         upload, metadata = await run_sync(self._begin, first)
         app, tenant_id = self._app, self._caller.tenant_id
-        known = await run_sync(app.images.known, self._caller, upload.scene_id, upload.digest, metadata)
-        if known is not None:
-            return _response(known, created=False)
         left_bytes = upload.size_bytes - upload.offset_bytes
         with (
             app.upload_places.place(self._caller, self._pace, left_bytes) as place,
             contextlib.ExitStack() as stack,
         ):
+            known = await run_sync(app.images.known, self._caller, upload.scene_id, upload.digest, metadata)
+            if known is not None:
+                return _response(known, created=False)
             # The thread enters it: its file is deleted also when the call is cancelled meanwhile.
             receiver = await to_its_end(run_sync(lambda: stack.enter_context(self._receiver(upload))))
             try:
