@@ -88,6 +88,7 @@ class Machine:
         if self._role == "gateway":
             self.url = self.process.stdout.readline().strip()
             if not self.url:
+                self.kill()
                 raise SystemExit(f"A gateway did not start: see {self._folder}.log")
 
     def processes(self, part: str) -> list[int]:
@@ -233,16 +234,14 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
         "FVS_BLOBS__SECRET_ACCESS_KEY": SECRET_ACCESS_KEY,
     }
     skews_s = {1: 0, 2: options.skew}
-    gateways = [
-        Machine(folder / f"gateway-{number}", "gateway", shared, skew_s=skew_s)
-        for number, skew_s in skews_s.items()
-    ]
-    workers = [
-        Machine(folder / f"worker-{number}", "worker", shared, f"127.0.0.{number + 1}", skew_s)
-        for number, skew_s in skews_s.items()
-    ]
-    for machine in (*gateways, *workers):
-        stack.callback(machine.kill)
+    gateways, workers = [], []
+    for number, skew_s in skews_s.items():
+        gateways.append(Machine(folder / f"gateway-{number}", "gateway", shared, skew_s=skew_s))
+        stack.callback(gateways[-1].kill)  # at once: the next may fail to start
+    for number, skew_s in skews_s.items():
+        address = f"127.0.0.{number + 1}"
+        workers.append(Machine(folder / f"worker-{number}", "worker", shared, address, skew_s))
+        stack.callback(workers[-1].kill)
     clients = Clients([gateway.url for gateway in gateways])
     photographs = write_photographs(
         folder / "world", courtyard(), SimulatedCamera.like_a_drone(320, 240), orbit(9, turns=0.36), Monitor()

@@ -23,7 +23,7 @@ _CONTRADICTED = (
 
 @dataclass(frozen=True)
 class Veto:
-    """``priors`` to go on with: none when the images contradict them; ``ignored`` says what is not used.
+    """``priors`` to go on with, none when the images contradict them; ``ignored``: warnings of unused ones.
 
     ``without_pairs``: images that have no verified pair left → the reason.
     """
