@@ -2,7 +2,9 @@
 
 A partial upload is a file whose name has the tenant, the scene and the image; its length is the offset to
 resume at, and the time that it is kept counts from its last change. Each belongs to a tenant. Resuming takes
-the file away, so that only one upload at a time continues it.
+the file away, so that only one upload at a time continues it. The file of an upload in progress begins with
+the same name: a gateway that was killed keeps what had arrived when it starts again. Bytes that a power cut
+has damaged are found by the image's digest.
 """
 
 import asyncio
@@ -55,7 +57,7 @@ class PartialUploads:
 
     def find(self, tenant_id: str, scene_id: str, digest: str) -> Upload:
         """The partial upload of an image; raises ``NotFoundError``."""
-        for path in self._of(tenant_id, f"{scene_id}-{_hex(digest)}-"):
+        for path in self._of(f"{_tenant(tenant_id)}-{scene_id}-{_hex(digest)}-"):
             changed = path.stat()
             if changed.st_mtime + self.keep_s > time.time():
                 return Upload(
@@ -87,15 +89,19 @@ class PartialUploads:
 
     def keep(self, tenant_id: str, new: NewUpload, part: Path) -> None:
         """Keep the bytes of an upload that broke off, unless more are kept, or the image is stored."""
-        kept = self._path(tenant_id, new)
-        with contextlib.suppress(FileNotFoundError):
-            size = part.stat().st_size
-            if size and (not kept.exists() or kept.stat().st_size <= size):
-                part.replace(kept)
-        self.prune()
-        theirs = self._of(tenant_id, "")
-        for path in theirs[self.per_tenant :]:
-            path.unlink(missing_ok=True)
+        self._keep(part, self._path(tenant_id, new))
+
+    def recover(self, staging: Path) -> None:
+        """Keep what had arrived of the uploads that the end of a gateway has cut: their files in ``staging``.
+
+        Only while there is no upload.
+        """
+        for part in staging.glob(f"*{_SUFFIX}.*"):
+            self._keep(part, self.folder / f"{part.name.partition(_SUFFIX)[0]}{_SUFFIX}")
+
+    def name(self, tenant_id: str, new: NewUpload) -> str:
+        """The name of the partial upload's file."""
+        return f"{_tenant(tenant_id)}-{new.scene_id}-{_hex(new.digest)}-{new.size_bytes}{_SUFFIX}"
 
     async def prune_regularly(self, every_s: float) -> None:
         """Delete those that have expired, again and again, until cancelled."""
@@ -112,15 +118,23 @@ class PartialUploads:
             if _changed(path) + self.keep_s <= time.time():
                 path.unlink(missing_ok=True)
 
-    def _of(self, tenant_id: str, prefix: str) -> list[Path]:
-        """The partial uploads of a tenant, the newest first."""
-        found = self.folder.glob(f"{_tenant(tenant_id)}-{prefix}*{_SUFFIX}")
-        return sorted(found, key=_changed, reverse=True)
+    def _keep(self, part: Path, kept: Path) -> None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            size = part.stat().st_size
+            if size and (not kept.exists() or kept.stat().st_size <= size):
+                part.replace(kept)
+        self.prune()
+        theirs = self._of(f"{kept.name.partition('-')[0]}-")
+        for path in theirs[self.per_tenant :]:
+            path.unlink(missing_ok=True)
+
+    def _of(self, prefix: str) -> list[Path]:
+        """The partial uploads whose names begin with ``prefix``, the newest first."""
+        return sorted(self.folder.glob(f"{prefix}*{_SUFFIX}"), key=_changed, reverse=True)
 
     def _path(self, tenant_id: str, new: NewUpload) -> Path:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        name = f"{_tenant(tenant_id)}-{new.scene_id}-{_hex(new.digest)}-{new.size_bytes}"
-        return self.folder / f"{name}{_SUFFIX}"
+        return self.folder / self.name(tenant_id, new)
 
 
 def _changed(path: Path) -> float:

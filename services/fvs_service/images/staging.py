@@ -27,31 +27,32 @@ class StagedFile:
 
 
 class StagingArea:
-    """The folder of uploads in progress; emptied when the service starts."""
+    """The ``folder`` of uploads in progress; emptied when the service starts."""
 
     def __init__(self, folder: Path, *, reserve_bytes: int, max_bytes: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
+        self.folder = folder
         self._reserve_bytes = reserve_bytes
         self.max_bytes = max_bytes
 
     def clear(self) -> None:
         """Delete the files of a crashed service; only while there is no upload."""
-        shutil.rmtree(self._folder)
-        self._folder.mkdir()
+        shutil.rmtree(self.folder)
+        self.folder.mkdir()
 
     def receive(
-        self, expected_bytes: int | None, begin: Callable[[Path], object] | None = None
+        self, expected_bytes: int | None, begin: Callable[[Path], object] | None = None, name: str = ""
     ) -> "Receiver":
         """Start an upload; ``expected_bytes`` is its declared size, None without one.
 
-        ``begin`` writes the file's first bytes, when these arrived before. Raises ``PayloadTooLargeError`` or
+        ``begin`` writes the file's first bytes, when these arrived before. The file's name begins with
+        ``name``, by which ``PartialUploads.recover`` knows the upload. Raises ``PayloadTooLargeError`` or
         ``OutOfSpaceError`` early when the size is declared.
         """
         if expected_bytes is not None and expected_bytes > self.max_bytes:
             raise too_large(self.max_bytes)
-        require_room(self._folder, expected_bytes or self.max_bytes, self._reserve_bytes)
-        path = self._folder / f"{uuid4().hex}.upload"
+        require_room(self.folder, expected_bytes or self.max_bytes, self._reserve_bytes)
+        path = self.folder / f"{name}.{uuid4().hex}.upload"
         if begin is not None:
             begin(path)
         return Receiver(path, self.max_bytes)

@@ -58,6 +58,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
         with open_application(settings, make_runners, tracing) as application:
+            application.partial_uploads.recover(application.staging.folder)
             application.staging.clear()
             feed = EventFeed(
                 application.storage.database,

@@ -88,10 +88,11 @@ class ImageUpload:
     def _receiver(self, upload: NewUpload) -> Receiver:
         """The file that the bytes are written to, after those of the upload that is resumed."""
         partial, tenant_id = self._app.partial_uploads, self._caller.tenant_id
+        name = partial.name(tenant_id, upload)
         if upload.offset_bytes == 0:
-            return self._app.staging.receive(upload.size_bytes)
+            return self._app.staging.receive(upload.size_bytes, name=name)
         return self._app.staging.receive(
-            upload.size_bytes, lambda path: partial.take(tenant_id, upload, path)
+            upload.size_bytes, lambda path: partial.take(tenant_id, upload, path), name
         )
 
     async def _receive_all(self, upload: NewUpload, receiver: Receiver) -> None:

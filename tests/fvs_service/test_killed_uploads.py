@@ -1,0 +1,98 @@
+"""Uploads in progress when the gateway is killed."""
+
+import contextlib
+import hashlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import grpc
+import httpx2
+import pytest
+from fvs.v1 import images_pb2 as pb
+from fvs.v1.images_pb2_grpc import ImageServiceStub
+from fvs_service.images.partial_uploads import NewUpload, PartialUploads
+from fvs_service.serving.process_tree import descendants
+from fvs_service.serving.running import RunningService, running_service
+from fvs_service.settings import Settings
+
+_CHUNK = 16_384
+
+
+@contextlib.contextmanager
+def _images(service: RunningService) -> Iterator[ImageServiceStub]:
+    with grpc.insecure_channel(service.rpc_url.removeprefix("grpc://")) as channel:
+        yield ImageServiceStub(channel)
+
+
+def _kill(service: RunningService) -> None:
+    for pid in (service.pid, *descendants(service.pid)):  # the supervisor first: it would start others
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.process
+def test_an_upload_resumes_after_the_gateway_was_killed(
+    tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    root, content = tmp_path / "service", photograph(1, (640, 480))
+    digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
+    staging, killed = Settings(root=root).staging, threading.Event()
+
+    def parts(scene: str, offset: int, *, then_wait: bool) -> Iterator[pb.UploadImageRequest]:
+        size = len(content)
+        upload = {"scene_id": scene, "digest": digest, "size_bytes": size, "offset_bytes": offset}
+        yield pb.UploadImageRequest(upload=upload)
+        stop = 3 * _CHUNK if then_wait else size
+        for start in range(offset, stop, _CHUNK):
+            yield pb.UploadImageRequest(chunk=content[start : min(start + _CHUNK, stop)])
+        if then_wait:
+            killed.wait(60)
+
+    with running_service(root, tmp_path / "first.log") as service:
+        scene = httpx2.post(f"{service.url}/v1/scenes", json={"name": "a"}).json()["id"]
+        with _images(service) as stub:
+            call = stub.UploadImage.future(parts(scene, 0, then_wait=True))
+            deadline = time.monotonic() + 30
+            while sum(file.stat().st_size for file in staging.iterdir()) < 3 * _CHUNK:
+                assert not call.done() and time.monotonic() < deadline
+                time.sleep(0.02)
+            _kill(service)
+            killed.set()
+            with pytest.raises(grpc.RpcError):
+                call.result(30)
+
+    with running_service(root, tmp_path / "second.log") as service, _images(service) as stub:
+        found = stub.GetUpload(pb.GetUploadRequest(scene_id=scene, digest=digest), timeout=30)
+        assert found.offset_bytes == 3 * _CHUNK
+        assert not list(staging.iterdir())
+        sent = stub.UploadImage(parts(scene, found.offset_bytes, then_wait=False), timeout=60)
+        assert sent.created
+        assert sent.image.verdict == pb.VERDICT_ACCEPTED
+
+
+def test_of_what_was_cut_the_newest_of_each_tenant_is_kept(tmp_path: Path) -> None:
+    uploads = PartialUploads(tmp_path / "partial", keep_s=3600.0, per_tenant=1)
+    staging = tmp_path / "staging"
+    staging.mkdir()
+    digests = [f"sha256:{digit * 64}" for digit in "123"]
+
+    def cut(tenant: str, digest: str, age_s: float) -> None:
+        new = NewUpload(scene_id="scn", digest=digest, size_bytes=9)
+        file = staging / f"{uploads.name(tenant, new)}.1.upload"
+        file.write_bytes(b"half")
+        os.utime(file, (time.time() - age_s,) * 2)
+
+    cut("a", digests[0], 20.0)
+    cut("a", digests[1], 10.0)
+    cut("b", digests[0], 7200.0)
+    cut("c", digests[2], 30.0)
+    (staging / ".2.upload").write_bytes(b"over REST")
+    uploads.recover(staging)
+    assert [file.name for file in staging.iterdir()] == [".2.upload"]
+    assert uploads.find("a", "scn", digests[1]).offset_bytes == 4
+    assert uploads.find("c", "scn", digests[2]).offset_bytes == 4
+    assert len(list(uploads.folder.iterdir())) == 2
