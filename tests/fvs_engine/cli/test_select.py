@@ -132,6 +132,7 @@ def test_killing_it_changes_nothing(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1_200)
 def test_ten_kills_change_nothing_with_known_poses(
     fvs_command: FvsCommand, room_dir: Path, clean_run: tuple[Path, Any], tmp_path: Path
 ) -> None:
@@ -144,6 +145,7 @@ def test_ten_kills_change_nothing_with_known_poses(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1_200)
 def test_ten_kills_change_nothing_with_structure_from_motion(
     fvs: Fvs, fvs_command: FvsCommand, kermit_dir: Path, tmp_path: Path
 ) -> None:
