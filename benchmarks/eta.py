@@ -103,7 +103,8 @@ class Recorder:
         self._over: set[str] = set()
         self._reported: dict[str, list[Any]] = {}
         self._events = scene.events(after=None)
-        threading.Thread(target=self._follow, daemon=True).start()
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+        self._thread.start()
 
     def record(self, scene: str, name: str, size: JobSize, job: Job) -> Recording:
         """Wait for the job, and return the estimates of its events."""
@@ -127,6 +128,10 @@ class Recorder:
                 for event in self._reported[job.id]
             ),
         )
+
+    def end(self) -> None:
+        """Wait for the end of the events of a scene that was deleted."""
+        self._thread.join()
 
     def _follow(self) -> None:
         for event in self._events:
@@ -171,6 +176,8 @@ def jobs_of(scene: Scene, files: list[Path], options: argparse.Namespace) -> Ite
     size = size.model_copy(update={"new": len(files), "iterations": options.fine_iterations})
     fine = scene.fine(iterations=options.fine_iterations, long_side_px=options.long_side)
     yield recorder.record(scene.name, "fine", size, fine)
+    scene.delete()
+    recorder.end()
 
 
 def reduced(source: Path, folder: Path, options: argparse.Namespace) -> list[Path]:

@@ -73,12 +73,17 @@ class Watched:
         self.arrived: list[tuple[Event, datetime]] = []
         self._changed = threading.Condition()
         self._events = scene.events(after=None)
-        threading.Thread(target=self._follow, daemon=True).start()
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+        self._thread.start()
 
     def of(self, job_id: str, kind: EventKind) -> tuple[Event, datetime]:
         """An event of a job, once it has arrived, and when that was."""
         with self._changed:
             return self._changed.wait_for(lambda: next(self._matching(job_id, kind), None))
+
+    def end(self) -> None:
+        """Wait for the end of the events of a scene that was deleted."""
+        self._thread.join()
 
     def _matching(self, job_id: str, kind: EventKind) -> Iterator[tuple[Event, datetime]]:
         return (one for one in self.arrived if one[0].kind is kind and one[0].data["job_id"] == job_id)
@@ -91,7 +96,7 @@ class Watched:
 
 
 def delays_row(scene: Scene, jobs: int) -> Mapping[str, Any]:
-    """Delays from a job's commit to its start, and to the arrival of its event."""
+    """Delays from a job's commit to its start, and to the arrival of its event; deletes the scene."""
     watched = Watched(scene)
     starts, events = [], []
     for _ in range(jobs):
@@ -103,6 +108,8 @@ def delays_row(scene: Scene, jobs: int) -> Mapping[str, Any]:
         for event, arrived in ((queued, queued_arrived), (started, started_arrived)):
             events.append((arrived - event.created_at).total_seconds())
         job.wait()
+    scene.delete()
+    watched.end()
     return {"jobs": jobs, **_spread("start of a job, s", starts), **_spread("arrival of an event, s", events)}
 
 
