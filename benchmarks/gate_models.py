@@ -133,7 +133,7 @@ def mapped(folder: SfmFolder) -> dict[str, Callable[[], pycolmap.Reconstruction]
 
 def spoilt(sound: Callable[[], pycolmap.Reconstruction]) -> dict[str, Callable[[], pycolmap.Reconstruction]]:
     """Kind → a wrong model made of a sound one, anew at each call."""
-    return {spoil.__name__: partial(_spoil, sound, spoil) for spoil in (_shifted, _mirrored)}
+    return {spoil.__name__: partial(_spoil, sound, spoil) for spoil in (shifted, mirrored)}
 
 
 def _largest(path: Path) -> pycolmap.Reconstruction:
@@ -148,8 +148,11 @@ def _spoil(
     return model
 
 
-def _shifted(model: pycolmap.Reconstruction) -> None:
-    """The last third of the images, moved aside together as by a repeated pattern."""
+def shifted(model: pycolmap.Reconstruction) -> None:
+    """The last third of the images, moved together along the row of cameras as by a repeated pattern.
+
+    Where all cameras are in one line, the epipolar geometry of every pair stays.
+    """
     images = sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
     )
@@ -161,7 +164,7 @@ def _shifted(model: pycolmap.Reconstruction) -> None:
         image.frame.set_cam_from_world(image.camera_id, pose * aside)
 
 
-def _mirrored(model: pycolmap.Reconstruction) -> None:
+def mirrored(model: pycolmap.Reconstruction) -> None:
     """All cameras mirrored at the plane across their mean viewing direction: a relief read the other way."""
     images = [image for image in model.images.values() if image.has_pose]
     axis = np.sum([image.viewing_direction() for image in images], axis=0)

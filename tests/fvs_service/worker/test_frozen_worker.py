@@ -97,4 +97,7 @@ def test_a_frozen_worker_loses_its_scene_and_commits_nothing(
         os.kill(frozen, signal.SIGCONT)  # while the other works
         assert service.finish(fine)["attempt"] == 1
         _until(lambda: frozen not in service.processes(WORKER))
-        assert [_models(service, scene, job) for job in (update, fine)] == expected
+        # The frozen worker's runner may have trained the full model before the lease ran out: then the other
+        # worker publishes no quick one.
+        assert _models(service, scene, update) in (expected[0], expected[0][1:])
+        assert _models(service, scene, fine) == expected[1]
