@@ -1,7 +1,11 @@
 """A blob that gets no row, whatever came between, is removed by the sweeps; the doctor need not find it."""
 
+import io
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 from typing import Any
 
 import pytest
@@ -11,6 +15,7 @@ from fvs_service.images import repository
 from fvs_service.model import now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.storage.tables import RemovalRow
+from PIL import Image
 from sqlalchemy import select, update
 
 
@@ -152,3 +157,55 @@ def test_a_render_of_a_ranking_that_is_gone_is_not_stored(
     path = f"/v1/rankings/{ranking['id']}/candidates/{ranking['candidates'][0]['id']}/render.png"
     assert gateway.client.get(path).status_code == 200
     assert not any("/rankings/" in key for key in _blobs(gateway, scene))
+
+
+def test_a_removal_that_was_put_off_after_the_sweep_read_it_waits(
+    gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A deleted image is sent again while a sweep is under way, and the gateway ends before its row."""
+    scene, storage = gateway.scene(), gateway.application.storage
+    digest = gateway.put(scene, photograph(1)).json()["digest"]
+    gateway.client.delete(f"/v1/scenes/{scene}/images/{digest}")
+    (due,) = storage.removals._due()
+    blobs = gateway.application.images._blobs
+    adopt = blobs.adopt
+
+    def killed(file: Any, key: str) -> None:
+        storage.removals._remove(*due)
+        adopt(file, key)
+        raise StorageUnavailableError("The gateway was killed.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(blobs, "adopt", killed)
+        assert gateway.put(scene, photograph(1)).status_code == 503
+    assert _removals(gateway)
+    _sweep(gateway)
+    assert _blobs(gateway, scene) == []
+    assert _orphans(gateway) == []
+
+
+def test_of_two_images_with_the_same_pixels_sent_at_once_one_keeps_its_bytes(
+    gateway: Any, photograph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, picture = gateway.scene(), Image.open(io.BytesIO(photograph(1)))
+
+    def png(level: int) -> bytes:
+        out = io.BytesIO()
+        picture.save(out, "PNG", compress_level=level)
+        return out.getvalue()
+
+    blobs, both = gateway.application.images._blobs, threading.Barrier(2)
+    adopt = blobs.adopt
+
+    def together(file: Any, key: str) -> None:
+        adopt(file, key)
+        both.wait(30)
+
+    monkeypatch.setattr(blobs, "adopt", together)
+    contents = [png(1), png(9)]
+    with ThreadPoolExecutor(2) as pool:
+        verdicts = [answer.json()["verdict"] for answer in pool.map(partial(gateway.put, scene), contents)]
+    assert sorted(verdicts) == ["accepted", "duplicate"]
+    _sweep(gateway)
+    assert len(_blobs(gateway, scene)) == 1
+    assert _orphans(gateway) == []

@@ -75,25 +75,32 @@ def test_an_upload_resumes_after_the_gateway_was_killed(
         assert sent.image.verdict == pb.VERDICT_ACCEPTED
 
 
-def test_of_what_was_cut_the_newest_of_each_tenant_is_kept(tmp_path: Path) -> None:
-    uploads = PartialUploads(tmp_path / "partial", keep_s=3600.0, per_tenant=1)
-    staging = tmp_path / "staging"
-    staging.mkdir()
-    digests = [f"sha256:{digit * 64}" for digit in "123"]
+def _cut(uploads: PartialUploads, staging: Path, tenant: str, digit: str, size: int, age_s: float) -> None:
+    """A file that a gateway left which was killed."""
+    staging.mkdir(exist_ok=True)
+    new = NewUpload(scene_id="scn", digest=f"sha256:{digit * 64}", size_bytes=99)
+    file = staging / f"{uploads.name(tenant, new)}.1.upload"
+    file.write_bytes(b"x" * size)
+    os.utime(file, (time.time() - age_s,) * 2)
 
-    def cut(tenant: str, digest: str, age_s: float) -> None:
-        new = NewUpload(scene_id="scn", digest=digest, size_bytes=9)
-        file = staging / f"{uploads.name(tenant, new)}.1.upload"
-        file.write_bytes(b"half")
-        os.utime(file, (time.time() - age_s,) * 2)
 
-    cut("a", digests[0], 20.0)
-    cut("a", digests[1], 10.0)
-    cut("b", digests[0], 7200.0)
-    cut("c", digests[2], 30.0)
+def test_of_what_was_cut_the_largest_of_each_tenant_is_kept(tmp_path: Path) -> None:
+    uploads, staging = PartialUploads(tmp_path / "partial", keep_s=3600.0, per_tenant=1), tmp_path / "staging"
+    _cut(uploads, staging, "a", "1", 20, age_s=20.0)
+    _cut(uploads, staging, "a", "2", 10, age_s=10.0)
+    _cut(uploads, staging, "b", "1", 50, age_s=7200.0)
+    _cut(uploads, staging, "c", "3", 5, age_s=30.0)
     (staging / ".2.upload").write_bytes(b"over REST")
     uploads.recover(staging)
     assert [file.name for file in staging.iterdir()] == [".2.upload"]
-    assert uploads.find("a", "scn", digests[1]).offset_bytes == 4
-    assert uploads.find("c", "scn", digests[2]).offset_bytes == 4
+    assert uploads.find("a", "scn", f"sha256:{'1' * 64}").offset_bytes == 20
+    assert uploads.find("c", "scn", f"sha256:{'3' * 64}").offset_bytes == 5
     assert len(list(uploads.folder.iterdir())) == 2
+
+
+def test_a_gateway_starts_when_what_was_cut_cannot_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "partial").write_bytes(b"no folder")
+    uploads, staging = PartialUploads(tmp_path / "partial", keep_s=3600.0, per_tenant=1), tmp_path / "staging"
+    _cut(uploads, staging, "a", "1", 20, age_s=0.0)
+    uploads.recover(staging)
+    assert len(list(staging.iterdir())) == 1

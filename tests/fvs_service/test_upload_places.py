@@ -12,12 +12,13 @@ from typing import Any
 import anyio
 import pytest
 from fvs.v1.images_pb2 import UploadImageRequest
-from fvs_service.errors import LimitExceededError, SlowRequestError
+from fvs_service.errors import LimitExceededError, NotFoundError, OutOfSpaceError, SlowRequestError
 from fvs_service.gateway.rest.multipart import receive_files
 from fvs_service.gateway.rpc.uploads import ImageUpload
-from fvs_service.images.staging import StagingArea
+from fvs_service.images.staging import Receiver, StagingArea
 from fvs_service.images.upload_places import UploadPlace, UploadPlaces
 from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
+from fvs_service.storage import blobs
 from starlette.requests import Request
 
 _LONG_S = 1000.0
@@ -198,10 +199,10 @@ def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
     app, scene, digest = gateway.application, gateway.scene(), f"sha256:{'1' * 64}"
     began, may_end, receive_file = threading.Event(), threading.Event(), app.staging.receive
 
-    def slow(*arguments: Any) -> Any:
+    def slow(*arguments: Any, **options: Any) -> Any:
         began.set()
         assert may_end.wait(30)
-        return receive_file(*arguments)
+        return receive_file(*arguments, **options)
 
     async def receive() -> bytes:
         upload = {"scene_id": scene, "digest": digest, "size_bytes": 900}
@@ -253,3 +254,57 @@ def test_a_form_that_gives_way_while_its_file_is_opened_leaves_none(
     monkeypatch.setattr(staging, "receive", slow)
     asyncio.run(run())
     assert not list((tmp_path / "staging").iterdir())
+
+
+def test_open_uploads_have_the_room_that_they_may_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = 1_000
+    monkeypatch.setattr(blobs, "free_bytes", lambda _: free)
+    staging = StagingArea(tmp_path / "staging", reserve_bytes=400, max_bytes=500)
+    with staging.receive(300) as first:
+        first.write(b"x" * 100)
+        free -= 100
+        with pytest.raises(OutOfSpaceError):
+            staging.receive(301)
+        with staging.receive(350, arrived_bytes=50) as second:
+            assert second.awaited_bytes == 350
+            first.write(b"x" * 200)
+            free -= 200
+            first.finish()
+            with pytest.raises(OutOfSpaceError):
+                staging.receive(1)
+        with pytest.raises(OutOfSpaceError):
+            staging.receive(None)
+    free = 900
+    with staging.receive(None):
+        pass
+
+
+def test_an_upload_that_fills_the_disk_is_not_kept(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    app, scene, digest = gateway.application, gateway.scene(), f"sha256:{'1' * 64}"
+    sent = iter(
+        (
+            UploadImageRequest(upload={"scene_id": scene, "digest": digest, "size_bytes": 900}),
+            UploadImageRequest(chunk=b"x" * 500),
+            UploadImageRequest(chunk=b"x" * 400),
+        )
+    )
+    write = Receiver.write
+
+    def full(receiver: Receiver, chunk: bytes) -> None:
+        if receiver.size_bytes:
+            raise OutOfSpaceError("The disk is full.")
+        write(receiver, chunk)
+
+    async def receive() -> bytes:
+        return next(sent).SerializeToString()
+
+    monkeypatch.setattr(Receiver, "write", full)
+    with pytest.raises(OutOfSpaceError):
+        asyncio.run(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+    with pytest.raises(NotFoundError):
+        app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest)

@@ -13,8 +13,8 @@ from fvs_service.fleet import workers_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import free_bytes
 from fvs_service.storage.database import now_ms
-from fvs_service.storage.owner import require_own_store
-from fvs_service.storage.tables import ImageRow, RemovalRow
+from fvs_service.storage.owner import knows_no_image, require_own_store
+from fvs_service.storage.tables import ImageRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
 _SKEW_S = 5.0
@@ -36,7 +36,6 @@ def _another_store(storage: Storage) -> Iterator[Trouble]:
     with storage.database.reading() as session:
         query = select(ImageRow.scene_id, ImageRow.sha256).where(ImageRow.verdict == "accepted")
         images = session.execute(query.limit(_SAMPLE)).all()
-        new = not images and session.scalar(select(RemovalRow.key).limit(1)) is None
     keys = [image_key(scene_id, sha256) for scene_id, sha256 in images]
     if keys and not any(map(storage.blobs.exists, keys)):
         yield Trouble(
@@ -44,7 +43,7 @@ def _another_store(storage: Storage) -> Iterator[Trouble]:
             "Check --root and FVS_BLOBS__URL. If the bytes are lost, restore a backup, or delete the scenes.",
             serious=True,
         )
-    elif new and next(storage.blobs.below("scenes/"), None) is not None:
+    elif knows_no_image(storage.database) and next(storage.blobs.below("scenes/"), None) is not None:
         yield Trouble(
             "The database knows no images, and the blob store has some.",
             "Check --root and FVS_DATABASE_URL. If the database is lost, restore a backup.",

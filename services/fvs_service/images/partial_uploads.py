@@ -49,7 +49,7 @@ class Upload(Model):
 
 @dataclass(frozen=True)
 class PartialUploads:
-    """The folder of partial uploads: of each tenant the newest ``per_tenant``, each for ``keep_s``."""
+    """The folder of partial uploads: of each tenant the largest ``per_tenant``, each for ``keep_s``."""
 
     folder: Path
     keep_s: float
@@ -58,7 +58,10 @@ class PartialUploads:
     def find(self, tenant_id: str, scene_id: str, digest: str) -> Upload:
         """The partial upload of an image; raises ``NotFoundError``."""
         for path in self._of(f"{_tenant(tenant_id)}-{scene_id}-{_hex(digest)}-"):
-            changed = path.stat()
+            try:
+                changed = path.stat()
+            except FileNotFoundError:  # taken or replaced meanwhile
+                continue
             if changed.st_mtime + self.keep_s > time.time():
                 return Upload(
                     scene_id=scene_id,
@@ -94,10 +97,13 @@ class PartialUploads:
     def recover(self, staging: Path) -> None:
         """Keep what had arrived of the uploads that the end of a gateway has cut: their files in ``staging``.
 
-        Only while there is no upload.
+        Only while there is no upload. What cannot be kept, as on a full disk, is logged: the caller frees it.
         """
         for part in staging.glob(f"*{_SUFFIX}.*"):
-            self._keep(part, self.folder / f"{part.name.partition(_SUFFIX)[0]}{_SUFFIX}")
+            try:
+                self._keep(part, self.folder / f"{part.name.partition(_SUFFIX)[0]}{_SUFFIX}")
+            except OSError as error:
+                _log.warning("an upload cannot be kept", reason=str(error))
 
     def name(self, tenant_id: str, new: NewUpload) -> str:
         """The name of the partial upload's file."""
@@ -122,10 +128,11 @@ class PartialUploads:
         kept.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileNotFoundError):
             size = part.stat().st_size
-            if size and (not kept.exists() or kept.stat().st_size <= size):
+            if size and _size(kept) <= size:
                 part.replace(kept)
         self.prune()
-        theirs = self._of(f"{kept.name.partition('-')[0]}-")
+        # The largest stay: one key of a tenant cannot replace those of another with a few bytes each.
+        theirs = sorted(self._of(f"{kept.name.partition('-')[0]}-"), key=_size, reverse=True)
         for path in theirs[self.per_tenant :]:
             path.unlink(missing_ok=True)
 
@@ -142,6 +149,13 @@ def _changed(path: Path) -> float:
         return path.stat().st_mtime
     except FileNotFoundError:
         return 0.0
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _tenant(tenant_id: str) -> str:

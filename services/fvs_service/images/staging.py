@@ -3,8 +3,10 @@
 A file that is not moved into the blobs is deleted.
 """
 
+import contextlib
 import hashlib
 import shutil
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +36,8 @@ class StagingArea:
         self.folder = folder
         self._reserve_bytes = reserve_bytes
         self.max_bytes = max_bytes
+        self._lock = threading.Lock()
+        self._open: set[Receiver] = set()
 
     def clear(self) -> None:
         """Delete the files of a crashed service; only while there is no upload."""
@@ -41,29 +45,46 @@ class StagingArea:
         self.folder.mkdir()
 
     def receive(
-        self, expected_bytes: int | None, begin: Callable[[Path], object] | None = None, name: str = ""
+        self,
+        expected_bytes: int | None,
+        begin: Callable[[Path], object] | None = None,
+        name: str = "",
+        arrived_bytes: int = 0,
     ) -> "Receiver":
         """Start an upload; ``expected_bytes`` is its declared size, None without one.
 
-        ``begin`` writes the file's first bytes, when these arrived before. The file's name begins with
-        ``name``, by which ``PartialUploads.recover`` knows the upload. Raises ``PayloadTooLargeError`` or
-        ``OutOfSpaceError`` early when the size is declared.
+        ``begin`` writes the file's first ``arrived_bytes``, when these arrived before. The file's name begins
+        with ``name``, by which ``PartialUploads.recover`` knows the upload. Raises ``PayloadTooLargeError``
+        early when the size is declared, and ``OutOfSpaceError`` unless there is room for the rest of this and
+        of all open uploads.
         """
         if expected_bytes is not None and expected_bytes > self.max_bytes:
             raise too_large(self.max_bytes)
-        require_room(self.folder, expected_bytes or self.max_bytes, self._reserve_bytes)
+        size = self.max_bytes if expected_bytes is None else expected_bytes
         path = self.folder / f"{name}.{uuid4().hex}.upload"
-        if begin is not None:
-            begin(path)
-        return Receiver(path, self.max_bytes)
+        with self._lock:
+            awaited = sum(receiver.awaited_bytes for receiver in self._open)
+            require_room(self.folder, awaited + size - arrived_bytes, self._reserve_bytes)
+            if begin is not None:
+                begin(path)
+            receiver = Receiver(path, self.max_bytes, size, self._open.discard)
+            self._open.add(receiver)
+        return receiver
 
 
 class Receiver:
-    """Writes the bytes of one upload; as a context it deletes them unless they were moved into the blobs."""
+    """Writes the bytes of one upload; as a context it deletes them unless they were moved into the blobs.
 
-    def __init__(self, path: Path, max_bytes: int) -> None:
+    ``expected_bytes`` are needed for it; ``ended`` is called at the end of the context.
+    """
+
+    def __init__(
+        self, path: Path, max_bytes: int, expected_bytes: int, ended: Callable[["Receiver"], object]
+    ) -> None:
         self._path = path
         self._max_bytes = max_bytes
+        self._expected_bytes = expected_bytes
+        self._ended = ended
         self._hash = hashlib.sha256()
         self._size = 0
         with full_disk_as_error():
@@ -78,7 +99,9 @@ class Receiver:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        self._ended(self)
+        with contextlib.suppress(OSError):  # of the last bytes, on a full disk
+            self._file.close()
         self._path.unlink(missing_ok=True)
 
     def write(self, chunk: bytes) -> None:
@@ -88,6 +111,11 @@ class Receiver:
         with full_disk_as_error():
             self._file.write(chunk)
         self._count(chunk)
+
+    @property
+    def awaited_bytes(self) -> int:
+        """Number of bytes that may still be written."""
+        return max(0, self._expected_bytes - self._size)
 
     @property
     def size_bytes(self) -> int:
@@ -106,6 +134,7 @@ class Receiver:
 
     def finish(self) -> StagedFile:
         """Close the file after its last byte."""
+        self._expected_bytes = self._size
         with full_disk_as_error():
             self._file.close()
         return StagedFile(self._path, f"sha256:{self._hash.hexdigest()}", self._size)

@@ -142,9 +142,12 @@ class Removals:
         most.
         """
         with self._database.writing(scene_id) as session:
+            row = session.get(RemovalRow, key)
+            if row is None or row.due_at > now():  # the bytes arrive again, and their removal was put off
+                return
             if not has_row(session, key):
                 self._blobs.remove(key)
-            session.execute(delete(RemovalRow).where(RemovalRow.key == key))
+            session.delete(row)
 
     def _forget_traces(self) -> None:
         old = now() - _TRACES_KEPT
@@ -201,7 +204,9 @@ def has_row(session: Session, key: str) -> bool:
     """Whether a row refers to the blob ``key``."""
     match key.split("/"):
         case ["scenes", scene_id, "images", sha256]:
-            found = exists().where(ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256)
+            found = exists().where(
+                ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256, ImageRow.verdict == "accepted"
+            )
         case ["scenes", scene_id, "artifacts", sha256]:
             found = exists().where(
                 SnapshotArtifactRow.scene_id == scene_id, SnapshotArtifactRow.sha256 == sha256

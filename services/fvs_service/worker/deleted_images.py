@@ -53,8 +53,11 @@ class DeletedImages:
         """Remove what was deleted since the last call, and what could not be removed then."""
         self._waiting |= self._scenes_with_deletions()
         for scene_id in sorted(self._waiting):
-            if self._is_done(scene_id):
-                self._waiting.discard(scene_id)
+            try:
+                if self._is_done(scene_id):
+                    self._waiting.discard(scene_id)
+            except OSError as error:  # the other scenes do not wait for this one
+                _log.warning("copies of deleted images stay", scene=scene_id, reason=str(error))
 
     def _scenes_with_deletions(self) -> set[str]:
         """The scenes with a folder here that may have lost an image since the last call."""

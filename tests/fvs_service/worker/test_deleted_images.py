@@ -188,3 +188,22 @@ def _until_gone(folder: Path, beginning: str) -> None:
     while any(file.name.startswith(beginning) for file in folder.iterdir()):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+
+
+def test_a_folder_that_cannot_be_cleaned_holds_up_no_other(
+    gateway: Any, scenes: LeasedScenes, photograph: Any
+) -> None:
+    both = sorted((gateway.scene(), gateway.scene()))
+    for scene in both:
+        gateway.put(scene, photograph(1))
+    first, second = (folder_with_copies(gateway, scene) for scene in both)
+    (first / "images" / "no-file").mkdir()
+    for scene in both:
+        delete(gateway, scene, 1)
+    sweep = DeletedImages(gateway.application.storage, scenes.without_jobs)
+    sweep.remove()
+    assert "images/no-file" in left(first)
+    assert left(second) == []
+    (first / "images" / "no-file").rmdir()
+    sweep.remove()
+    assert left(first) == []

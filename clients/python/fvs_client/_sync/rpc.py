@@ -90,8 +90,8 @@ class RpcTransport(httpx2.BaseTransport):
     def _upload(self, route: Route, request: httpx2.Request) -> httpx2.Response:
         """Send an image; the rest of it where an upload of this client broke off."""
         path = request.url.path
-        offset = self._offset(route, request) if path in self._broken else 0
         size = int(request.headers["Content-Length"])
+        offset = self._offset(route, request, size) if path in self._broken else 0
         first = contract.message("UploadImageRequest")()
         first.upload.size_bytes, first.upload.offset_bytes = size, offset
         fill(first.upload, dict(route.variables))
@@ -112,8 +112,8 @@ class RpcTransport(httpx2.BaseTransport):
         self._broken.discard(path)
         return _document(contract.message("UploadImageResponse").FromString(content).image)
 
-    def _offset(self, route: Route, request: httpx2.Request) -> int:
-        """How many bytes the service has of an upload that broke off."""
+    def _offset(self, route: Route, request: httpx2.Request, size: int) -> int:
+        """How many bytes the service has of an upload of ``size`` bytes that broke off."""
         asked = contract.message("GetUploadRequest")()
         fill(asked, dict(route.variables))
         try:
@@ -124,7 +124,7 @@ class RpcTransport(httpx2.BaseTransport):
             if error.code() is grpc.StatusCode.NOT_FOUND:
                 return 0
             raise
-        return int(found.offset_bytes)
+        return int(found.offset_bytes) if found.size_bytes == size else 0
 
     def _download(self, route: Route, request: httpx2.Request) -> httpx2.Response:
         """Bytes from the start that the request names if they are still the same, else all."""

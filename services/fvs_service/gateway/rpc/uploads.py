@@ -7,7 +7,7 @@ from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
 
 from fvs_service.application import Application
-from fvs_service.errors import InvalidRequestError, MalformedRequestError
+from fvs_service.errors import InvalidRequestError, MalformedRequestError, OutOfSpaceError
 from fvs_service.gateway.rpc.calls import parsed
 from fvs_service.gateway.rpc.conversion import pick, read, write
 from fvs_service.gateway.uninterrupted import to_its_end
@@ -60,7 +60,7 @@ class ImageUpload:
                 async with app.inspection_turns.turn(self._caller):
                     # An inspection cannot be interrupted, and has its turn until it ends.
                     image, created = await to_its_end(run_sync(self._store, upload, receiver, metadata))
-            except InvalidRequestError:  # what arrived is not this image
+            except (InvalidRequestError, OutOfSpaceError):  # not this image; or no room to keep it
                 raise
             except BaseException:  # also that the client is gone
                 await to_its_end(
@@ -92,7 +92,10 @@ class ImageUpload:
         if upload.offset_bytes == 0:
             return self._app.staging.receive(upload.size_bytes, name=name)
         return self._app.staging.receive(
-            upload.size_bytes, lambda path: partial.take(tenant_id, upload, path), name
+            upload.size_bytes,
+            lambda path: partial.take(tenant_id, upload, path),
+            name,
+            upload.offset_bytes,
         )
 
     async def _receive_all(self, upload: NewUpload, receiver: Receiver) -> None:
