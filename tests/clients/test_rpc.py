@@ -168,11 +168,13 @@ class BreakingService:
 
     def __init__(self) -> None:
         self.received = b""
+        self.size_bytes = 0
         self.offsets: list[int] = []
 
     def upload(self, messages: Iterator[bytes], context: grpc.ServicerContext) -> bytes:
         kind = contract.message("UploadImageRequest")
         first = kind.FromString(next(messages)).upload
+        self.size_bytes = first.size_bytes
         self.offsets.append(first.offset_bytes)
         for number, content in enumerate(messages, 1):
             self.received += kind.FromString(content).chunk
@@ -186,7 +188,7 @@ class BreakingService:
         return bytes(answer.SerializeToString())
 
     def get_upload(self, _content: bytes, _context: grpc.ServicerContext) -> bytes:
-        answer = contract.message("Upload")(offset_bytes=len(self.received))
+        answer = contract.message("Upload")(size_bytes=self.size_bytes, offset_bytes=len(self.received))
         return bytes(answer.SerializeToString())
 
     def check(self, content: bytes, _context: grpc.ServicerContext) -> bytes:

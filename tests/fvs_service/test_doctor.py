@@ -242,7 +242,12 @@ def test_a_store_of_another_database_is_neither_served_nor_mended(
     assert served.exit_code != 0
     assert "belongs to another database" in served.stderr
     assert [blob.key for blob in storage.blobs.below("scenes/")] == images
-    storage.blobs.remove(OWNER_KEY)  # as the hint says
+    storage.blobs.remove(OWNER_KEY)
+    refused = pytest.raises(StorageRefusedError, match="knows no images")
+    with open_storage(theirs) as another, refused:
+        claim_store(another.database, another.blobs)
+    for blob in list(storage.blobs.below("scenes/")):
+        storage.blobs.remove(blob.key)
     with open_storage(theirs) as another:
         claim_store(another.database, another.blobs)
     with pytest.raises(StorageRefusedError, match="belongs to another database"):

@@ -13,7 +13,7 @@ from fvs_service.fleet import workers_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import free_bytes
 from fvs_service.storage.database import now_ms
-from fvs_service.storage.owner import knows_no_image, require_own_store
+from fvs_service.storage.owner import require_known_images, require_own_store
 from fvs_service.storage.tables import ImageRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
@@ -32,7 +32,7 @@ class Trouble:
 
 
 def _another_store(storage: Storage) -> Iterator[Trouble]:
-    """A database and a blob store that do not know each other: mending would empty one of them."""
+    """A blob store without the database's images: mending would empty the database."""
     with storage.database.reading() as session:
         query = select(ImageRow.scene_id, ImageRow.sha256).where(ImageRow.verdict == "accepted")
         images = session.execute(query.limit(_SAMPLE)).all()
@@ -43,12 +43,6 @@ def _another_store(storage: Storage) -> Iterator[Trouble]:
             "Check --root and FVS_BLOBS__URL. If the bytes are lost, restore a backup, or delete the scenes.",
             serious=True,
         )
-    elif knows_no_image(storage.database) and next(storage.blobs.below("scenes/"), None) is not None:
-        yield Trouble(
-            "The database knows no images, and the blob store has some.",
-            "Check --root and FVS_DATABASE_URL. If the database is lost, restore a backup.",
-            serious=True,
-        )
 
 
 def troubles(storage: Storage) -> Iterator[Trouble]:
@@ -56,6 +50,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
     try:
         storage.blobs.check()
         require_own_store(storage.database, storage.blobs)
+        require_known_images(storage.database, storage.blobs)
         yield from _another_store(storage)
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)

@@ -17,18 +17,13 @@ OWNER_KEY = "owner"
 
 
 def claim_store(database: Database, blobs: Blobs) -> None:
-    """Mark the store as the database's if it has no owner; raises as ``require_own_store`` does.
+    """Mark the store as the database's if it has no owner.
 
-    Raises ``StorageRefusedError`` also when the store has blobs and the database has never had an image.
+    Raises ``StorageRefusedError`` as ``require_own_store`` and ``require_known_images`` do.
     """
     if require_own_store(database, blobs):
         return
-    if knows_no_image(database) and next(blobs.below("scenes/"), None) is not None:
-        raise StorageRefusedError(
-            "The database knows no images, and the blob store has some.",
-            hint="Check --root, FVS_DATABASE_URL and FVS_BLOBS__URL. If the database is lost, restore a "
-            "backup.",
-        )
+    require_known_images(database, blobs)
     blobs.put(_identity(database).encode(), OWNER_KEY)
 
 
@@ -45,17 +40,23 @@ def require_own_store(database: Database, blobs: Blobs) -> bool:
         raise StorageRefusedError(
             "The blob store belongs to another database.",
             hint="Check --root, FVS_DATABASE_URL and FVS_BLOBS__URL: two services need two buckets, or two "
-            "prefixes in one. If the other database is lost, or was this one until a backup without an "
-            f"identity was restored, delete the blob {OWNER_KEY!r}.",
+            "prefixes in one. If the other database was this one until a backup without an identity was "
+            f"restored, delete the blob {OWNER_KEY!r}.",
         )
     return True
 
 
-def knows_no_image(database: Database) -> bool:
-    """Whether the database has no image, and no record of one that was deleted."""
+def require_known_images(database: Database, blobs: Blobs) -> None:
+    """Raise ``StorageRefusedError`` when the store has images and the database has never had one."""
     with database.reading() as session:
         image = session.scalar(select(ImageRow.sha256).limit(1))
-        return image is None and session.scalar(select(RemovalRow.key).limit(1)) is None
+        knows_some = image is not None or session.scalar(select(RemovalRow.key).limit(1)) is not None
+    if not knows_some and next(blobs.below("scenes/"), None) is not None:
+        raise StorageRefusedError(
+            "The database knows no images, and the blob store has some.",
+            hint="Check --root, FVS_DATABASE_URL and FVS_BLOBS__URL. If the database is lost, restore a "
+            "backup; without one, use an empty store.",
+        )
 
 
 def _identity(database: Database) -> str:
