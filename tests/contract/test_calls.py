@@ -206,6 +206,20 @@ def test_a_field_of_a_newer_client_is_refused(tenant: Any, rpc: Any) -> None:
     assert outcome.code == "malformed-request"
 
 
+def test_an_unknown_field_far_back_in_a_list_is_refused(tenant: Any, rpc: Any) -> None:
+    """It is named only among the first items, which bounds the search."""
+    items = b"\x0a\x00" * 1_500 + b"\x0a\x03\xf8\x07\x01"
+    for content, message in (
+        (items[-5:] + items[:-5], "ranking.candidates.items: there is no field 127."),
+        (items, "there is an unknown field."),
+    ):
+        candidates = views.RankViewsRequest(scene_id=tenant.scene())
+        candidates.ranking.candidates.MergeFromString(content)
+        raw = rpc.channel.unary_unary("/fvs.v1.ViewService/RankViews")
+        _, outcome = _refused(lambda: raw(candidates.SerializeToString(), metadata=_metadata(tenant)))  # noqa: B023
+        assert (outcome.code, outcome.message) == ("invalid-request", message)
+
+
 def test_a_value_of_a_newer_client_is_refused(tenant: Any) -> None:
     request = jobs.CreateJobRequest(scene_id=tenant.scene(), job=jobs.JobRequest(kind=99))
     call = tenant.transport.unary("CreateJob")

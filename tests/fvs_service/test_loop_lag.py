@@ -4,6 +4,7 @@ import asyncio
 import time
 
 from fvs_service.gateway.loop_lag import LoopLag
+from loop_watchdog import ALLOWED_S, watched_loops
 
 
 class Lags:
@@ -33,6 +34,22 @@ def test_a_request_that_holds_the_loop_is_seen() -> None:
     asyncio.run(_watched(lags, handle=True))
     assert len(lags.seen) > 1
     assert max(lags.seen) > 0.2
+
+
+def test_the_watchdog_of_the_tests_sees_what_holds_a_loop() -> None:
+    async def hold() -> float:
+        watching = asyncio.create_task(LoopLag(Lags()).watch())  # type: ignore[arg-type]
+        await asyncio.sleep(0.02)
+        until = time.process_time() + 2 * ALLOWED_S
+        while time.process_time() < until:
+            pass
+        await asyncio.sleep(0.02)
+        watching.cancel()
+        return watchdog.longest_s()
+
+    with watched_loops() as watchdog:
+        assert asyncio.run(hold()) > ALLOWED_S
+        assert watchdog.longest_s() == 0
 
 
 def test_an_idle_loop_is_left_alone() -> None:

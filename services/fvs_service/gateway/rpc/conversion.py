@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 
 from google.protobuf.descriptor import Descriptor, EnumDescriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
-from google.protobuf.unknown_fields import UnknownFieldSet
 from pydantic import ValidationError
 
 from fvs_service.errors import FieldError, InvalidRequestError, MalformedRequestError
@@ -33,6 +32,9 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 _HINT = "proto/fvs/v1 describes the request; GET /openapi.json has the ranges."
 _NEWER = "The client may be newer than the service, which refuses what it does not know."
+_ITEMS_NAMED = 1_000
+"""Items of a list in which an unknown field is looked for to name it."""
+_TAG_BYTES = 5
 _TIMESTAMP, _STRUCT = "google.protobuf.Timestamp", "google.protobuf.Struct"
 
 
@@ -44,7 +46,7 @@ def parse(kind: type[MessageT], content: bytes) -> MessageT:
         raise MalformedRequestError(
             f"The request is not a {kind.DESCRIPTOR.full_name}.", hint=_HINT
         ) from None
-    _require_known_fields(message)
+    _require_known_fields(message, content)
     return message
 
 
@@ -206,28 +208,40 @@ def _words(enum: EnumDescriptor) -> dict[int, str]:
     }
 
 
-def _require_known_fields(message: Message) -> None:
+def _require_known_fields(message: Message, content: bytes) -> None:
     size = message.ByteSize()
-    known = type(message)()
-    known.CopyFrom(message)
-    known.DiscardUnknownFields()  # of all messages inside, in C
-    if known.ByteSize() != size:
-        path, number = _unknown_field(message, "")
-        raise _invalid(path, f"there is no field {number}", _NEWER)
+    message.DiscardUnknownFields()  # of all messages inside, in C
+    if message.ByteSize() != size:
+        path, number = _unknown_field(type(message).FromString(content), "")
+        raise _invalid(path, f"there is no field {number}" if number else "there is an unknown field", _NEWER)
 
 
 def _unknown_field(message: Message, path: str) -> tuple[str, int]:
-    """The path of the first message with an unknown field, and the field's number."""
-    for field in UnknownFieldSet(message):
-        return path, field.field_number
+    """The path of a message with an unknown field, and the field's number; clears the message.
+
+    0 if it is not in the first items of the lists.
+    """
     for known, value in message.ListFields():
-        if known.type != FieldDescriptor.TYPE_MESSAGE:
-            continue
-        for item in value if known.is_repeated else (value,):
-            found = _unknown_field(item, f"{path}.{known.name}" if path else known.name)
-            if found[1]:
-                return found
-    return path, 0
+        if known.type == FieldDescriptor.TYPE_MESSAGE:
+            for item in value[:_ITEMS_NAMED] if known.is_repeated else (value,):
+                found = _unknown_field(item, f"{path}.{known.name}" if path else known.name)
+                if found[1]:
+                    return found
+        message.ClearField(known.name)
+    return path, _first_number(message.SerializeToString()[:_TAG_BYTES])
+
+
+def _first_number(content: bytes) -> int:
+    """The number of a message's first field, 0 without one.
+
+    ``UnknownFieldSet`` has it too, and makes objects of all unknown fields, perhaps a million, for it.
+    """
+    tag = 0
+    for place, byte in enumerate(content):
+        tag |= (byte & 127) << 7 * place
+        if byte < 128:
+            break
+    return tag >> 3
 
 
 def _invalid(path: str, message: str, hint: str = _HINT) -> InvalidRequestError:
