@@ -6,10 +6,12 @@ Every part is a process with a folder of its own; gateways and workers know each
 and each worker's runners listen on an address of its own (127.0.0.2, 127.0.0.3). Small synthetic scenes are
 updated, through either gateway, while a worker is killed every few seconds, one is frozen for longer than its
 lease and continued, PostgreSQL crashes and restarts, and the object store is away for 20 s. With ``--skew``
-the clocks of the second gateway and the second worker are ahead by that time. At the end:
+the clocks of the second gateway and the second worker are ahead by that time. With ``--namespaces`` each
+machine is in a network of its own, calls have keys, and a worker is cut off for longer than its lease. At the
+end:
 
 * every job succeeded in its first attempt, and ended once; its snapshot was made once;
-* the frozen worker has committed nothing after it lost its leases, and ended;
+* the worker that was frozen, or cut off, has committed nothing after it lost its leases, and ended;
 * both gateways return the same, rankings are answered through either, and every image has its bytes;
 * ``fvs doctor`` finds nothing.
 
@@ -37,6 +39,7 @@ import psycopg
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "servers"))
 
 from fvs_service.serving.process_tree import command_of, descendants
+from network import Host, Network
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
 from postgresql_server import PostgresqlServer
 
@@ -49,6 +52,7 @@ PATIENCE_S = 900.0
 _EVENTS_OF_JOB = "SELECT count(*) FROM events WHERE scene_id = %s AND kind = ANY(%s) AND data->>'job_id' = %s"
 _WORKER, _RUNNER = "serving.process worker", "worker.runner.process"
 ENDED = ("succeeded", "failed", "canceled")
+FVS = [sys.executable, "-c", "from fvs_engine.cli import main; main()"]
 SETTINGS = {
     "FVS_WORKER__INITIAL_ITERATIONS": "120",
     "FVS_WORKER__ITERATIONS_PER_IMAGE": "30",
@@ -63,10 +67,13 @@ class Machine:
     """``fvs serve --role ROLE`` with a folder of its own, in a process group of its own."""
 
     def __init__(
-        self, folder: Path, role: str, shared: dict[str, str], address: str = "127.0.0.1", skew_s: int = 0
+        self, folder: Path, role: str, shared: dict[str, str], place: "Host | str", skew_s: int = 0
     ) -> None:
+        """``place``: the host that it runs on, or an address of this one."""
         self._folder, self._role = folder, role
-        self._environment = {**os.environ, **SETTINGS, **shared, "FVS_WORKER__ADDRESS": address}
+        self.host = place if isinstance(place, Host) else None
+        self._address = place.address if isinstance(place, Host) else place
+        self._environment = {**os.environ, **SETTINGS, **shared, "FVS_WORKER__ADDRESS": self._address}
         if skew_s:
             self._environment |= clock_ahead(skew_s, folder.parent)
         self.url = ""
@@ -74,10 +81,22 @@ class Machine:
 
     def start(self) -> None:
         """Start it; the address of a gateway is its ``url``."""
-        command = [sys.executable, "-c", "from fvs_engine.cli import main; main()", "serve", "--log-json"]
+        command = [
+            *FVS,
+            "serve",
+            "--log-json",
+            "--root",
+            str(self._folder),
+            "--port",
+            "0",
+            "--role",
+            self._role,
+        ]
+        if self.host is not None:
+            command = self.host.command([*command, "--host", self._address])
         with self._folder.with_suffix(".log").open("a") as log:
             self.process = subprocess.Popen(
-                [*command, "--root", str(self._folder), "--port", "0", "--role", self._role],
+                command,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
@@ -134,8 +153,8 @@ def clock_ahead(seconds: int, folder: Path) -> dict[str, str]:
 class Clients:
     """Clients of both gateways, used in turn; requests are repeated until they are answered."""
 
-    def __init__(self, urls: list[str]) -> None:
-        self.clients = [httpx2.Client(base_url=url, timeout=60) for url in urls]
+    def __init__(self, urls: list[str], headers: dict[str, str]) -> None:
+        self.clients = [httpx2.Client(base_url=url, headers=headers, timeout=60) for url in urls]
         self._turn = 0
         self.failed = 0
 
@@ -206,6 +225,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=8)
     parser.add_argument("--every", type=float, default=15.0, metavar="S", help="time between two kills")
     parser.add_argument("--skew", type=int, default=0, metavar="S", help="of the second machines' clocks")
+    parser.add_argument("--namespaces", action="store_true", help="a network for each machine; needs root")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, help="a new folder to work in, which is kept with all logs")
     options = parser.parse_args()
@@ -218,10 +238,12 @@ def main() -> None:
 def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) -> None:
     """Start the machines, cause the faults, and check what they left."""
     rng = random.Random(options.seed)
-    database = PostgresqlServer(folder / "postgresql")
+    network = stack.enter_context(Network()) if options.namespaces else None
+    here = network.address if network is not None else "127.0.0.1"
+    database = PostgresqlServer(folder / "postgresql", here)
     database.start()
     stack.callback(lambda: database.stop())
-    store = ObjectStoreServer(folder / "store")
+    store = ObjectStoreServer(folder / "store", here)
     store.start()
     stack.callback(lambda: store.stop())
     store.create_bucket("fvs")
@@ -233,16 +255,18 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
         "FVS_BLOBS__ACCESS_KEY_ID": ACCESS_KEY_ID,
         "FVS_BLOBS__SECRET_ACCESS_KEY": SECRET_ACCESS_KEY,
     }
+    headers = {"Authorization": f"Bearer {new_key(folder, shared)}"} if network is not None else {}
     skews_s = {1: 0, 2: options.skew}
     gateways, workers = [], []
     for number, skew_s in skews_s.items():
-        gateways.append(Machine(folder / f"gateway-{number}", "gateway", shared, skew_s=skew_s))
+        place = network.host() if network is not None else here
+        gateways.append(Machine(folder / f"gateway-{number}", "gateway", shared, place, skew_s))
         stack.callback(gateways[-1].kill)  # at once: the next may fail to start
     for number, skew_s in skews_s.items():
-        address = f"127.0.0.{number + 1}"
-        workers.append(Machine(folder / f"worker-{number}", "worker", shared, address, skew_s))
+        place = network.host() if network is not None else f"127.0.0.{number + 1}"
+        workers.append(Machine(folder / f"worker-{number}", "worker", shared, place, skew_s))
         stack.callback(workers[-1].kill)
-    clients = Clients([gateway.url for gateway in gateways])
+    clients = Clients([gateway.url for gateway in gateways], headers)
     photographs = write_photographs(
         folder / "world", courtyard(), SimulatedCamera.like_a_drone(320, 240), orbit(9, turns=0.36), Monitor()
     )
@@ -252,7 +276,7 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
     jobs = {scene: [start(clients, scene, f"first-{scene}")] for scene in scenes}
     began = time.monotonic()
     say = lambda what: print(f"{time.monotonic() - began:6.1f} s  {what}", flush=True)  # noqa: E731
-    faults = iter(("postgresql", "store", "freeze"))
+    faults = iter(("postgresql", "store", "freeze", *(("cut",) if network is not None else ())))
     kills, due, other_due = 0, options.every, options.minutes * 60 / 5
     was_frozen = False
     back: list[tuple[float, Machine]] = []
@@ -273,11 +297,11 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     time.sleep(STORE_AWAY_S)
                     store.start()
                     say("the object store is back")
-                case "freeze":
+                case "freeze" | "cut" as kind:
                     for _, machine in back:  # somebody has to take the jobs
                         machine.start()
                     back.clear()
-                    freeze(workers, shared["FVS_DATABASE_URL"], takeovers, say)
+                    silence(kind, workers, shared["FVS_DATABASE_URL"], takeovers, say)
                     was_frozen = True
         elif passed > due:
             due = passed + options.every
@@ -331,27 +355,51 @@ def wait_for_worker(workers: list[Machine]) -> Machine:
     raise SystemExit("FAILED: no worker does anything")
 
 
-def freeze(workers: list[Machine], url: str, takeovers: Takeovers, say: Callable[[str], None]) -> None:
-    """Freeze a worker until another one has its jobs; continued, it must end."""
+def silence(
+    kind: str, workers: list[Machine], url: str, takeovers: Takeovers, say: Callable[[str], None]
+) -> None:
+    """Freeze a worker, or cut its machine off, until another one has its jobs; back again, it must end."""
     machine = wait_for_worker(workers)
-    frozen = machine.processes(_WORKER)
+    found = machine.processes(_WORKER)
     takeovers.lost(machine.name)
-    for pid in frozen:
-        os.kill(pid, signal.SIGSTOP)
-    say(f"{machine.name} is frozen")
+    if kind == "cut" and machine.host is not None:
+        machine.host.cut()
+    else:
+        send_to(found, signal.SIGSTOP)
+    say(f"{machine.name}: {kind}")
     began = time.monotonic()
     while is_known(url, machine.name):
-        require(time.monotonic() - began < PATIENCE_S, "nobody takes the frozen worker's jobs")
+        require(time.monotonic() - began < PATIENCE_S, f"nobody takes the jobs of {machine.name}")
         time.sleep(0.1)
-    say(f"its jobs were taken {time.monotonic() - began:.1f} s after it froze")
+    say(f"its jobs were taken {time.monotonic() - began:.1f} s later")
     time.sleep(LEASE_S)
-    for pid in frozen:
-        os.kill(pid, signal.SIGCONT)
+    if kind == "cut" and machine.host is not None:
+        machine.host.join()
+    else:
+        send_to(found, signal.SIGCONT)
     began = time.monotonic()
-    while set(frozen) & set(machine.processes(_WORKER)):
-        require(time.monotonic() - began < 60, "the frozen worker goes on")
+    while set(found) & set(machine.processes(_WORKER)):
+        require(time.monotonic() - began < 60, f"{machine.name} goes on")
         time.sleep(0.05)
-    say(f"the frozen worker ended {time.monotonic() - began:.1f} s after it was continued")
+    say(f"back again, it ended after {time.monotonic() - began:.1f} s")
+
+
+def send_to(processes: list[int], number: signal.Signals) -> None:
+    """Send a signal."""
+    for pid in processes:
+        os.kill(pid, number)
+
+
+def new_key(folder: Path, shared: dict[str, str]) -> str:
+    """A key for all calls."""
+    created = subprocess.run(
+        [*FVS, "keys", "create", "faults", "--root", str(folder / "keys")],
+        env={**os.environ, **SETTINGS, **shared},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    return created.stdout.strip()
 
 
 def make_scene(clients: Clients, photographs: list[Path], number: int) -> str:
@@ -422,7 +470,7 @@ def check(
             require(ranking["total"] == 4, f"a ranking is wrong: {ranking}")
     require(frozen, "there was no time to freeze a worker")
     with tempfile.TemporaryDirectory() as root:
-        command = [sys.executable, "-c", "from fvs_engine.cli import main; main()", "doctor", "--root", root]
+        command = [*FVS, "doctor", "--root", root]
         doctor = subprocess.run(
             command, env={**os.environ, **SETTINGS, **shared}, capture_output=True, text=True, check=False
         )
