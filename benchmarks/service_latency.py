@@ -5,9 +5,9 @@
 `fvs serve` with its defaults, and no scene yet: it is started before the clock is. The first photographs
 (sorted names are the capture order) make the first model; then more come, one at a time. Each time they are
 uploaded, and an update runs; the next ranking is asked for as soon as the quick model is there, while the
-full one is trained. The stages of an update are those that the job reports to the client; what happens before
-it runs (a worker takes it up and starts the scene's runner) and after its last stage (the client hears of the
-end) is waiting.
+full one is trained, and one more as soon as many first photographs have a model of the first ten of them. The
+stages of an update are those that the job reports to the client; what happens before it runs (a worker takes
+it up and starts the scene's runner) and after its last stage (the client hears of the end) is waiting.
 
 For each part its time by the clock, and the processor time of all processes of the service and of the client,
 which other load hardly changes. Goals in processor time, with `fox`: 90 s for the first model, 6 s from one
@@ -32,6 +32,7 @@ _PARTS = {
     "normalise": "photographs to the worker",
     "load": "photographs to the trainer",
     "evaluate": "rendering the new views",
+    "first model": "model of the first images",
     "quick training": "quick model",
     "quick snapshot": "quick model",
     "train": "full model",
@@ -39,6 +40,8 @@ _PARTS = {
 }
 """Stages of a job by what they are for; all others are structure from motion."""
 _RANKING = "ranking, while the full model trains"
+_FIRST_RANKING = "ranking, by the first images"
+_FIRST_MODEL = "first model"
 
 
 class Stopwatch:
@@ -64,6 +67,9 @@ class Stopwatch:
         if job.ended:
             self.enter("waiting: for the news of its end")
         elif job.stage is not None:
+            if self._part == _PARTS[_FIRST_MODEL] and job.stage != _FIRST_MODEL:
+                self.enter(_FIRST_RANKING)
+                self._rank()
             if job.stage == "train" and _RANKING not in self.seconds:
                 self.enter(_RANKING)
                 self._rank()

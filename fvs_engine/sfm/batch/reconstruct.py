@@ -169,30 +169,18 @@ def _report(
     candidates: tuple[CandidateReport, ...],
     decision: Decision,
 ) -> SfmReport:
-    unregistered = tuple(name for name in names if name not in chosen.candidate.centres)
     components = tuple(
         ComponentReport(mapper=kept.mapper, images=images) for images in chosen.other_components
     )
     quarantined = stages.folder.quarantine.reasons
     warnings = [*stages.warnings, *decision.warnings, *(warning(*each) for each in quarantined.items())]
-    if unregistered:
-        warnings.append(
-            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
-        )
-    if chosen.left_out:
-        warnings.append(
-            f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
-            "they are left out of it."
-        )
-    weak = [] if kept.evidence is None else unsupported_images(kept.evidence)
-    if weak:
-        warnings.append(f"The poses of {listed(weak)} are weakly supported.")
+    warnings += model_warnings(names, chosen)
     return SfmReport(
         mapper=kept.mapper,
         verdict=kept.verdict,
         images=len(names),
         registered=kept.registered,
-        unregistered=unregistered,
+        unregistered=_unregistered(names, chosen),
         points=kept.points,
         mean_reprojection_error_px=kept.mean_reprojection_error_px,
         pairs_matched=stages.pairs_matched,
@@ -203,6 +191,28 @@ def _report(
         warnings=tuple(warnings),
         seconds=stages.seconds,
     )
+
+
+def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
+    """Warnings about a model of the images ``names``: those without a pose, or with a weak one."""
+    warnings = []
+    if unregistered := _unregistered(names, chosen):
+        warnings.append(
+            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
+        )
+    if chosen.left_out:
+        warnings.append(
+            f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
+            "they are left out of it."
+        )
+    evidence = chosen.candidate.evidence
+    if weak := [] if evidence is None else unsupported_images(evidence):
+        warnings.append(f"The poses of {listed(weak)} are weakly supported.")
+    return warnings
+
+
+def _unregistered(names: Sequence[str], scene: MappedScene) -> tuple[str, ...]:
+    return tuple(name for name in names if name not in scene.candidate.centres)
 
 
 def _failure(

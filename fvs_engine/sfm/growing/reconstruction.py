@@ -23,12 +23,12 @@ from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.registration import reason_to_remap, register, remap
+from fvs_engine.sfm.growing.registration import ModelChange, reason_to_remap, register, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.features import add_features
-from fvs_engine.sfm.matching.match import require_plain_names
+from fvs_engine.sfm.matching.match import match_features, require_plain_names
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -39,6 +39,8 @@ from fvs_engine.sfm.verification.positions import usable_priors
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
+_MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
+"""New images, and their share of the registered ones, from which all are reconstructed together."""
 
 _Messages = tuple[tuple[str, ...], Mapping[str, float]]
 """Warnings, and seconds per stage."""
@@ -53,6 +55,8 @@ class GrowingReconstruction:
     matches; unregistered images are tried again whenever others are added. Global bundle adjustment follows
     when the model has grown by a share; a re-map, which must pass the gate, when match support has fallen or
     many images that match the model stay unregistered. Both results are aligned with the current model.
+
+    Many new images beside few registered ones are reconstructed together with them, as if all had come first.
 
     Every change is committed as a whole (``state``). With ``settings.threads`` 1 the result depends on the
     images, their order and the seed only, also after kills.
@@ -265,6 +269,11 @@ class GrowingReconstruction:
         current, following = self._folder.model(self.generation), self._folder.next_model
         usable = self._extract_features(stages)
         priors, frozen = usable_priors(given, stages.folder.database)
+        if len(self._state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(self.registered)):
+            match_features(stages, usable, given)
+            change = start_again(stages, self._image_dir, self._state, priors, current, following)
+            if change.changed:
+                return self._commit_all(stages, change, tuple(frozen))
         candidates = self._match_unregistered(stages, usable, priors)
         decided = veto(stages, current, candidates, priors)
         priors, ignored = decided.priors, (*frozen, *decided.ignored)
@@ -284,13 +293,29 @@ class GrowingReconstruction:
             model_dir = following if changed else current
             change = remap(stages, self._image_dir, change.state, priors, model_dir, following)
             changed = changed or change.changed
-            warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
+            replaced = f"A re-map by {change.mapper} mapping replaced the current model."
+            lines = (replaced, *change.warnings) if change.mapper else change.warnings
+            warnings = (*warnings, *(f"{reason} {line}" for line in lines))
         state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
         if changed:
             self._commit(state)
         else:
             self._folder.save(state)
             self._state = state
+        return warnings, stages.seconds
+
+    def _commit_all(self, stages: Stages, change: ModelChange, frozen: tuple[str, ...]) -> _Messages:
+        """Commit a model that was made of all images together."""
+        news = (sentence for sentence in frozen if sentence not in self._state.priors_ignored)
+        warnings = (*news, *stages.warnings, *change.warnings)
+        images = len(change.state.images)
+        self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
+        self._retrieval = None
+        self._commit(
+            change.state.model_copy(
+                update={"pending": (), "priors_ignored": frozen, "bootstrap_images": images}
+            )
+        )
         return warnings, stages.seconds
 
     def _take_out(self, names: Collection[str]) -> None:

@@ -9,7 +9,7 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_evidence, registered_names
-from fvs_engine.sfm.batch.reconstruct import map_images
+from fvs_engine.sfm.batch.reconstruct import map_images, model_warnings
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.matching.witness import ask_witness
@@ -32,12 +32,14 @@ _MIN_GAIN = 1.02
 class ModelChange:
     """Result of registering images, or of a re-map.
 
-    ``changed``: a model other than the current one was written. ``match_support``: share of the verified
-    matches that the model explains, known after a global bundle adjustment or a re-map.
+    ``changed``: a model other than the current one was written, after a re-map by ``mapper``.
+    ``match_support``: share of the verified matches that the model explains, known after a global bundle
+    adjustment or a re-map.
     """
 
     state: GrowthState
     changed: bool = False
+    mapper: str | None = None
     match_support: float | None = None
     warnings: tuple[str, ...] = ()
 
@@ -142,44 +144,92 @@ def remap(
 
     A new model that is chosen is aligned with the current one and written to ``out_dir``.
     """
-    names = list(state.images)
-    stages.open(image_dir, names, 2)  # deletes the mappers' models of fewer images
-    evidence = read_model_evidence(stages, priors, image_dir)
+    names, evidence, mapped = _map_all(stages, image_dir, state, priors)
     current = open_colmap(model_dir)
-    scenes = [
-        _as_scene(stages, current, evidence),
-        *map_images(stages, image_dir, len(names), evidence),
-    ]
+    scenes = [_as_scene(stages, current, evidence), *mapped]
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     chosen = decision.chosen or 0
     if chosen > 0 and decision.judgements[0].verdict != "rejected":
         better = _is_better(scenes[chosen], scenes[0], decision, evidence, stages.settings.gate)
         chosen = chosen if better else 0
-    found = scenes[chosen].candidate.evidence
-    support = None if found is None else found.match_support
-    mapped_support = state.mapped_support if support is None else support
-    state = state.model_copy(update={"mapped_images": len(names), "mapped_support": mapped_support})
+    state = _mapped(state, scenes[chosen])
     if chosen == 0:
         reasons = " ".join(decision.judgements[0].reasons)
         doubt = decision.judgements[0].verdict != "accepted"
         warnings = (f"The re-map found no better model. DOUBTFUL CAMERAS: {reasons}",) if doubt else ()
-        return ModelChange(state, match_support=support, warnings=warnings)
-    model = scenes[chosen].model
+        return ModelChange(state, match_support=_match_support(scenes[0]), warnings=warnings)
+    return _replace(state, current, scenes[chosen], names, decision.warnings, out_dir)
+
+
+def start_again(
+    stages: Stages,
+    image_dir: Path,
+    state: GrowthState,
+    priors: PosePriors,
+    model_dir: Path,
+    out_dir: Path,
+) -> ModelChange:
+    """Map all images together, as if there were no model; that in ``model_dir`` gives the frame.
+
+    It has no say in what is right: it is of few of the images. It stays when the gate rejects the new
+    models, or when these explain fewer matches.
+    """
+    names, evidence, scenes = _map_all(stages, image_dir, state, priors)
+    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
+    current = open_colmap(model_dir)
+    if decision.chosen is None:
+        return ModelChange(state)
+    chosen = scenes[decision.chosen]
+    if _explained(chosen) < _explained(_as_scene(stages, current, evidence)):
+        return ModelChange(state)
+    return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
+
+
+def _map_all(
+    stages: Stages, image_dir: Path, state: GrowthState, priors: PosePriors
+) -> tuple[list[str], ModelEvidence, list[MappedScene]]:
+    """The images' names, the evidence on them, and the mappers' models."""
+    names = stages.open(image_dir, list(state.images), 2)  # deletes the mappers' models of fewer images
+    evidence = read_model_evidence(stages, priors, image_dir)
+    return names, evidence, map_images(stages, image_dir, len(names), evidence)
+
+
+def _mapped(state: GrowthState, kept: MappedScene) -> GrowthState:
+    """The state after all images were mapped and ``kept`` was chosen."""
+    support = _match_support(kept)
+    mapped_support = state.mapped_support if support is None else support
+    return state.model_copy(update={"mapped_images": len(state.images), "mapped_support": mapped_support})
+
+
+def _replace(
+    state: GrowthState,
+    current: pycolmap.Reconstruction,
+    chosen: MappedScene,
+    names: Sequence[str],
+    warnings: Sequence[str],
+    out_dir: Path,
+) -> ModelChange:
+    """Align the ``chosen`` model with the current one and write it."""
+    model, support = chosen.model, _match_support(chosen)
     try:
         alignment = align_poses(camera_poses(model), camera_poses(current))
     except InvalidInputError:
-        warning = "The model of the re-map shares too few cameras with the current one to be aligned with it."
+        warning = "A model of all images shares too few cameras with the current one to be aligned with it."
         return ModelChange(state, match_support=support, warnings=(warning,))
     move(model, alignment)
     model.write_binary(fresh_folder(out_dir))
     posed = set(registered_names(model))
-    warning = f"A re-map by {scenes[chosen].candidate.mapper} mapping replaced the current model."
     return ModelChange(
         state.with_poses([name for name in names if name in posed], len(posed), model.num_points3D()),
         changed=True,
+        mapper=chosen.candidate.mapper,
         match_support=support,
-        warnings=(warning, *decision.warnings),
+        warnings=(*warnings, *model_warnings(names, chosen)),
     )
+
+
+def _match_support(scene: MappedScene) -> float | None:
+    return None if scene.candidate.evidence is None else scene.candidate.evidence.match_support
 
 
 def _as_scene(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvidence) -> MappedScene:

@@ -86,6 +86,7 @@ _WORK: Mapping[str, Callable[[JobSize], float]] = {
     "images": _per_new_pixel,
     "normalise": _per_new_pixel,
     "compile": lambda _size: 1.0,
+    "first model": lambda _size: 1.0,
     "features": _per_new_pixel,
     "pairs": _per_pair,
     "matching": _per_pair,

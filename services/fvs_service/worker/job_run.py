@@ -238,6 +238,13 @@ class JobRuns:
                         self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
                     stage = found.stage
+                case {"first": dict(outcome)}:
+                    of_first = JobOutcome.model_validate(outcome)
+                    stage_of_first = f"first-snapshot-{job.attempt}"
+                    _patiently(
+                        scene,
+                        lambda: self._commit(scene, job, stage_of_first, of_first, request.images),  # noqa: B023
+                    )
                 case {"quick": dict(outcome)}:
                     quick = JobOutcome.model_validate(outcome)
                     stage_of_quick = f"quick-snapshot-{job.attempt}"

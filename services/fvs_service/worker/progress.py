@@ -1,15 +1,16 @@
 """The progress of a job from the progress of its stages."""
 
 from fvs_service.jobs.model import JobKind
-from fvs_service.worker.protocol.messages import StageProgress
+from fvs_service.worker.protocol.messages import FIRST_MODEL, StageProgress
 
 _UPDATE = {
     "images": (0.00, 0.02),
     "normalise": (0.02, 0.04),
     "compile": (0.04, 0.05),
-    "features": (0.05, 0.12),
-    "pairs": (0.12, 0.13),
-    "matching": (0.13, 0.25),
+    FIRST_MODEL: (0.05, 0.10),
+    "features": (0.10, 0.14),
+    "pairs": (0.14, 0.15),
+    "matching": (0.15, 0.25),
     "calibration": (0.25, 0.26),
     "global mapping": (0.26, 0.33),
     "incremental mapping": (0.33, 0.42),

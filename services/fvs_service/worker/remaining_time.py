@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import JobSize, JobTiming, expected_seconds
-from fvs_service.worker.protocol.messages import StageProgress
+from fvs_service.worker.protocol.messages import FIRST_MODEL, StageProgress
 
 START, COMMIT = "start", "commit"
 _ORDER = (
@@ -14,6 +14,7 @@ _ORDER = (
     "images",
     "normalise",
     "compile",
+    FIRST_MODEL,
     "features",
     "pairs",
     "matching",

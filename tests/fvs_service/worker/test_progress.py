@@ -9,8 +9,8 @@ from fvs_service.worker.protocol.messages import StageProgress
 @pytest.mark.parametrize("kind", JobKind)
 def test_progress_never_falls_and_reaches_the_end(kind: JobKind) -> None:
     progress, reached = JobProgress(kind), [0.0]
-    stages = ("images", "features", "matching", "incremental mapping", "global mapping", "unheard of")
-    for stage in (*stages, "load", "quick training", "quick snapshot", "train", "snapshot"):
+    stages = ("images", "first model", "features", "matching", "incremental mapping", "global mapping")
+    for stage in (*stages, "unheard of", "load", "quick training", "quick snapshot", "train", "snapshot"):
         for share in (0.0, 0.5, 1.0, None):
             progress.add(StageProgress(stage=stage, share=share))
             reached.append(progress.reached)

@@ -1,5 +1,6 @@
 """Workers that do one kind of work: an update goes from one that registers images to one that trains."""
 
+import contextlib
 import socket
 import threading
 from contextlib import closing, suppress
@@ -69,6 +70,12 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
     assert waits["waiting"]["reason"] == "no-worker"
 
 
+class SomeUpdate:
+    """What an ``add`` has changed: nothing."""
+
+    registered, moved, warnings = (), 0, ()
+
+
 class Scene:
     """A scene whose models are to be trained."""
 
@@ -81,7 +88,7 @@ class Scene:
 
     def add(self, *_: Any, **__: Any) -> Any:
         self.calls.append("add")
-        return SimpleNamespace(registered=(), moved=0, warnings=())
+        return SomeUpdate()
 
     def save(self) -> None:
         self.calls.append("save")
@@ -158,3 +165,38 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     with pytest.raises(Cancelled, match="asked to train"):
         run(trains=True)
     assert scene.calls[2:] == ["add", "save", "train quick"]
+
+
+@pytest.mark.parametrize(
+    ("count", "visited", "first"), [(20, 0, True), (19, 0, False), (20, 10, True), (20, 11, False)]
+)
+def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, visited: int, first: bool
+) -> None:
+    """Unless an earlier try of the job has come farther."""
+    scene, names = Scene(), [f"{number:02}" for number in range(count)]
+    scene.visited = tuple(names[:visited])
+    added: list[int] = []
+    monkeypatch.setattr(Scene, "add", lambda _, some, *__, **___: added.append(len(some)) or SomeUpdate())
+    monkeypatch.setattr(Scene, "train", lambda *_: "a model")
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in names}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs, "discard_images", lambda *_: None)
+    monkeypatch.setattr(scene_jobs, "gpu_slot", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
+    monkeypatch.setattr(SceneJobs, "_outcome_of_update", lambda *given, **_: given)
+    published: list[tuple[str, int]] = []
+    _jobs(tmp_path).run(
+        _request(trains=True),
+        cast(Any, Monitor()),
+        lambda _: None,
+        publish=lambda name, outcome: published.append((name, len(cast(Any, outcome)[3]))),
+    )
+    assert added == ([10, count] if first else [count])
+    assert published == ([("first", 10)] if first else []) + [("quick", count)]
+    added.clear()
+    request = _request(trains=True).model_copy(update={"snapshot_id": "snp"})
+    monkeypatch.setattr(SceneJobs, "_evaluate_previous", lambda *_: None)
+    _jobs(tmp_path).run(request, cast(Any, Monitor()), lambda _: None)
+    assert added == [count]

@@ -2,10 +2,10 @@
 
 A request is ``RankViews``, ``RenderView``, ``RunJob``, ``CancelJob``, ``YieldScene`` or ``Ping``. The
 response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects with
-``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason), ``quick``
-(the ``JobOutcome`` of an update's quick model) or ``wanted`` (another worker asks for the scene) precede it;
-while views of a ``RankViews`` that is ``streamed`` are scored, objects with ``scored`` (a list of
-``CandidateScore``).
+``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason), ``first``
+or ``quick`` (the ``JobOutcome`` of an update's first or quick model) or ``wanted`` (another worker asks for
+the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are scored, objects with
+``scored`` (a list of ``CandidateScore``).
 """
 
 from typing import Annotated, Literal
@@ -32,6 +32,9 @@ from fvs_service.rankings.port import RankViews, RenderView
 from fvs_service.scenes.model import CameraPrior, Origin
 from fvs_service.settings import Settings
 from fvs_service.snapshots.model import SnapshotMetrics
+
+FIRST_MODEL = "first model"
+"""The stage in which a new scene of many images gets a quick model of its first ones."""
 
 
 class RunnerOrder(Record):

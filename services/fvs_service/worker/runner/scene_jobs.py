@@ -4,12 +4,16 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
+from functools import partial
+from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError
+from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError, TrainingError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
@@ -17,7 +21,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.scene.settings import SCENE_TRAINING, ModelQuality, SceneSettings
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
@@ -40,6 +44,7 @@ from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import JobOutcome, RunJob
 from fvs_service.worker.runner.artifacts import write_artifacts
+from fvs_service.worker.runner.first_model_monitor import FirstModelMonitor
 from fvs_service.worker.runner.gpu_slots import gpu_slot
 from fvs_service.worker.runner.image_files import discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
@@ -49,14 +54,16 @@ from fvs_service.worker.runner.quality import Quality, measure, spread
 from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 
 _SAVE_EVERY_S = 30.0
+_FIRST_IMAGES = 10
+"""Images of the first model: the fewest that usually make one that ranks."""
 _MOST_EVALUATED = 16
 """New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
 
 Warn = Callable[[str], None]
 Quarantine = Callable[[Mapping[str, str]], None]
 """Takes the digests of images to quarantine, with the reasons."""
-Publish = Callable[[JobOutcome], None]
-"""Takes what an update has made before its end: the quick model."""
+Publish = Callable[[Literal["first", "quick"], JobOutcome], None]
+"""Takes what an update has made before its end: the model of the first images, the quick model of all."""
 
 
 class SceneJobs:
@@ -83,7 +90,7 @@ class SceneJobs:
         monitor: JobMonitor,
         warn: Warn,
         quarantine: Quarantine = lambda _reasons: None,
-        publish: Publish = lambda _outcome: None,
+        publish: Publish = lambda _name, _outcome: None,
     ) -> JobOutcome | None:
         """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
 
@@ -106,7 +113,8 @@ class SceneJobs:
     ) -> JobOutcome | None:
         """Register the images, train the quick model and publish it, then train the full one.
 
-        When the full model of these images is there already, no quick one is published.
+        When the full model of these images is there already, no quick one is published. A new scene of many
+        images gets a model of its first ones before.
         """
         images = self._images(request, monitor, warn, quarantine)
         if len(images) < 2:
@@ -118,6 +126,8 @@ class SceneJobs:
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
+            if request.trains and request.snapshot_id is None and len(images) >= 2 * _FIRST_IMAGES:
+                self._publish_first(request, scene, images, monitor, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
             end_child()  # training takes longer than to start another one
@@ -131,24 +141,51 @@ class SceneJobs:
         if not request.trains and not scene.is_trained("full"):
             return None
         measured = {"new_images_psnr_db": None if previous is None else previous.psnr_db}
-
-        def outcome(model: SceneModel, quality: ModelQuality) -> JobOutcome:
-            assert scene.model_dir is not None  # training needs views, whose poses are those of this model
-            folder = self._folder.outcome(request.job_id) / quality
-            reconstruction = read_colmap(scene.model_dir)
-            return self._outcome(
-                folder, scene.views, images, model, reconstruction, scene.model_dir, measured
-            )
-
+        outcome = partial(self._outcome_of_update, request, scene, images, measured=measured)
         with self._gpu_slot(monitor):
             if not scene.is_trained("full"):
                 quick = scene.train("quick", monitor)
                 monitor.report("quick snapshot", 0, 1)
-                publish(outcome(quick, "quick"))
+                publish("quick", outcome(quick, "quick"))
             full = scene.train("full", monitor)
         discard_images(self._folder.images, images)
         monitor.report("snapshot", 0, 1)
         return outcome(full, "full")
+
+    def _publish_first(
+        self,
+        request: RunJob,
+        scene: GrowingScene,
+        images: Mapping[str, Image],
+        monitor: Monitor,
+        publish: Publish,
+    ) -> None:
+        """Publish a quick model of the first images: rankings need not wait for the others."""
+        first = dict(islice(images.items(), _FIRST_IMAGES))
+        if not first.keys() >= set(scene.visited):
+            return  # an earlier try of the job has come farther
+        stage = FirstModelMonitor(monitor)
+        try:
+            scene.add(tuple(first), stage, pose_priors(first, request.origin))
+            with self._gpu_slot(stage):
+                model = scene.train("quick", stage)
+        except (ReconstructionError, TrainingError):
+            return  # with the others they may support a model
+        publish("first", self._outcome_of_update(request, scene, first, model, "first"))
+
+    def _outcome_of_update(
+        self,
+        request: RunJob,
+        scene: GrowingScene,
+        images: Mapping[str, Image],
+        model: SceneModel,
+        name: str,
+        measured: Mapping[str, float | None] = MappingProxyType({}),
+    ) -> JobOutcome:
+        assert scene.model_dir is not None  # training needs views, whose poses are those of this model
+        folder = self._folder.outcome(request.job_id) / name
+        reconstruction = read_colmap(scene.model_dir)
+        return self._outcome(folder, scene.views, images, model, reconstruction, scene.model_dir, measured)
 
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor

@@ -180,7 +180,7 @@ class RunnerServer:
                 self._monitor,
                 lambda sentence: connection.send({"warning": sentence}),
                 lambda reasons: connection.send({"quarantined": dict(reasons)}),
-                lambda quick: connection.send({"quick": quick.model_dump(mode="json")}),
+                lambda name, made: connection.send({name: made.model_dump(mode="json")}),
             )
             return None if outcome is None else outcome.model_dump(mode="json")
         finally:

@@ -152,6 +152,25 @@ def test_the_model_frame_does_not_move(grown: Grown):
     assert np.linalg.norm(after - before, axis=1).max() < 2 * AGREEMENT * centre_spread(before)
 
 
+@pytest.mark.usefixtures("native_here")
+def test_many_new_images_are_reconstructed_with_the_first_ones_in_their_frame(
+    grown: Grown, images: Path, truth: Reconstruction, tmp_path: Path
+):
+    folder, stages = copy_of(grown.bootstrapped, tmp_path), set[str]()
+    growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
+    update = growing.add(NAMES, Monitor(lambda progress: stages.add(progress.stage)))
+    assert {"incremental mapping", "global mapping"} <= stages
+    assert "registration" not in stages
+    assert set(update.registered) == set(NAMES) - set(FIRST)
+    assert shares_apart(growing.reconstruction, truth).max() < AGREEMENT
+    before, after = grown.first.centres(), growing.reconstruction.centres()
+    spread = centre_spread(np.stack(list(after.values())))
+    assert max(np.linalg.norm(after[name] - before[name]) for name in FIRST) < 2 * AGREEMENT * spread
+    again = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
+    assert again.add(NAMES, Monitor()).registered == ()
+    assert not (folder / "words.npz").exists()
+
+
 def test_an_image_that_cannot_be_registered_is_tried_again_when_the_scene_has_grown(grown: Grown):
     boot, near, far, between = grown.updates
     assert set(boot.registered) == set(FIRST)

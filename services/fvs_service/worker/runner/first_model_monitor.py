@@ -1,0 +1,37 @@
+"""The progress of a new scene's first model, as one stage of its job."""
+
+from collections.abc import Mapping
+
+from fvs_engine.monitor import Monitor, Progress
+from fvs_service.worker.protocol.messages import FIRST_MODEL
+
+_PARTS: Mapping[str, tuple[float, float]] = {
+    "features": (0.0, 0.4),
+    "matching": (0.4, 0.5),
+    "incremental mapping": (0.5, 0.6),
+    "global mapping": (0.6, 0.65),
+    "evidence": (0.65, 0.7),
+    "load": (0.7, 0.75),
+    "quick training": (0.75, 1.0),
+}
+"""The part of the whole, from and to, that each stage is."""
+
+
+class FirstModelMonitor(Monitor):
+    """Reports all stages of the first model as one: the job has them again, for all images."""
+
+    def __init__(self, monitor: Monitor) -> None:
+        super().__init__()
+        self._monitor = monitor
+        self._reached = 0.0
+
+    def receive(self, progress: Progress) -> None:
+        """See ``Monitor``."""
+        start, end = _PARTS.get(progress.stage, (0.0, 0.0))
+        share = min(1.0, max(0.0, progress.share or 0.0))
+        self._reached = max(self._reached, start + share * (end - start))
+        self._monitor.report(FIRST_MODEL, 0, 1, worked=self._reached)
+
+    def check(self) -> None:
+        """See ``Monitor``."""
+        self._monitor.check()
