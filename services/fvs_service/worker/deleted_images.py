@@ -72,9 +72,13 @@ class DeletedImages:
         return here
 
     def _is_done(self, scene_id: str) -> bool:
-        """Remove the copies in the scene's folder; returns False when it is in use."""
+        """Remove the copies in the scene's folder; returns False when it is in use.
+
+        A folder without any is left alone: its runner would forget its images, and read them again.
+        """
         folder = self._folder / scene_id
-        if not folder.is_dir():
+        known = self._stems(scene_id)
+        if known is None or not any(_copies(known, folder)):
             return True
         with self._without_jobs(folder) as free:
             if not free:
@@ -106,14 +110,17 @@ def _with_deletions_after(session: Session, number: int) -> set[str]:
 
 def _remove_all_but(kept: frozenset[str], folder: Path) -> int:
     """Remove all other copies of images; returns the number of those that were complete."""
+    gone = [file for file in _copies(kept, folder) if file.parent.name == IMAGES]
     for part in (ARRIVALS, READY):  # left by a runner that was killed: no job writes there now
         shutil.rmtree(folder / part, ignore_errors=True)
-    images = folder / IMAGES
-    gone = (
-        [file for file in images.iterdir() if file.name.partition(".")[0] not in kept]
-        if images.is_dir()
-        else []
-    )
     for file in gone:
         file.unlink(missing_ok=True)
     return len(gone)
+
+
+def _copies(kept: frozenset[str], folder: Path) -> Iterator[Path]:
+    """The copies of images that are not ``kept``, and what is on its way to be one."""
+    for part in (ARRIVALS, READY, IMAGES):
+        for file in (folder / part).iterdir() if (folder / part).is_dir() else ():
+            if part != IMAGES or file.name.partition(".")[0] not in kept:
+                yield file

@@ -1,10 +1,12 @@
 """A deleted photograph leaves the folders of its scene on every worker, whether an update follows or not."""
 
 import os
+import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +124,27 @@ def test_a_folder_of_an_unknown_scene_is_left_to_the_doctor(gateway: Any, scenes
     (folder / "images" / "000001-abcdefabcdef.jpg").write_bytes(b"pixels")
     DeletedImages(gateway.application.storage, scenes.without_jobs).remove()
     assert len(left(folder)) == 1
+
+
+def test_a_scene_that_has_lost_nothing_keeps_its_images_in_memory(gateway: Any, photograph: Any) -> None:
+    """The first sweep of a worker looks at every scene that it has."""
+    scene = gateway.scene()
+    gateway.put(scene, photograph(1))
+    folder = folder_with_copies(gateway, scene)
+    asked: list[str] = []
+
+    @contextmanager
+    def without_jobs(asked_for: Path) -> Iterator[bool]:
+        asked.append(asked_for.name)
+        yield False
+
+    sweep = DeletedImages(gateway.application.storage, without_jobs)
+    sweep.remove()
+    assert scene not in asked
+    delete(gateway, scene, 1)
+    sweep.remove()
+    assert scene in asked
+    shutil.rmtree(folder)
 
 
 def test_nothing_but_the_last_event_is_read_while_nothing_is_deleted(
