@@ -5,6 +5,7 @@ import contextlib
 import hashlib
 import threading
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -308,3 +309,41 @@ def test_an_upload_that_fills_the_disk_is_not_kept(
         asyncio.run(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
     with pytest.raises(NotFoundError):
         app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest)
+
+
+def test_a_resumed_upload_is_read_again_without_holding_up_others(tmp_path: Path) -> None:
+    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
+    reads, may_go_on = threading.Event(), threading.Event()
+
+    def begin(path: Path) -> None:
+        path.write_bytes(b"x" * 100)
+        reads.set()
+        assert may_go_on.wait(30)
+
+    with ThreadPoolExecutor(1) as pool:
+        resumed = pool.submit(staging.receive, 900, begin, "", 100)
+        assert reads.wait(30)
+        with staging.receive(50):
+            pass
+        may_go_on.set()
+        with resumed.result() as receiver:
+            assert (receiver.size_bytes, receiver.awaited_bytes) == (100, 800)
+    assert not list((tmp_path / "staging").iterdir())
+
+
+def test_an_upload_that_cannot_begin_gives_its_room_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blobs, "free_bytes", lambda _: 1_000)
+    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
+
+    def gone(_path: Path) -> None:
+        raise NotFoundError("There is no such upload.")
+
+    with pytest.raises(NotFoundError):
+        staging.receive(900, gone)
+    with (
+        staging.receive(900),
+        pytest.raises(OutOfSpaceError, match=r"0 MB must stay free. Other uploads need 0 MB of it"),
+    ):
+        staging.receive(900)

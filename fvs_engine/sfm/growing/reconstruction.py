@@ -56,7 +56,8 @@ class GrowingReconstruction:
     when the model has grown by a share; a re-map, which must pass the gate, when match support has fallen or
     many images that match the model stay unregistered. Both results are aligned with the current model.
 
-    Many new images beside few registered ones are reconstructed together with them, as if all had come first.
+    When the new images are many compared with the registered ones, all are mapped together, as if none had
+    been registered.
 
     Every change is committed as a whole (``state``). With ``settings.threads`` 1 the result depends on the
     images, their order and the seed only, also after kills.
@@ -271,9 +272,12 @@ class GrowingReconstruction:
         priors, frozen = usable_priors(given, stages.folder.database)
         if len(self._state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(self.registered)):
             match_features(stages, usable, given)
-            change = start_again(stages, self._image_dir, self._state, priors, current, following)
+            new = [name for name in self.unregistered if name in set(usable)]
+            decided = veto(stages, current, new, priors)
+            change = start_again(stages, self._image_dir, self._state, decided.priors, current, following)
             if change.changed:
-                return self._commit_all(stages, change, tuple(frozen))
+                return self._commit_all(stages, change, (*frozen, *decided.ignored))
+            stages.warnings.extend(change.warnings)
         candidates = self._match_unregistered(stages, usable, priors)
         decided = veto(stages, current, candidates, priors)
         priors, ignored = decided.priors, (*frozen, *decided.ignored)

@@ -32,7 +32,7 @@ _MIN_GAIN = 1.02
 class ModelChange:
     """Result of registering images, or of a re-map.
 
-    ``changed``: a model other than the current one was written, after a re-map by ``mapper``.
+    ``changed``: a model other than the current one was written; ``mapper`` made it, None without a re-map.
     ``match_support``: share of the verified matches that the model explains, known after a global bundle
     adjustment or a re-map.
     """
@@ -169,10 +169,10 @@ def start_again(
     model_dir: Path,
     out_dir: Path,
 ) -> ModelChange:
-    """Map all images together, as if there were no model; that in ``model_dir`` gives the frame.
+    """Map all images together, as if there were no model, and align the result with that in ``model_dir``.
 
-    It has no say in what is right: it is of few of the images. It stays when the gate rejects the new
-    models, or when these explain fewer matches.
+    The gate judges the new models alone: a model of few images, which may be wrong, must not count against
+    them. The current model stays when the gate rejects them, or when they explain fewer matches.
     """
     names, evidence, scenes = _map_all(stages, image_dir, state, priors)
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)

@@ -49,8 +49,8 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
     """The faults of this machine and of the deployment, each with its remedy."""
     try:
         storage.blobs.check()
-        require_own_store(storage.database, storage.blobs)
-        require_known_images(storage.database, storage.blobs)
+        if not require_own_store(storage.database, storage.blobs):
+            require_known_images(storage.database, storage.blobs)
         yield from _another_store(storage)
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)

@@ -95,7 +95,7 @@ class PartialUploads:
         self._keep(part, self._path(tenant_id, new))
 
     def recover(self, staging: Path) -> None:
-        """Keep what had arrived of the uploads that the end of a gateway has cut: their files in ``staging``.
+        """Keep what had arrived of uploads when a gateway was killed: their files in ``staging``.
 
         Only while there is no upload. What cannot be kept, as on a full disk, is logged: the caller frees it.
         """

@@ -37,7 +37,8 @@ class StagingArea:
         self._reserve_bytes = reserve_bytes
         self.max_bytes = max_bytes
         self._lock = threading.Lock()
-        self._open: set[Receiver] = set()
+        self._awaited: dict[Path, Callable[[], int]] = {}
+        """The bytes that each open upload may still write."""
 
     def clear(self) -> None:
         """Delete the files of a crashed service; only while there is no upload."""
@@ -63,24 +64,32 @@ class StagingArea:
         size = self.max_bytes if expected_bytes is None else expected_bytes
         path = self.folder / f"{name}.{uuid4().hex}.upload"
         with self._lock:
-            awaited = sum(receiver.awaited_bytes for receiver in self._open)
-            require_room(self.folder, awaited + size - arrived_bytes, self._reserve_bytes)
+            awaited = sum(bytes_of() for bytes_of in self._awaited.values())
+            require_room(self.folder, size - arrived_bytes, self._reserve_bytes, awaited)
+            self._awaited[path] = lambda: size - arrived_bytes
+        try:
             if begin is not None:
                 begin(path)
-            receiver = Receiver(path, self.max_bytes, size, self._open.discard)
-            self._open.add(receiver)
+            receiver = Receiver(path, self.max_bytes, size, lambda: self._ended(path))  # reads what arrived
+        except BaseException:
+            self._ended(path)
+            raise
+        with self._lock:
+            self._awaited[path] = lambda: receiver.awaited_bytes
         return receiver
+
+    def _ended(self, path: Path) -> None:
+        with self._lock:
+            self._awaited.pop(path, None)
 
 
 class Receiver:
     """Writes the bytes of one upload; as a context it deletes them unless they were moved into the blobs.
 
-    ``expected_bytes`` are needed for it; ``ended`` is called at the end of the context.
+    ``expected_bytes``: its size, or the largest that it may have; ``ended`` is called when the context ends.
     """
 
-    def __init__(
-        self, path: Path, max_bytes: int, expected_bytes: int, ended: Callable[["Receiver"], object]
-    ) -> None:
+    def __init__(self, path: Path, max_bytes: int, expected_bytes: int, ended: Callable[[], object]) -> None:
         self._path = path
         self._max_bytes = max_bytes
         self._expected_bytes = expected_bytes
@@ -99,7 +108,7 @@ class Receiver:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        self._ended(self)
+        self._ended()
         with contextlib.suppress(OSError):  # of the last bytes, on a full disk
             self._file.close()
         self._path.unlink(missing_ok=True)

@@ -291,12 +291,17 @@ def free_bytes(folder: Path) -> int:
     return shutil.disk_usage(folder).free
 
 
-def require_room(folder: Path, size_bytes: int, reserve_bytes: int) -> None:
-    """Raise ``OutOfSpaceError`` unless ``size_bytes`` fit and ``reserve_bytes`` stay free."""
+def require_room(folder: Path, size_bytes: int, reserve_bytes: int, promised_bytes: int = 0) -> None:
+    """Raise ``OutOfSpaceError`` unless ``size_bytes`` fit and ``reserve_bytes`` stay free.
+
+    ``promised_bytes`` are needed by others, who have begun to write.
+    """
     free = free_bytes(folder)
-    if free < size_bytes + reserve_bytes:
+    if free < size_bytes + reserve_bytes + promised_bytes:
+        promised = f" Other uploads need {promised_bytes // 1_000_000} MB of it." if promised_bytes else ""
         raise OutOfSpaceError(
-            f"The disk has {free // 1_000_000} MB free, and {reserve_bytes // 1_000_000} MB must stay free.",
+            f"The disk has {free // 1_000_000} MB free, and {reserve_bytes // 1_000_000} MB must stay free."
+            f"{promised}",
             hint="Free some space on the service's disk, then send it again.",
             retry_after_s=60,
         )

@@ -18,7 +18,7 @@ _PARTS: Mapping[str, tuple[float, float]] = {
 
 
 class FirstModelMonitor(Monitor):
-    """Reports all stages of the first model as one: the job has them again, for all images."""
+    """Reports all stages of the first model as one: the job runs them again, on all images."""
 
     def __init__(self, monitor: Monitor) -> None:
         super().__init__()

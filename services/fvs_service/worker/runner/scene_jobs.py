@@ -56,6 +56,8 @@ from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 _SAVE_EVERY_S = 30.0
 _FIRST_IMAGES = 10
 """Images of the first model: the fewest that usually make one that ranks."""
+_FIRST_TRIED = "first-model-tried"
+"""Is in the folder of the growing scene, and so in the working copy, once a first model was tried."""
 _MOST_EVALUATED = 16
 """New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
 
@@ -127,7 +129,7 @@ class SceneJobs:
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
             if request.trains and request.snapshot_id is None and len(images) >= 2 * _FIRST_IMAGES:
-                self._publish_first(request, scene, images, monitor, publish)
+                self._publish_first(request, scene, images, monitor, warn, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
             end_child()  # training takes longer than to start another one
@@ -158,19 +160,29 @@ class SceneJobs:
         scene: GrowingScene,
         images: Mapping[str, Image],
         monitor: Monitor,
+        warn: Warn,
         publish: Publish,
     ) -> None:
-        """Publish a quick model of the first images: rankings need not wait for the others."""
+        """Publish a quick model of the first images: rankings need not wait for the others.
+
+        It is tried once: another try would take out the images that were added since.
+        """
+        tried = self._folder.growing / _FIRST_TRIED
+        if tried.exists() or scene.visited:
+            return
+        tried.parent.mkdir(parents=True, exist_ok=True)
+        tried.touch()
         first = dict(islice(images.items(), _FIRST_IMAGES))
-        if not first.keys() >= set(scene.visited):
-            return  # an earlier try of the job has come farther
         stage = FirstModelMonitor(monitor)
         try:
-            scene.add(tuple(first), stage, pose_priors(first, request.origin))
+            update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
             return  # with the others they may support a model
+        for sentence in update.warnings:
+            warn(f"The first {len(first)} images: {sentence}")
+        first = {name: image for name, image in first.items() if name not in scene.quarantined}
         publish("first", self._outcome_of_update(request, scene, first, model, "first"))
 
     def _outcome_of_update(

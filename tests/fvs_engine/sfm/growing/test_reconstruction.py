@@ -9,7 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +24,11 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.sfm.growing import reconstruction as reconstruction_module
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.growing.veto import Veto, veto
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
@@ -154,14 +157,21 @@ def test_the_model_frame_does_not_move(grown: Grown):
 
 @pytest.mark.usefixtures("native_here")
 def test_many_new_images_are_reconstructed_with_the_first_ones_in_their_frame(
-    grown: Grown, images: Path, truth: Reconstruction, tmp_path: Path
+    grown: Grown, images: Path, truth: Reconstruction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    folder, stages = copy_of(grown.bootstrapped, tmp_path), set[str]()
+    folder, stages, tested = copy_of(grown.bootstrapped, tmp_path), set[str](), list[Sequence[str]]()
+
+    def veto_of(run: stages_module.Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> Veto:
+        tested.append(names)
+        return veto(run, model_dir, names, priors)
+
+    monkeypatch.setattr(reconstruction_module, "veto", veto_of)
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     update = growing.add(NAMES, Monitor(lambda progress: stages.add(progress.stage)))
     assert {"incremental mapping", "global mapping"} <= stages
     assert "registration" not in stages
     assert set(update.registered) == set(NAMES) - set(FIRST)
+    assert [set(names) for names in tested] == [set(NAMES) - set(FIRST)]
     assert shares_apart(growing.reconstruction, truth).max() < AGREEMENT
     before, after = grown.first.centres(), growing.reconstruction.centres()
     spread = centre_spread(np.stack(list(after.values())))
