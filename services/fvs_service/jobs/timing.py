@@ -7,12 +7,23 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from fvs_engine.records import Record
+from fvs_service.jobs.first_model import FIRST_IMAGES, FIRST_MODEL, has_first_model
 from fvs_service.jobs.model import JobKind, JobState
 from fvs_service.storage.tables import JobRow, JobStageRow
 
 TIMING_STAGE = "timing"
 """The name under which a job's timing is recorded among its finished stages."""
 _RECENT = 12
+_OF_FIRST_MODEL = (
+    "features",
+    "matching",
+    "calibration",
+    "incremental mapping",
+    "global mapping",
+    "evidence",
+    "load",
+    "quick training",
+)
 
 
 class JobSize(Record):
@@ -52,13 +63,27 @@ def past_timings(session: Session, kind: JobKind, first: bool) -> tuple[JobTimin
 
 def expected_seconds(size: JobSize, past: Sequence[JobTiming]) -> Mapping[str, float]:
     """Expected time of each stage: the median over past jobs, each scaled to the size of this one."""
-    stages = dict.fromkeys(stage for timing in past for stage in timing.seconds)
-    return {
+    stages = dict.fromkeys(stage for timing in past for stage in timing.seconds if stage != FIRST_MODEL)
+    expected = {
         stage: median(
             timing.seconds.get(stage, 0.0) * _work(stage, size) / _work(stage, timing.size) for timing in past
         )
         for stage in stages
     }
+    if has_first_model(first=size.first, images=size.images):
+        expected[FIRST_MODEL] = _first_model_seconds(size, past)
+    return expected
+
+
+def _first_model_seconds(size: JobSize, past: Sequence[JobTiming]) -> float:
+    """As in the past; without a past one, the time of its images alone up to the quick model."""
+    taken = [timing.seconds[FIRST_MODEL] for timing in past if timing.seconds.get(FIRST_MODEL, 0.0) > 0]
+    if taken:
+        return median(taken)
+    alone = size.model_copy(update={"images": FIRST_IMAGES, "new": FIRST_IMAGES})
+    return sum(
+        seconds for stage, seconds in expected_seconds(alone, past).items() if stage in _OF_FIRST_MODEL
+    )
 
 
 def _work(stage: str, size: JobSize) -> float:
@@ -86,7 +111,6 @@ _WORK: Mapping[str, Callable[[JobSize], float]] = {
     "images": _per_new_pixel,
     "normalise": _per_new_pixel,
     "compile": lambda _size: 1.0,
-    "first model": lambda _size: 1.0,
     "features": _per_new_pixel,
     "pairs": _per_pair,
     "matching": _per_pair,

@@ -1,7 +1,8 @@
 """The progress of a job from the progress of its stages."""
 
+from fvs_service.jobs.first_model import FIRST_MODEL
 from fvs_service.jobs.model import JobKind
-from fvs_service.worker.protocol.messages import FIRST_MODEL, StageProgress
+from fvs_service.worker.protocol.messages import StageProgress
 
 _UPDATE = {
     "images": (0.00, 0.02),

@@ -4,9 +4,10 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+from fvs_service.jobs.first_model import FIRST_MODEL
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import JobSize, JobTiming, expected_seconds
-from fvs_service.worker.protocol.messages import FIRST_MODEL, StageProgress
+from fvs_service.worker.protocol.messages import StageProgress
 
 START, COMMIT = "start", "commit"
 _ORDER = (

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Iterator
 
 import pytest
+from fvs_service.jobs.first_model import FIRST_MODEL
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import JobSize, JobTiming, expected_seconds
 from fvs_service.worker.protocol.messages import StageProgress
@@ -38,10 +39,10 @@ def _life(remaining: RemainingTime, clock: Clock, seconds: dict[str, float]) -> 
             clock.now_s += took / steps
 
 
-def _errors(past: tuple[JobTiming, ...], seconds: dict[str, float]) -> list[float]:
+def _errors(past: tuple[JobTiming, ...], seconds: dict[str, float], size: JobSize = _SIZE) -> list[float]:
     clock = Clock()
     total = sum(seconds.values())
-    remaining = RemainingTime(JobKind.UPDATE, _SIZE, past, clock=clock)
+    remaining = RemainingTime(JobKind.UPDATE, size, past, clock=clock)
     said = [(left, estimate) for left, estimate in _life(remaining, clock, seconds) if left < 0.9 * total]
     return [abs(estimate - left) / left for left, estimate in said if left > 1]
 
@@ -51,6 +52,24 @@ _PAST = (JobTiming(size=_SIZE, seconds=_USUAL),)
 
 def test_a_job_like_the_last_one_is_foretold() -> None:
     assert max(_errors(_PAST, _USUAL)) < 0.05
+
+
+def test_a_first_model_is_foretold_from_jobs_without_one() -> None:
+    """Ten images take the time that they took alone; then all take what is usual for their number."""
+    usual = {**_USUAL, "quick training": 12.0}
+    size = _SIZE.model_copy(update={"images": 50, "new": 50})
+    past = (JobTiming(size=_SIZE, seconds=usual),)
+    expected = expected_seconds(size, past)
+    assert expected[FIRST_MODEL] == 20.0 + 10.0 + 1.0 + 12.0
+    assert FIRST_MODEL not in expected_seconds(_SIZE, past)
+    assert FIRST_MODEL not in expected_seconds(size.model_copy(update={"first": False}), past)
+    stages = (START, FIRST_MODEL, "features", "matching", "load", "quick training", "train", COMMIT)
+    seconds = {stage: expected[stage] for stage in stages}
+    for slower in (0.5, 1.0, 2.0):
+        errors = sorted(_errors(past, {stage: slower * each for stage, each in seconds.items()}, size))
+        assert errors[len(errors) // 2] < 0.3
+    with_one = JobTiming(size=size, seconds={**seconds, FIRST_MODEL: 30.0})
+    assert expected_seconds(size, (*past, with_one))[FIRST_MODEL] == 30.0
 
 
 @pytest.mark.parametrize("times", [0.3, 3.0])

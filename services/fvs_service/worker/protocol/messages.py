@@ -33,9 +33,6 @@ from fvs_service.scenes.model import CameraPrior, Origin
 from fvs_service.settings import Settings
 from fvs_service.snapshots.model import SnapshotMetrics
 
-FIRST_MODEL = "first model"
-"""The stage in which a new scene of many images gets a quick model of its first ones."""
-
 
 class RunnerOrder(Record):
     """The first line of a runner's standard input: its scene, its parent's process id, the settings."""

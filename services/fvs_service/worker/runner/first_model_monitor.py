@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from fvs_engine.monitor import Monitor, Progress
-from fvs_service.worker.protocol.messages import FIRST_MODEL
+from fvs_service.jobs.first_model import FIRST_MODEL
 
 _PARTS: Mapping[str, tuple[float, float]] = {
     "features": (0.0, 0.4),

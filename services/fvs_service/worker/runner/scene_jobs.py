@@ -37,6 +37,7 @@ from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
 from fvs_service.images.files import file_name
 from fvs_service.images.model import Image, Registration
+from fvs_service.jobs.first_model import FIRST_IMAGES, has_first_model
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.scenes.model import CameraPrior
 from fvs_service.settings import WorkerSettings
@@ -54,8 +55,6 @@ from fvs_service.worker.runner.quality import Quality, measure, spread
 from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 
 _SAVE_EVERY_S = 30.0
-_FIRST_IMAGES = 10
-"""Images of the first model: the fewest that usually make one that ranks."""
 _FIRST_TRIED = "first-model-tried"
 """Is in the folder of the growing scene, and so in the working copy, once a first model was tried."""
 _MOST_EVALUATED = 16
@@ -128,7 +127,8 @@ class SceneJobs:
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
-            if request.trains and request.snapshot_id is None and len(images) >= 2 * _FIRST_IMAGES:
+            new = request.snapshot_id is None
+            if request.trains and has_first_model(first=new, images=len(images)):
                 self._publish_first(request, scene, images, monitor, warn, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
@@ -172,7 +172,7 @@ class SceneJobs:
             return
         tried.parent.mkdir(parents=True, exist_ok=True)
         tried.touch()
-        first = dict(islice(images.items(), _FIRST_IMAGES))
+        first = dict(islice(images.items(), FIRST_IMAGES))
         stage = FirstModelMonitor(monitor)
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
