@@ -18,7 +18,7 @@ class Host:
     _outside: str
 
     def command(self, command: list[str]) -> list[str]:
-        """The command, to be run in the namespace."""
+        """The command line that runs ``command`` in the namespace."""
         return ["ip", "netns", "exec", self.namespace, *command]
 
     def cut(self) -> None:

@@ -40,7 +40,7 @@ from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
 _MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
-"""New images, and their share of the registered ones, from which all are reconstructed together."""
+"""Number of new images, and ratio of new to registered ones, from which all images are mapped together."""
 
 _Messages = tuple[tuple[str, ...], Mapping[str, float]]
 """Warnings, and seconds per stage."""

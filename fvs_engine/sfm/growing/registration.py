@@ -195,7 +195,7 @@ def _map_all(
 
 
 def _mapped(state: GrowthState, kept: MappedScene) -> GrowthState:
-    """The state after all images were mapped and ``kept`` was chosen."""
+    """``state`` with the number of mapped images and the match support of the model that was kept."""
     support = _match_support(kept)
     mapped_support = state.mapped_support if support is None else support
     return state.model_copy(update={"mapped_images": len(state.images), "mapped_support": mapped_support})

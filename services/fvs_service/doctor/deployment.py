@@ -32,7 +32,7 @@ class Trouble:
 
 
 def _another_store(storage: Storage) -> Iterator[Trouble]:
-    """A blob store without the database's images: mending would empty the database."""
+    """A blob store that has none of the database's images: mending would delete the rows of all."""
     with storage.database.reading() as session:
         query = select(ImageRow.scene_id, ImageRow.sha256).where(ImageRow.verdict == "accepted")
         images = session.execute(query.limit(_SAMPLE)).all()

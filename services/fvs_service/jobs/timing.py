@@ -7,23 +7,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from fvs_engine.records import Record
-from fvs_service.jobs.first_model import FIRST_IMAGES, FIRST_MODEL, has_first_model
+from fvs_service.jobs.first_model import FIRST_IMAGES, FIRST_MODEL, PARTS, has_first_model
 from fvs_service.jobs.model import JobKind, JobState
 from fvs_service.storage.tables import JobRow, JobStageRow
 
 TIMING_STAGE = "timing"
 """The name under which a job's timing is recorded among its finished stages."""
 _RECENT = 12
-_OF_FIRST_MODEL = (
-    "features",
-    "matching",
-    "calibration",
-    "incremental mapping",
-    "global mapping",
-    "evidence",
-    "load",
-    "quick training",
-)
 
 
 class JobSize(Record):
@@ -76,14 +66,12 @@ def expected_seconds(size: JobSize, past: Sequence[JobTiming]) -> Mapping[str, f
 
 
 def _first_model_seconds(size: JobSize, past: Sequence[JobTiming]) -> float:
-    """As in the past; without a past one, the time of its images alone up to the quick model."""
+    """The median of past first models; without any, the time of an update of their images alone."""
     taken = [timing.seconds[FIRST_MODEL] for timing in past if timing.seconds.get(FIRST_MODEL, 0.0) > 0]
     if taken:
         return median(taken)
     alone = size.model_copy(update={"images": FIRST_IMAGES, "new": FIRST_IMAGES})
-    return sum(
-        seconds for stage, seconds in expected_seconds(alone, past).items() if stage in _OF_FIRST_MODEL
-    )
+    return sum(seconds for stage, seconds in expected_seconds(alone, past).items() if stage in PARTS)
 
 
 def _work(stage: str, size: JobSize) -> float:

@@ -17,7 +17,7 @@ OWNER_KEY = "owner"
 
 
 def claim_store(database: Database, blobs: Blobs) -> None:
-    """Mark the store as the database's if it has no owner.
+    """Record the database as the owner of the store, if it has none.
 
     Raises ``StorageRefusedError`` as ``require_own_store`` and ``require_known_images`` do.
     """

@@ -238,18 +238,11 @@ class JobRuns:
                         self._storage.ledger.report(scene.lease, job.id, found.stage, progress.reached, eta_s)
                     stop.came_to(progress.reached, new_stage=found.stage != stage, stage=found.stage)
                     stage = found.stage
-                case {"first": dict(outcome)}:
-                    of_first = JobOutcome.model_validate(outcome)
-                    stage_of_first = f"first-snapshot-{job.attempt}"
-                    _patiently(
-                        scene,
-                        lambda: self._commit(scene, job, stage_of_first, of_first, request.images),  # noqa: B023
-                    )
-                case {"quick": dict(outcome)}:
-                    quick = JobOutcome.model_validate(outcome)
-                    stage_of_quick = f"quick-snapshot-{job.attempt}"
-                    _patiently(scene, lambda: self._commit(scene, job, stage_of_quick, quick, request.images))  # noqa: B023
-                    stop.may_be_superseded = True
+                case {"first": dict(outcome)} | {"quick": dict(outcome)}:
+                    (name,) = document
+                    made, at = JobOutcome.model_validate(outcome), f"{name}-snapshot-{job.attempt}"
+                    _patiently(scene, lambda: self._commit(scene, job, at, made, request.images))  # noqa: B023
+                    stop.may_be_superseded = name == "quick"  # the first model is of few images
                 case {"quarantined": dict(reasons)}:
                     _patiently(scene, lambda: self._quarantine(scene, reasons, request.images))
                 case {"warning": str(sentence)}:

@@ -71,7 +71,7 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
 
 
 class SomeUpdate:
-    """What an ``add`` has changed: nothing."""
+    """The result of an ``add`` that changes nothing."""
 
     registered, moved, warnings = (), 0, ()
 

@@ -1,20 +1,7 @@
 """The progress of a new scene's first model, as one stage of its job."""
 
-from collections.abc import Mapping
-
 from fvs_engine.monitor import Monitor, Progress
-from fvs_service.jobs.first_model import FIRST_MODEL
-
-_PARTS: Mapping[str, tuple[float, float]] = {
-    "features": (0.0, 0.4),
-    "matching": (0.4, 0.5),
-    "incremental mapping": (0.5, 0.6),
-    "global mapping": (0.6, 0.65),
-    "evidence": (0.65, 0.7),
-    "load": (0.7, 0.75),
-    "quick training": (0.75, 1.0),
-}
-"""The part of the whole, from and to, that each stage is."""
+from fvs_service.jobs.first_model import FIRST_MODEL, PARTS
 
 
 class FirstModelMonitor(Monitor):
@@ -27,7 +14,7 @@ class FirstModelMonitor(Monitor):
 
     def receive(self, progress: Progress) -> None:
         """See ``Monitor``."""
-        start, end = _PARTS.get(progress.stage, (0.0, 0.0))
+        start, end = PARTS.get(progress.stage, (0.0, 0.0))
         share = min(1.0, max(0.0, progress.share or 0.0))
         self._reached = max(self._reached, start + share * (end - start))
         self._monitor.report(FIRST_MODEL, 0, 1, worked=self._reached)

@@ -56,7 +56,7 @@ from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 
 _SAVE_EVERY_S = 30.0
 _FIRST_TRIED = "first-model-tried"
-"""Is in the folder of the growing scene, and so in the working copy, once a first model was tried."""
+"""Name of the file that marks a growing scene, also in the working copy, once a first model was tried."""
 _MOST_EVALUATED = 16
 """New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
 
@@ -176,6 +176,7 @@ class SceneJobs:
         stage = FirstModelMonitor(monitor)
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
+            end_child()  # the memory that a job may need has no room for both
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
