@@ -5,13 +5,17 @@
 
 For every image size: the time of a render and of its score (FFT + median), side by side, and the latter's
 share of a scored view (goal: ≤ 30 %). Then candidates/s from 10 to 1,000 candidates (goal: the same for all
-counts), and the naive way in the same run.
+counts), and the naive way in the same run. Last, by the clock, alone and beside a process that keeps one core
+busy: 24 candidates at once, one thread each, and one after the other, all threads each.
 """
 
 import argparse
 import itertools
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +31,7 @@ from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
+SMALL = (160, 120)
 FEW_GAUSSIANS = 13_000
 """The number of points of a small scene's structure from motion: the score's share is largest with few."""
 
@@ -120,6 +125,51 @@ def rates(
     return rows
 
 
+@contextmanager
+def busy_process() -> Iterator[None]:
+    """A process of the same priority that keeps one core busy."""
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def threads(gaussians: Gaussians, rasterizer: Rasterizer, repeat: int) -> list[dict[str, Any]]:
+    """The time of 24 candidates by the clock, for two ways to use the threads."""
+    scorer = MedianFrequency()
+    rows = []
+    for width, height in (SMALL, *SIZES):
+        views = candidates(24, width, height)
+
+        def one_by_one(views: list[PinholeView] = views) -> None:
+            for view in views:
+                scorer.score(gaussians, [view], rasterizer)
+
+        ways = {
+            "at once": lambda views=views: scorer.score(gaussians, views, rasterizer),
+            "in turn": one_by_one,
+        }
+        alone = measure_side_by_side(ways, repeat)
+        with busy_process():
+            beside = measure_side_by_side(ways, repeat)
+        rows.append(
+            {
+                "Gaussians": len(gaussians),
+                "image": f"{width}×{height}",
+                **{
+                    f"{way}, {where}": times[way]
+                    for where, times in (("alone", alone), ("busy", beside))
+                    for way in ways
+                },
+                "ratio, alone": alone["in turn"].median_s / alone["at once"].median_s,
+                "ratio, busy": beside["in turn"].median_s / beside["at once"].median_s,
+            }
+        )
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -145,6 +195,15 @@ def main() -> None:
         show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1, clock))
         gaussians = scene(options.gaussians).to(rasterizer.device)
         show("rate", rates(gaussians, rasterizer, options.counts, options.repeat, clock))
+        if rasterizer.device.type == "cpu":
+            show(
+                "threads",
+                [
+                    row
+                    for some in (scene(few), gaussians)
+                    for row in threads(some, rasterizer, options.repeat)
+                ],
+            )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 import torch
 from torch import Tensor
@@ -12,6 +11,7 @@ from torch import Tensor
 from fvs_engine.candidates import CandidateScore, CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
+from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
@@ -20,7 +20,7 @@ MIN_COVERAGE = 0.1
 """Coverage below which a view's score is not compared with others'."""
 
 _BATCH_PIXELS = 1 << 23
-"""Pixels per batch on a GPU; a CPU takes one image at a time."""
+"""Pixels per batch on a GPU; each thread of a CPU takes one image at a time."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,10 @@ class RenderingScorer(ABC):
     ) -> tuple[CandidateScore, ...]:
         """See ``Scorer``."""
         monitor = monitor or Monitor()
-        self.prepare(rasterizer.device, monitor)
-        scores: list[CandidateScore] = []
-        for batch in _batches(candidates, rasterizer.device):
+        device = rasterizer.device
+        self.prepare(device, monitor)
+
+        def scores_of(batch: Sequence[PinholeView]) -> list[CandidateScore]:
             colors, alphas = [], []
             for candidate in batch:
                 monitor.check()
@@ -71,10 +72,16 @@ class RenderingScorer(ABC):
                 colors.append(rendering.color)
                 alphas.append(rendering.alpha.mean())
             values = self.measure(torch.stack(colors)).tolist()
-            known = len(scores)
-            for candidate, value, alpha in zip(batch, values, torch.stack(alphas).tolist(), strict=True):
-                scores.append(judged(candidate.name, value, alpha, self.min_coverage))
-            monitor.pass_on(scores[known:])
+            coverages = torch.stack(alphas).tolist()
+            return [
+                judged(candidate.name, value, coverage, self.min_coverage)
+                for candidate, value, coverage in zip(batch, values, coverages, strict=True)
+            ]
+
+        scores: list[CandidateScore] = []
+        for found in map_in_order(scores_of, _batches(candidates, device), device):
+            scores += found
+            monitor.pass_on(found)
             monitor.report("score", len(scores), len(candidates))
         return tuple(scores)
 
@@ -105,7 +112,7 @@ def check_min_coverage(min_coverage: float) -> None:
         raise InvalidInputError(f"min_coverage must be in [0, 1], not {min_coverage}.")
 
 
-def _batches(candidates: Sequence[PinholeView], device: torch.device) -> Iterator[tuple[PinholeView, ...]]:
+def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Sequence[PinholeView]]:
     """Candidates in groups that the device can take at once; raises for images of different sizes."""
     sizes = {(candidate.camera.width, candidate.camera.height) for candidate in candidates}
     if len(sizes) > 1:
@@ -119,6 +126,4 @@ def _batches(candidates: Sequence[PinholeView], device: torch.device) -> Iterato
     if device.type != "cpu" and sizes:
         width, height = sizes.pop()
         size = max(1, _BATCH_PIXELS // (width * height))
-    remaining = iter(candidates)
-    while batch := tuple(islice(remaining, size)):
-        yield batch
+    return [candidates[start : start + size] for start in range(0, len(candidates), size)]

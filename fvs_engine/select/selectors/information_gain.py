@@ -15,6 +15,7 @@ from fvs_engine.score import (
     judged,
     view_information,
 )
+from fvs_engine.score.parallel import map_in_order
 from fvs_engine.select.interface import SelectionContext
 from fvs_engine.views import PinholeView
 
@@ -51,13 +52,17 @@ class InformationGain:
         for done, view in enumerate(context.visited, start=1):
             known = _information(context, view, monitor).diagonal + known
             monitor.report("information", done, total)
-        scores = []
-        for done, view in enumerate(context.candidates, start=len(context.visited) + 1):
+
+        def score_of(view: PinholeView) -> CandidateScore:
             found = _information(context, view, monitor)
             gain = self.gain(found.diagonal, torch.as_tensor(known, device=found.diagonal.device))
-            scores.append(judged(view.name, -float(gain), found.coverage, self.min_coverage))
+            return judged(view.name, -float(gain), found.coverage, self.min_coverage)
+
+        scores = []
+        for score in map_in_order(score_of, context.candidates, context.rasterizer.device):
+            scores.append(score)
             monitor.pass_on(scores[-1:])
-            monitor.report("information", done, total)
+            monitor.report("information", len(context.visited) + len(scores), total)
         return tuple(scores)
 
 
