@@ -1,5 +1,6 @@
 """Requests for rankings, and rankings."""
 
+from functools import cached_property
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
@@ -225,6 +226,11 @@ class Ranking(Model):
     warnings: tuple[RankingWarning, ...] = ()
     """Limits of the use of the ranking."""
     created_at: Timestamp
+
+    @cached_property
+    def document(self) -> bytes:
+        """The ranking as JSON, made once for the database and the client."""
+        return self.model_dump_json().encode()
 
 
 class RankingPart(Model):

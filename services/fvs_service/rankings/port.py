@@ -13,6 +13,7 @@ from pydantic import Field
 from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
+from fvs_service.rankings.packed_views import PackedViews
 
 
 class ViewImage(StrEnum):
@@ -36,7 +37,7 @@ class Question(Record):
 
 
 class RankViews(Question):
-    """Rank ``views``, named by candidate id, by ``method`` with the model of a scene.
+    """Rank ``views``, named by candidate id, of one camera, by ``method`` with the model of a scene.
 
     ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
     When ``streamed``, scores are sent before the result.
@@ -44,7 +45,7 @@ class RankViews(Question):
 
     kind: Literal["rank"] = "rank"
     method: str
-    views: tuple[PinholeView, ...]
+    views: PackedViews
     distances: Mapping[str, float] = {}
     budget: int = 1
     seed: int = 0

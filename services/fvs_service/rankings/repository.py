@@ -26,7 +26,7 @@ def add_ranking(session: Session, ranking: Ranking) -> None:
             "id": ranking.id,
             "scene_id": ranking.scene_id,
             "snapshot_id": ranking.snapshot_id,
-            "document": orjson.Fragment(ranking.model_dump_json()),  # not through Python objects
+            "document": orjson.Fragment(ranking.document),  # not through Python objects
             "created_at": ranking.created_at,
         },
     )

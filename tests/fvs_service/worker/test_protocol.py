@@ -1,3 +1,4 @@
+import json
 import socket
 import threading
 
@@ -14,6 +15,8 @@ from fvs_service.worker.protocol.connection import (
 )
 from fvs_service.worker.protocol.messages import REQUEST, Ping, error_of, failure_of
 from fvs_service.worker.runners import METHODS
+from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
@@ -44,6 +47,32 @@ def test_a_ranking_survives_the_wire_bit_by_bit() -> None:
     candidate = RankedCandidate(1, "a", 0.1 + 0.2, CandidateStatus.RANKED, 0.7, 0.1)
     ranked = RankedViews(snapshot_id="snapshot", iterations=7, gaussians=60, candidates=(candidate,))
     assert RankedViews.model_validate_json(ranked.model_dump_json()) == ranked
+
+
+def _question(*views: PinholeView) -> RankViews:
+    return RankViews(scene_id="scene", snapshot_id="snapshot", method="fisher", views=views)
+
+
+def test_views_on_the_wire_have_one_camera_and_a_pose_each() -> None:
+    assert REQUEST.validate_json(_question().model_dump_json()) == _question()
+    pose = look_at([1, 2, 3], [0, 0, 0], [0, 0, 1])
+    one, other = (
+        PinholeView(name, PinholeCamera(32, 24, 30, 30, cx, 12), pose) for name, cx in (("a", 16), ("b", 15))
+    )
+    with pytest.raises(PydanticSerializationError, match="must have one camera"):
+        _question(one, other).model_dump_json()
+    document = _question(one).model_dump_json()
+    for found, put in (
+        ('"names":["a"]', '"names":["a","b"]'),
+        ('"camera_from_model":[', '"camera_from_model":[9,'),
+    ):
+        assert found in document
+        with pytest.raises(ValidationError, match="a pose is 12 numbers"):
+            REQUEST.validate_json(document.replace(found, put))
+    with pytest.raises(ValidationError, match="the views have no camera"):
+        REQUEST.validate_json(
+            json.dumps({**json.loads(document), "views": {**json.loads(document)["views"], "camera": None}})
+        )
 
 
 def test_the_gateway_knows_all_methods_of_the_engine() -> None:

@@ -60,7 +60,7 @@ async def create_ranking(
     metrics.count_ranking(ranking.request.method, ranking.seconds, ranking.waited_s)
     few = ranking.total <= _FEW_CANDIDATES
     return Response(
-        ranking.model_dump_json() if few else await run_in_threadpool(ranking.model_dump_json),
+        ranking.document if few else await run_in_threadpool(lambda: ranking.document),
         status_code=201,
         headers={"Location": f"/v1/rankings/{ranking.id}"},
         media_type="application/json",

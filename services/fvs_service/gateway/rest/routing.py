@@ -51,6 +51,8 @@ def _serialising(endpoint: Callable[..., Any], status: int) -> Callable[..., Any
         @functools.wraps(endpoint)
         async def call_async(**arguments: Any) -> Any:
             result = await endpoint(**arguments)
+            if not isinstance(result, Model):
+                return result
             return await run_in_threadpool(serialised, result, arguments.get("response"))
 
         return call_async

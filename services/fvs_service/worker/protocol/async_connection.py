@@ -2,10 +2,10 @@
 
 import asyncio
 import contextlib
-import json
 from collections.abc import AsyncGenerator
 from typing import Any
 
+import orjson
 from anyio.to_thread import run_sync
 
 from fvs_service.worker.protocol.connection import MAX_LINE_BYTES, RunnerError, RunnerGoneError, keep_alive
@@ -59,7 +59,7 @@ async def connect(endpoint: str) -> AsyncConnection:
     except OSError as error:  # TimeoutError is one
         raise RunnerGoneError(f"No runner listens at {address}.") from error
     keep_alive(writer.get_extra_info("socket"))
-    writer.write(json.dumps({"secret": secret}).encode() + b"\n")
+    writer.write(orjson.dumps({"secret": secret}) + b"\n")
     return AsyncConnection(reader, writer)
 
 
@@ -140,7 +140,7 @@ def result_of(response: bytes) -> Any:
 
 
 def _document(line: bytes) -> Any:
-    document = json.loads(line)
+    document = orjson.loads(line)
     if "error" in document:
         raise RunnerError(Failure.model_validate(document["error"]))
     return document

@@ -4,12 +4,13 @@ The first line of a connection is the runner's secret. See ``messages`` for what
 """
 
 import contextlib
-import json
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from typing import Any
+
+import orjson
 
 from fvs_engine.records import Record
 from fvs_service.worker.protocol.messages import Failure
@@ -53,12 +54,13 @@ class Connection:
         self._sending = threading.Lock()
 
     def send(self, document: Any) -> None:
-        """Send one document; raises ``RunnerGoneError``."""
-        self._send(json.dumps(document, separators=(",", ":")).encode())
-
-    def send_record(self, record: Record) -> None:
-        """Send one record; raises ``RunnerGoneError``."""
-        self._send(record.model_dump_json().encode())
+        """Send one document, in which records may be; raises ``RunnerGoneError``."""
+        line = orjson.dumps(document, default=_fragment) + b"\n"
+        try:
+            with self._sending:
+                self._connection.sendall(line)
+        except OSError as error:
+            raise RunnerGoneError("The connection is broken.") from error
 
     def receive_line(self, max_bytes: int = MAX_LINE_BYTES) -> bytes:
         """The next document as JSON; raises ``RunnerGoneError`` when the connection has ended."""
@@ -90,7 +92,7 @@ class Connection:
 
     def receive(self) -> Any:
         """The next document; raises ``RunnerGoneError`` when the connection has ended."""
-        return json.loads(self.receive_line())
+        return orjson.loads(self.receive_line())
 
     def set_timeout(self, seconds: float | None) -> None:
         """Limit each send and receive to ``seconds``; None: no limit."""
@@ -115,12 +117,12 @@ class Connection:
         self._file.close()
         self._connection.close()
 
-    def _send(self, line: bytes) -> None:
-        try:
-            with self._sending:
-                self._connection.sendall(line + b"\n")
-        except OSError as error:
-            raise RunnerGoneError("The connection is broken.") from error
+
+def _fragment(part: Any) -> orjson.Fragment:
+    """A record as JSON, not through Python objects."""
+    if not isinstance(part, Record):
+        raise TypeError
+    return orjson.Fragment(part.model_dump_json())
 
 
 def connect(endpoint: str, timeout_s: float) -> Connection:
@@ -140,7 +142,7 @@ def exchange(connection: Connection, request: Record) -> Iterator[Any]:
 
     Raises ``RunnerError`` when the response is an error, ``RunnerGoneError``.
     """
-    connection.send_record(request)
+    connection.send(request)
     while True:
         document = connection.receive()
         if "error" in document:

@@ -9,14 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter
-
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
-from fvs_service.rankings.port import RankViews, RenderView
+from fvs_service.rankings.port import RankedViews, RankViews, RenderView
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
@@ -41,7 +39,6 @@ from fvs_service.worker.runner.scene_jobs import SceneJobs
 QuestionT = TypeVar("QuestionT", RankViews, RenderView)
 
 _log = logging.getLogger(__name__)
-_SCORES = TypeAdapter(Sequence[CandidateScore])
 
 _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
 """Codes of failures that a retry would meet again."""
@@ -97,7 +94,7 @@ class RunnerServer:
             if not isinstance(error, EngineError | ServiceError):
                 _log.exception("A request of kind %s failed.", request.kind)
             failure = _failure_of_job(error) if isinstance(request, RunJob) else failure_of(error)
-            response = {"error": failure.model_dump(mode="json")}
+            response = {"error": failure}
         connection.send(response)
         if isinstance(request, YieldScene) and "result" in response:
             self._yielded.set()
@@ -109,7 +106,7 @@ class RunnerServer:
                 ranked, waited_s = self._ask(
                     connection, request, request.method, len(request.views), self._rank, send
                 )
-                return {**ranked, "waited_s": waited_s}
+                return ranked.model_copy(update={"waited_s": waited_s})
             case RenderView():
                 return self._ask(connection, request, request.kind, 1, self._render)[0]
             case RunJob():
@@ -138,7 +135,7 @@ class RunnerServer:
                 queue = self._requests.status
                 busy = self._job_running.locked() or queue.waiting or queue.computing
                 idle_s = 0.0 if busy else time.monotonic() - self._used
-                return {"idle_s": idle_s, "queue": queue.model_dump()}
+                return {"idle_s": idle_s, "queue": queue}
 
     def _ask(
         self,
@@ -156,10 +153,10 @@ class RunnerServer:
         asker = Asker(request.api_key, request.timeout_s, connection.ended, pass_on)
         return self._requests.ask(question, asker)
 
-    def _rank(self, request: RankViews, monitor: Monitor) -> Any:
+    def _rank(self, request: RankViews, monitor: Monitor) -> RankedViews:
         state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
-        return rank_views(request, state, self._rasterizer, monitor).model_dump(mode="json")
+        return rank_views(request, state, self._rasterizer, monitor)
 
     def _render(self, request: RenderView, monitor: Monitor) -> str:
         state = self._states.of_snapshot(request.snapshot_id)
@@ -172,24 +169,23 @@ class RunnerServer:
         try:
             self._worker = connection
             self._monitor = JobMonitor(
-                lambda progress: connection.send({"progress": progress.model_dump(mode="json")}),
+                lambda progress: connection.send({"progress": progress}),
                 self._requests,
             )
-            outcome = self._jobs.run(
+            return self._jobs.run(
                 request,
                 self._monitor,
                 lambda sentence: connection.send({"warning": sentence}),
                 lambda reasons: connection.send({"quarantined": dict(reasons)}),
-                lambda name, made: connection.send({name: made.model_dump(mode="json")}),
+                lambda name, made: connection.send({name: made}),
             )
-            return None if outcome is None else outcome.model_dump(mode="json")
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
 
 
 def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
-    connection.send({"scored": _SCORES.dump_python(scores, mode="json")})
+    connection.send({"scored": scores})
 
 
 def _failure_of_job(error: Exception) -> Failure:
