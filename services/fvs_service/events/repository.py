@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import delete, event, func, insert, select, text
+from sqlalchemy import delete, func, insert, select, text
 from sqlalchemy.orm import Session
 
 from fvs_service.events.model import Event, EventKind
 from fvs_service.model import now
+from fvs_service.storage.commit_hooks import before_commit
 from fvs_service.storage.database import lock
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import EventRow, SceneRow, columns_of
@@ -29,7 +30,7 @@ def publish(
     announce(session, Topic.EVENTS)
     if _PUBLISHED not in session.info:
         session.info[_PUBLISHED] = []
-        event.listen(session, "before_commit", _number, once=True)
+        before_commit(session, _number)
     session.info[_PUBLISHED].append(
         {
             "scene_id": scene_id,

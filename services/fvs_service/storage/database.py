@@ -34,6 +34,7 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from fvs_service.errors import IncompatibleDatabaseError, OutOfSpaceError, StorageUnavailableError
+from fvs_service.storage.commit_hooks import act_after_commit, act_before_commit
 from fvs_service.storage.notifications import Subscription, Topic, subscribe
 
 _BUSY_S = 30
@@ -154,9 +155,12 @@ class Database:
         is full.
         """
         writer = self._writer if durable else self._writer_without_sync
-        with _reachable(), Session(writer) as session, session.begin():
-            lock(session, *subjects)
-            yield session
+        with _reachable(), Session(writer) as session:
+            with session.begin():
+                lock(session, *subjects)
+                yield session
+                act_before_commit(session)
+            act_after_commit(session)
 
     def connect(self) -> Connection:
         """A connection for checks of the schema and of health."""

@@ -10,10 +10,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
-from sqlalchemy import Engine, event
+from sqlalchemy import Engine
 from sqlalchemy.orm import Session
 
 from fvs_service.storage import listen_notify, named_pipes
+from fvs_service.storage.commit_hooks import after_commit
 
 _ANNOUNCED = "fvs_announced"
 
@@ -46,7 +47,7 @@ def announce(session: Session, topic: Topic) -> None:
     if engine.dialect.name == "postgresql":
         listen_notify.notify(session, topic)
     elif len(announced) == 1 and (folder := _folder(engine)) is not None:
-        event.listen(session, "after_commit", lambda _: named_pipes.notify(folder, announced), once=True)
+        after_commit(session, lambda: named_pipes.notify(folder, announced))
 
 
 def subscribe(engine: Engine, callbacks: Mapping[Topic, Callable[[], object]]) -> Subscription:

@@ -26,7 +26,7 @@ class Input(BaseModel):
     @classmethod
     def _of_a_newer_service(cls, value: Any, info: ValidationInfo) -> Any:
         """Ignore unknown fields where a newer service echoes an input."""
-        if info.context is None or not isinstance(value, dict):
+        if info.context is None or not isinstance(value, dict) or value.keys() <= cls.model_fields.keys():
             return value
         return {name: part for name, part in value.items() if name in cls.model_fields}
 
