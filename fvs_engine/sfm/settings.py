@@ -131,8 +131,11 @@ class SfmSettings(Record):
     exhaustive_up_to: int = Field(default=20, ge=2)
     """Up to this number every pair of images is matched; above, neighbours in order, space and similarity."""
 
-    both_mappers_up_to: int = Field(default=100, ge=0)
-    """Up to this number of images both mappers run; above, the second only when the first is doubtful."""
+    incremental_first_up_to: int = Field(default=100, ge=0)
+    """Up to this number of images the incremental mapper runs first, above it the global one, which is faster.
+
+    The other one runs where the gate alone does not accept the first one's model of nearly all images.
+    """
 
     witness: bool = True
     """Verify models without confirming position priors with ALIKED features, if installed."""

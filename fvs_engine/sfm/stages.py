@@ -21,7 +21,7 @@ from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 
-_NOT_MAPPING = ("gate", "both_mappers_up_to", "witness")
+_NOT_MAPPING = ("gate", "incremental_first_up_to", "witness")
 """Settings that do not change the mappers' models."""
 
 

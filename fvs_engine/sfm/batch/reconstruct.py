@@ -107,24 +107,24 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
 
 
 def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedScene]:
-    """Both mappers for small sets; for large ones the second only when the first model is doubtful."""
-    small = count <= stages.settings.both_mappers_up_to
+    """The models of one mapper, and those of the other where the gate leaves doubt about the first."""
+    small = count <= stages.settings.incremental_first_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
     scenes: list[MappedScene] = []
     for mapper in order:
         models = load_models(map_scene(stages, mapper, image_dir, count))
         if models:
             scenes.append(MappedScene.of_models(mapper, models, evidence, stages.monitor))
-        if not small and scenes and _certain(scenes[-1], count, stages.settings):
+        if scenes and _certain(scenes[-1], count, stages.settings):
             break
     return scenes
 
 
 def _certain(scene: MappedScene, count: int, settings: SfmSettings) -> bool:
     evidence = scene.candidate.evidence
-    judged = decide([scene.candidate], settings.gate)
+    (judgement,) = decide([scene.candidate], settings.gate).judgements
     return (
-        judged.chosen is not None
+        judgement.verdict == "accepted"
         and evidence is not None
         and evidence.match_support >= _NEAR_CERTAIN
         and len(scene.candidate.centres) >= 0.9 * count

@@ -184,7 +184,6 @@ _FIRST_UPDATE = {
     "features": 23.1,
     "matching": 7.6,
     "calibration": 1.6,
-    "global mapping": 31.1,
     "incremental mapping": 12.3,
     "evidence": 8.4,
     "load": 4.4,

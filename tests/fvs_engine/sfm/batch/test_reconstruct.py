@@ -18,8 +18,8 @@ from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
 
-ONE_MAPPER = SfmSettings(both_mappers_up_to=0)
-"""The second mapper runs only where the first one's model is doubtful."""
+GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
+"""As for large sets."""
 
 
 @pytest.fixture
@@ -33,16 +33,29 @@ def six(kermit_dir: Path, kermit_names: list[str], tmp_path: Path) -> Path:
     return folder
 
 
-def test_kermit_is_registered_whole_and_both_mappers_agree(kermit_sfm: SfmResult, kermit_names: list[str]):
+def test_kermit_is_registered_whole_by_one_mapper(kermit_sfm: SfmResult, kermit_names: list[str]):
     report = kermit_sfm.report
     assert [view.name for view in kermit_sfm.reconstruction.views] == kermit_names
     assert report.verdict == "accepted"
     assert report.unregistered == ()
+    assert [candidate.mapper for candidate in report.candidates] == ["incremental"]
+    assert report.mean_reprojection_error_px < 1.0
+    assert len(kermit_sfm.reconstruction.points) == report.points > 300
+
+
+@pytest.mark.usefixtures("native_here")
+def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    doubting = SfmSettings.model_validate({"gate": {"min_match_support": 1}})
+    report = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", doubting, Monitor()).report
+    assert "incremental mapping" not in report.seconds
     assert {candidate.mapper for candidate in report.candidates} == {"incremental", "global"}
     (agreement,) = report.agreements
     assert agreement.median_share < 0.01
-    assert report.mean_reprojection_error_px < 1.0
-    assert len(kermit_sfm.reconstruction.points) == report.points > 300
+    assert report.verdict == "doubtful"
+    assert any("two mappers agree" in reason for reason in report.candidates[0].reasons)
 
 
 def test_report_survives_json_and_the_model_is_colmaps(kermit_sfm: SfmResult):
@@ -81,13 +94,15 @@ def test_another_gate_judges_the_same_models_again(
     kermit_dir: Path,
     kermit_names: list[str],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ):
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
-    monkeypatch.setattr(stages_module, "run_native", lambda *_args, **_named: pytest.fail("mapped again"))
+    stages = set()
     strict = SfmSettings.model_validate({"gate": {"min_match_support": 1, "min_doubtful_match_support": 1}})
+    monitor = Monitor(lambda progress: stages.add(progress.stage))
     with pytest.raises(ReconstructionError, match="contradicts"):
-        reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, Monitor())
+        reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, monitor)
+    assert "global mapping" in stages
+    assert "incremental mapping" not in stages
     assert (tmp_path / "sfm" / "rejected.json").is_file()
     assert not (tmp_path / "sfm" / "report.json").exists()
 
@@ -133,7 +148,7 @@ def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names:
     folder = tmp_path / "sfm"
     cancel_in("matching", six, kermit_names[:4], folder)
     before = keypoints(folder)
-    result = reconstruct(six, kermit_names[:6], folder, ONE_MAPPER, Monitor())
+    result = reconstruct(six, kermit_names[:6], folder, GLOBAL_FIRST, Monitor())
     after = keypoints(folder)
     assert len(before) == 4
     assert len(after) == 6
@@ -167,7 +182,7 @@ def test_an_image_of_something_else_is_left_out_and_named(
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
     with Image.open(stranger) as image:
         image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
-    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, ONE_MAPPER, Monitor())
+    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, GLOBAL_FIRST, Monitor())
     assert result.report.unregistered == ("stranger.jpg",)
     assert any("stranger.jpg" in warning for warning in result.report.warnings)
     assert result.report.registered == 11
@@ -193,7 +208,7 @@ def test_images_of_another_size_or_orientation_get_their_own_camera(yard_dir: Pa
         elif number % 3 == 2:
             pixels = pixels.rotate(90, expand=True)
         pixels.save(images / name, quality=95)
-    result = reconstruct(images, names, tmp_path / "sfm", ONE_MAPPER, Monitor())
+    result = reconstruct(images, names, tmp_path / "sfm", GLOBAL_FIRST, Monitor())
     assert result.report.registered == 6
     sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
     assert sizes == {(320, 240), (288, 216), (240, 320)}
