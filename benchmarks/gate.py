@@ -135,7 +135,9 @@ def _as_before(candidate: Candidate) -> Candidate:
     """The same without the evidence that the gate of ADR 2 had not."""
     if candidate.evidence is None:
         return candidate
-    evidence = candidate.evidence.model_copy(update={"loosely_linked_images": (), "witness": None})
+    evidence = candidate.evidence.model_copy(
+        update={"loosely_linked_images": (), "inconsistent_images": (), "witness": None}
+    )
     return replace(candidate, evidence=evidence)
 
 

@@ -54,6 +54,9 @@ class Evidence(Record):
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""
 
+    inconsistent_images: tuple[str, ...]
+    """Images that fit the rest pair by pair, but not by the points that three images share."""
+
     loosely_linked_images: tuple[str, ...]
     """Images that only pairs of few matches connect with the rest, as look-alike places often are."""
 

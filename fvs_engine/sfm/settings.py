@@ -132,9 +132,9 @@ class SfmSettings(Record):
     """Up to this number every pair of images is matched; above, neighbours in order, space and similarity."""
 
     incremental_first_up_to: int = Field(default=100, ge=0)
-    """Up to this number of images the incremental mapper runs first, above it the global one, which is faster.
+    """Up to this number of images the incremental mapper runs first, above it the faster global one.
 
-    The other one runs where the gate alone does not accept the first one's model of nearly all images.
+    The other one runs unless the gate accepts the first one's model, of nearly all images, by itself.
     """
 
     witness: bool = True

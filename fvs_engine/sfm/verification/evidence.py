@@ -17,6 +17,7 @@ from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_pairs
 from fvs_engine.sfm.verification.positions import misplaced, residual_share
 from fvs_engine.sfm.verification.prior_support import prior_support
+from fvs_engine.sfm.verification.triples import check_triples, inconsistent_images
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ def gather_evidence(
         translation_support=_translation_support(checks),
         cycle_consistency=cycle_consistency(pairs),
         unsupported_images=tuple(sorted(links.contradicted | links.unconnected)),
+        inconsistent_images=tuple(sorted(inconsistent_images(model, check_triples(model, pairs, keypoints)))),
         loosely_linked_images=tuple(sorted(links.loose)),
         misplaced_images=tuple(sorted(misplaced(priors, centres))),
         prior_residual_share=residual_share(priors, centres),

@@ -74,8 +74,8 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     A candidate is accepted on its own evidence. One with somewhat too little is accepted if the witness
     confirms it, and becomes doubtful, usable with a warning, if another mapper or GPS agrees with it: a
     repeated pattern rarely causes the same errors in both. One with images that hang on few matches is
-    doubtful unless the witness or GPS confirms it. Among accepted ones that disagree, the better supported
-    is chosen; a tie makes it doubtful.
+    doubtful unless the witness or GPS confirms it. Points that three images share must not contradict it.
+    Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -142,6 +142,12 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(f"Matches contradict the poses of {len(unsupported)} of its {images} images.")
+    inconsistent = evidence.inconsistent_images
+    if len(inconsistent) > MAX_UNSUPPORTED_SHARE * images:
+        rejections.append(
+            f"Points that three images share contradict the poses of {len(inconsistent)} of its {images} "
+            "images."
+        )
     if not can_be_left_out(len(contradicted), images):
         rejections.append(
             f"Matches of other features contradict the poses of {len(contradicted)} of its {images} images."
@@ -150,6 +156,9 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections += _contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
+    if inconsistent:  # the witness looks at pairs, too
+        doubt = f"Points that three images share contradict the poses of {listed(inconsistent)}."
+        return Judgement("doubtful", (doubt,))
     if _witness_confirms(evidence, images, settings):
         return Judgement("accepted", (support, "Matches of other features confirm it."))
     weaknesses = []

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from fvs_engine.sfm.verification.pair_check import EXPLAINED, MIN_PAIR_MATCHES, PairCheck, explains
 
-MIN_LINK_SHARE = 0.025
+MIN_LINK_SHARE = 0.03
 """Share of a pair's features that match and fit the poses from which on the pair is no look-alike's.
 
 See ``docs/adr/0027-a-witness-for-models-without-priors.md`` for the measurements behind it.

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MIN_PAIR_MATCHES = 15
 """COLMAP's own limit for a verified pair."""
 
-_MAX_EPIPOLAR_ERROR_PX = 4.0
+MAX_ERROR_PX = 4.0
 """The threshold of COLMAP's verification: a right pose explains what passed it."""
 
 _MIN_BASELINE_SHARE = 0.02
@@ -61,45 +61,68 @@ def check_pairs(
     only the matches are counted, which takes a hundredth of the time. ``on_pair`` is called before each pair
     and may raise to stop.
     """
-    posed = {i: image for i, image in model.images.items() if image.has_pose}
-    spread = centre_spread(np.array([image.projection_center() for image in posed.values()]))
-    rays = {
-        i: np.asarray(image.camera.cam_from_img(keypoints[i])) for i, image in posed.items() if i in keypoints
-    }
+    posed = {i: image for i, image in model.images.items() if image.has_pose and i in keypoints}
+    spread = centre_spread(
+        np.array([image.projection_center() for image in model.images.values() if image.has_pose])
+    )
+    positions = normalised(model, keypoints)
     checks = []
     for pair in pairs:
         if on_pair is not None:
             on_pair()
-        if pair.first not in rays or pair.second not in rays:
+        if pair.first not in posed or pair.second not in posed:
             continue
         first, second = posed[pair.first], posed[pair.second]
-        relative = second.cam_from_world() * first.cam_from_world().inverse()
-        rotation, translation = relative.rotation.matrix(), np.asarray(relative.translation)
-        focal_px = 0.5 * (first.camera.mean_focal_length() + second.camera.mean_focal_length())
-        supported = _supported(
-            rays[pair.first][pair.matches[:, 0]],
-            rays[pair.second][pair.matches[:, 1]],
-            rotation,
-            translation,
-            _MAX_EPIPOLAR_ERROR_PX / focal_px,
-        )
         estimated = relative_pose(pair, first.camera, second.camera, keypoints) if relative_poses else None
+        relative = second.cam_from_world() * first.cam_from_world().inverse()
         rotation_error, direction_error = _relative_errors(
-            estimated, rotation, translation, _MIN_BASELINE_SHARE * spread
+            estimated,
+            relative.rotation.matrix(),
+            np.asarray(relative.translation),
+            _MIN_BASELINE_SHARE * spread,
         )
         checks.append(
             PairCheck(
                 pair.first,
                 pair.second,
                 len(pair.matches),
-                int(supported.sum()),
-                math.sqrt(len(rays[pair.first]) * len(rays[pair.second])),
+                int(fitting(pair, first, second, positions).sum()),
+                math.sqrt(len(positions[pair.first]) * len(positions[pair.second])),
                 rotation_error,
                 direction_error,
                 None if estimated is None else _unit(estimated.inverse().translation),
             )
         )
     return checks
+
+
+def normalised(model: pycolmap.Reconstruction, keypoints: Mapping[int, Array]) -> dict[int, Array]:
+    """The key points [K, 2] of the posed images in camera coordinates at depth 1, by image id."""
+    return {
+        i: np.asarray(image.camera.cam_from_img(keypoints[i]))
+        for i, image in model.images.items()
+        if image.has_pose and i in keypoints
+    }
+
+
+def fitting(
+    pair: VerifiedPair, first: pycolmap.Image, second: pycolmap.Image, positions: Mapping[int, Array]
+) -> NDArray[np.bool_]:
+    """Which of the pair's matches [M] fit the poses of its two images; ``positions`` are ``normalised``."""
+    relative = second.cam_from_world() * first.cam_from_world().inverse()
+    return _supported(
+        positions[pair.first][pair.matches[:, 0]],
+        positions[pair.second][pair.matches[:, 1]],
+        relative.rotation.matrix(),
+        np.asarray(relative.translation),
+        MAX_ERROR_PX / (0.5 * (focal_px(first) + focal_px(second))),
+    )
+
+
+def focal_px(image: pycolmap.Image) -> float:
+    """The mean focal length of an image of a model."""
+    assert image.camera is not None
+    return float(image.camera.mean_focal_length())
 
 
 def explains(check: PairCheck) -> bool:

@@ -65,7 +65,6 @@ def find_cameras(folder: Path, out_dir: Path) -> SfmResult:
 
 
 def assert_gross_errors_were_rejected(result: SfmResult, truth: Centres) -> None:
-    assert {candidate.mapper for candidate in result.report.candidates} == {"incremental", "global"}
     wrong = set()
     for candidate in result.report.candidates:
         mapping = result.model_dir.parent / "mapping" / candidate.mapper

@@ -30,6 +30,7 @@ def evidence(**changes: object) -> Evidence:
         translation_support=0.95,
         cycle_consistency=0.9,
         unsupported_images=(),
+        inconsistent_images=(),
         loosely_linked_images=(),
         misplaced_images=(),
         prior_residual_share=None,
@@ -235,6 +236,22 @@ def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful
     decision = decide([candidate("incremental", witness=witness(contradicted_images=FEW))], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
+
+
+def test_a_model_that_points_in_three_images_contradict_is_rejected_whatever_the_witness_sees():
+    decision = decide(
+        [candidate("incremental", inconsistent_images=tuple(NAMES[8:]), witness=witness())], SETTINGS
+    )
+    assert decision.chosen is None
+    assert "three images share contradict the poses of 4 of its 12" in decision.judgements[0].reasons[0]
+
+
+def test_a_single_image_that_they_contradict_makes_a_model_doubtful():
+    decision = decide(
+        [candidate("incremental", inconsistent_images=(NAMES[3],), witness=witness())], SETTINGS
+    )
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "three images share contradict the poses of 3.jpg" in decision.warnings[0]
 
 
 def test_two_images_are_not_what_is_left_of_three():
