@@ -201,7 +201,7 @@ class GrowingScene:
         if self._iterations_done(quality):
             trainer = Trainer.resume(path, self._views, self.rasterizer)
         else:
-            trainer = self._new_trainer(iterations)
+            trainer = self._new_trainer(quality, iterations)
         if trainer.iteration < iterations:
 
             def save() -> None:
@@ -279,8 +279,8 @@ class GrowingScene:
             "start at guessed depths.",
         )
 
-    def _new_trainer(self, iterations: int) -> Trainer:
-        training, seed = self.settings.training_of(iterations), self.settings.seed
+    def _new_trainer(self, quality: ModelQuality, iterations: int) -> Trainer:
+        training, seed = self.settings.training_of(quality, iterations), self.settings.seed
         seeds = initial_seeds(self._points, self._views, training.max_gaussians, seed)
         return Trainer(self._views, seeds.gaussians(training.sh_degree), training, self.rasterizer, seed)
 

@@ -14,6 +14,12 @@ ModelQuality = Literal["quick", "full"]
 QUICK_SHARE = 0.2
 """Iterations of a quick model as a share of those of the full model (ADR 26)."""
 
+HALF_SIZE_FROM_PX = 800
+"""Long side of the images from which on a quick model is trained on images of half their size at most."""
+
+_MORE_AT_HALF_SIZE = 1.25
+"""Factor of the iterations of such a model, which cost less (ADR 26)."""
+
 _PAPER = LearningRates()
 
 SCENE_TRAINING = TrainingSettings(
@@ -63,7 +69,8 @@ class SceneSettings(Record):
 
     A full model of n views is trained for n × ``iterations_per_view`` iterations, but at least for
     ``initial_iterations`` (the paper's Algorithm 1: 1,000 for 10 views, 100 more for each further one); a
-    quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``).
+    quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``),
+    of images of 800 px or more a quick one only to half of their size, with a quarter more iterations.
     """
 
     poses: Literal["sfm", "known"] = "sfm"
@@ -79,15 +86,24 @@ class SceneSettings(Record):
     def iterations_of(self, quality: ModelQuality, views: int) -> int:
         """The iterations of a model of ``views`` views."""
         full = max(self.initial_iterations, self.iterations_per_view * views)
-        return full if quality == "full" else max(1, round(self.quick_share * full))
+        if quality == "full":
+            return full
+        share = self.quick_share * (_MORE_AT_HALF_SIZE if self._quick_at_half_size else 1.0)
+        return max(1, round(share * full))
 
-    def training_of(self, iterations: int) -> TrainingSettings:
-        """``training`` for a run of ``iterations``: its levels, and no densification at full size.
+    def training_of(self, quality: ModelQuality, iterations: int) -> TrainingSettings:
+        """``training`` for a run of ``iterations``: its levels, and no densification at the largest size.
 
         Renders are worse for some iterations after Gaussians were split.
         """
-        levels = coarse_to_fine(iterations)
+        to_half_size = quality == "quick" and self._quick_at_half_size
+        levels = coarse_to_fine(iterations, to_half_size=to_half_size)
         rules = self.training.densification
-        last = min(rules.last_iteration, levels[-1].until_iteration)
+        reduced = [level.until_iteration for level in levels if level.until_iteration < iterations]
+        last = min(rules.last_iteration, reduced[-1] if reduced else 0)
         densification = rules.model_copy(update={"last_iteration": last})
         return self.training.model_copy(update={"levels": levels, "densification": densification})
+
+    @property
+    def _quick_at_half_size(self) -> bool:
+        return self.long_side_px >= HALF_SIZE_FROM_PX

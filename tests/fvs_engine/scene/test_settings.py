@@ -8,7 +8,7 @@ from fvs_engine.splat.densification import is_due
 
 @pytest.mark.parametrize("iterations", [1, 2, 10, 60, 200, 401, 1_000, 10_000])
 def test_no_model_ends_just_after_gaussians_were_split(iterations: int) -> None:
-    training = SceneSettings().training_of(iterations)
+    training = SceneSettings().training_of("full", iterations)
     due = [iteration for iteration in range(1, iterations + 1) if is_due(training.densification, iteration)]
     assert all(training.reduction_at(iteration - 1) > 1 for iteration in due)
     assert len(due) == max(0, (round(0.875 * iterations) // 100) - 1)
@@ -16,9 +16,21 @@ def test_no_model_ends_just_after_gaussians_were_split(iterations: int) -> None:
 
 @pytest.mark.parametrize("iterations", [8, 200, 1_000])
 def test_a_model_is_trained_from_coarse_to_fine(iterations: int) -> None:
-    training = SceneSettings().training_of(iterations)
+    training = SceneSettings().training_of("full", iterations)
     reductions = [training.reduction_at(iteration) for iteration in range(iterations)]
     assert [key for key, _ in itertools.groupby(reductions)] == [8, 4, 2, 1]
+
+
+@pytest.mark.parametrize("iterations", [8, 60, 400, 1_000])
+def test_a_quick_model_of_large_images_is_trained_on_half_of_their_size(iterations: int) -> None:
+    training = SceneSettings(long_side_px=800).training_of("quick", iterations)
+    reductions = [training.reduction_at(iteration) for iteration in range(iterations)]
+    assert [key for key, _ in itertools.groupby(reductions)] == [8, 4, 2]
+    due = [iteration for iteration in range(1, iterations + 1) if is_due(training.densification, iteration)]
+    assert all(training.reduction_at(iteration - 1) > 2 for iteration in due)
+    small = SceneSettings(long_side_px=640)
+    assert small.iterations_of("quick", 40) < SceneSettings(long_side_px=800).iterations_of("quick", 40)
+    assert small.training_of("quick", iterations) == small.training_of("full", iterations)
 
 
 def test_the_papers_schedule_is_the_default() -> None:
