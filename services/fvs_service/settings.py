@@ -149,7 +149,8 @@ class WorkerSettings(Record):
     """Long side to which updates reduce training images."""
     initial_iterations: _Iterations = 2_000
     """Minimum number of training iterations of the full model that every update trains; an eighth of them
-    sees images of full size. The quick model that precedes it has a fifth of the iterations."""
+    sees images of full size. The quick model that precedes it has a quarter of the iterations, none at full
+    size; with images below 800 px a fifth."""
     iterations_per_image: _Iterations = 40
     """Training iterations of full models per image of the scene."""
     fine_iterations: _Iterations = 30_000
