@@ -49,7 +49,7 @@ class Evidence(Record):
     """Share of the independent translation directions (weighted) within 15° of the model's."""
 
     cycle_consistency: float | None
-    """Share of image triplets whose independent relative rotations close to 5°: the input's quality."""
+    """Share of image triplets whose independent relative rotations close to 5°: how well its pairs agree."""
 
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""

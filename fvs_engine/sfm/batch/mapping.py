@@ -43,7 +43,7 @@ from fvs_engine.sfm.verification.witness import WitnessMatches
 
 @dataclass(frozen=True, eq=False)
 class ModelEvidence:
-    """Evidence inputs for any model: verified pairs with relative poses, keypoints, position priors.
+    """Evidence inputs for any model: verified pairs, keypoints, position priors.
 
     ``witness`` gives the matches that no model is made of; it is asked once, when a model needs it.
     """
@@ -113,22 +113,12 @@ class MappedScene:
 def read_model_evidence(
     stages: Stages, priors: PosePriors | None = None, image_dir: Path | None = None
 ) -> ModelEvidence:
-    """Calibrate the view graph unless that is done, and read pairs, keypoints and position priors.
+    """Read pairs, keypoints and position priors.
 
     ``priors`` replace the GPS positions in the images' EXIF. With ``image_dir``, the folder of the images,
     the witness is asked about models that no priors confirm.
     """
-    calibrate_view_graph(stages)
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
-    # Only the calibrated geometries have relative poses that do not depend on a guessed focal length.
-    relative = {
-        (pair.first, pair.second): pair.second_from_first
-        for pair in read_verified_pairs(_mapping_database(stages), MIN_PAIR_MATCHES)
-    }
-    pairs = [
-        VerifiedPair(pair.first, pair.second, pair.matches, relative.get((pair.first, pair.second)))
-        for pair in pairs
-    ]
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)
     usable, warnings = usable_priors(priors, stages.folder.database)
@@ -168,10 +158,15 @@ def calibrate_view_graph(stages: Stages) -> None:
 
 
 def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
-    """Run ``mapper`` unless its models exist; returns their folder."""
+    """Run ``mapper`` unless its models exist; returns their folder.
+
+    The global one, which starts from the focal lengths of the view graph, has it calibrated before.
+    """
     target = stages.folder.mapping(mapper)
     if target.is_dir() or verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES) == 0:
         return target
+    if mapper == "global":
+        calibrate_view_graph(stages)
     stage = f"{mapper} mapping"
     partial = stages.folder.partial(target)
     database = _mapping_database(stages) if mapper == "global" else stages.folder.database

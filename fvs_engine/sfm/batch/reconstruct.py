@@ -62,7 +62,7 @@ def reconstruct(
 
     What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` resumes
     where the first one stopped, and a call after success returns at once. Progress is reported as the stages
-    ``features``, ``pairs``, ``matching``, ``calibration``, ``incremental mapping``, ``global mapping``,
+    ``features``, ``pairs``, ``matching``, ``incremental mapping``, ``calibration``, ``global mapping``,
     ``evidence``. ``priors``: pose priors, by default the GPS positions in the images' EXIF; they
     move no camera, but a model that contradicts them is rejected.
 

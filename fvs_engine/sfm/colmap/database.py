@@ -11,8 +11,6 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fvs_engine.errors import ReconstructionError
-from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 
 _VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
 """COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""
@@ -28,16 +26,14 @@ _MAX_IMAGES = 2147483647
 
 @dataclass(frozen=True, eq=False)
 class VerifiedPair:
-    """Two images and the matches between them that fit one epipolar geometry.
+    """Two images and the matches [M, 2] between them that fit one epipolar geometry.
 
-    ``matches`` [M, 2] index the keypoints of either image. ``second_from_first`` is the relative pose that
-    was estimated from these two images alone (its translation has no scale), None if none could be.
+    ``matches`` index the keypoints of either image.
     """
 
     first: int
     second: int
     matches: NDArray[np.uint32]
-    second_from_first: RigidTransform | None
 
 
 def require_sound_database(path: Path) -> None:
@@ -199,11 +195,7 @@ def read_verified_pairs(path: Path, min_matches: int) -> list[VerifiedPair]:
         if int(geometry.config) not in _VERIFIED or len(matches) < min_matches:
             continue
         first, second = pycolmap.pair_id_to_image_pair(pair_id)
-        relative = geometry.cam2_from_cam1
-        transform = None if relative is None else rigid_from_pycolmap(relative)
-        if transform is not None and not np.linalg.norm(transform.translation) > 0:
-            transform = None
-        pairs.append(VerifiedPair(first, second, matches, transform))
+        pairs.append(VerifiedPair(first, second, matches))
     return pairs
 
 

@@ -180,7 +180,7 @@ def start_again(
     if decision.chosen is None:
         return ModelChange(state)
     chosen = scenes[decision.chosen]
-    if _explained(chosen) < _explained(_as_scene(stages, current, evidence)):
+    if _explained(chosen) < evidence.matches_explained(current, set(registered_names(current))):
         return ModelChange(state)
     return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
 

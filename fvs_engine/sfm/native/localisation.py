@@ -65,7 +65,7 @@ def localise(
     number = {i: in_model[names[i]] for i in keypoints if names[i] in in_model}
     guests = {name: max(in_model.values()) + 1 + k for k, name in enumerate(sorted(neighbours))}
     number |= {ids[name]: guest for name, guest in guests.items()}
-    translated = [VerifiedPair(number[pair.first], number[pair.second], pair.matches, None) for pair in pairs]
+    translated = [VerifiedPair(number[pair.first], number[pair.second], pair.matches) for pair in pairs]
     features = {number[i]: xy for i, xy in keypoints.items()}
     cameras = {}
     with pycolmap.Database.open(database) as opened:

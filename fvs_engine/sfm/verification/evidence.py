@@ -49,7 +49,7 @@ def gather_evidence(
         match_support=_match_support(checks),
         rotation_support=_rotation_support(checks),
         translation_support=_translation_support(checks),
-        cycle_consistency=cycle_consistency(pairs),
+        cycle_consistency=cycle_consistency(checks),
         unsupported_images=tuple(sorted(links.contradicted | links.unconnected)),
         inconsistent_images=tuple(sorted(inconsistent_images(model, check_triples(model, pairs, keypoints)))),
         loosely_linked_images=tuple(sorted(links.loose)),
@@ -88,12 +88,12 @@ def gather_witness_evidence(
     )
 
 
-def cycle_consistency(pairs: Sequence[VerifiedPair]) -> float | None:
+def cycle_consistency(checks: Sequence[PairCheck]) -> float | None:
     """Share of the triplets whose three relative rotations close to 5°; None without triplets."""
     rotations: dict[int, dict[int, Array]] = {}
-    for pair in pairs:
-        if pair.second_from_first is not None:
-            rotations.setdefault(pair.first, {})[pair.second] = pair.second_from_first.rotation
+    for check in checks:
+        if check.second_from_first is not None:
+            rotations.setdefault(check.first, {})[check.second] = check.second_from_first.rotation
     closed = total = 0
     for ahead in rotations.values():
         for b, b_from_a in ahead.items():

@@ -32,8 +32,8 @@ EXPLAINED = 0.5
 class PairCheck:
     """One pair against a model; angles in degrees, NaN when there is nothing to compare.
 
-    ``features`` is the geometric mean of the two images' numbers of key points. ``baseline`` is the direction
-    [3] in which the first camera sees the second, from the matches of the pair alone; None when they leave it
+    ``features`` is the geometric mean of the two images' numbers of key points. ``second_from_first`` is the
+    relative pose (its translation has no scale) from the matches of the pair alone; None when they leave it
     open.
     """
 
@@ -44,7 +44,15 @@ class PairCheck:
     features: float
     rotation_error_deg: float
     direction_error_deg: float
-    baseline: Array | None = None
+    second_from_first: RigidTransform | None = None
+
+    @property
+    def baseline(self) -> Array | None:
+        """The direction [3] in which the first camera sees the second, by ``second_from_first``."""
+        if self.second_from_first is None:
+            return None
+        translation = self.second_from_first.inverse().translation
+        return np.asarray(translation / np.linalg.norm(translation))
 
 
 def check_pairs(
@@ -90,7 +98,7 @@ def check_pairs(
                 math.sqrt(len(positions[pair.first]) * len(positions[pair.second])),
                 rotation_error,
                 direction_error,
-                None if estimated is None else _unit(estimated.inverse().translation),
+                estimated,
             )
         )
     return checks
@@ -185,7 +193,3 @@ def _relative_errors(
         return rotation_error, np.nan
     cosine = estimated.translation @ translation / (np.linalg.norm(estimated.translation) * baseline)
     return rotation_error, float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector))

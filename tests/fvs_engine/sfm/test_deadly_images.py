@@ -77,10 +77,10 @@ def _images_of(job: str, arguments: Mapping[str, Any]) -> Sequence[str]:
 
 def test_calibration(images: Path, found: SfmResult, tmp_path: Path, dying: Any) -> None:
     shutil.copytree(found.model_dir.parent, tmp_path / "sfm")
-    for outdated in ("report.json", "calibrated.db"):
-        (tmp_path / "sfm" / outdated).unlink()
+    (tmp_path / "sfm" / "report.json").unlink()
     runs = dying("calibrate")
-    result = reconstruct(images, NAMES, tmp_path / "sfm", SETTINGS, Monitor())
+    global_first = SETTINGS.model_copy(update={"incremental_first_up_to": 0})
+    result = reconstruct(images, NAMES, tmp_path / "sfm", global_first, Monitor())
     assert {view.name for view in result.reconstruction.views} == set(NAMES) - {DEADLY}
     assert any(line.startswith(f"{DEADLY} is quarantined") for line in result.report.warnings)
     assert [DEADLY] in runs

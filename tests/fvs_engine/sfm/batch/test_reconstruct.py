@@ -39,6 +39,7 @@ def test_kermit_is_registered_whole_by_one_mapper(kermit_sfm: SfmResult, kermit_
     assert report.verdict == "accepted"
     assert report.unregistered == ()
     assert [candidate.mapper for candidate in report.candidates] == ["incremental"]
+    assert not {"calibration", "global mapping"} & report.seconds.keys()
     assert report.mean_reprojection_error_px < 1.0
     assert len(kermit_sfm.reconstruction.points) == report.points > 300
 
@@ -51,6 +52,7 @@ def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
     doubting = SfmSettings.model_validate({"gate": {"min_match_support": 1}})
     report = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", doubting, Monitor()).report
     assert "incremental mapping" not in report.seconds
+    assert "calibration" in report.seconds
     assert {candidate.mapper for candidate in report.candidates} == {"incremental", "global"}
     (agreement,) = report.agreements
     assert agreement.median_share < 0.01

@@ -117,7 +117,7 @@ def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_s
 
 
 def with_matches(pairs: Sequence[VerifiedPair], change: Callable[[Any], Any]) -> list[VerifiedPair]:
-    return [VerifiedPair(p.first, p.second, change(p.matches), p.second_from_first) for p in pairs]
+    return [VerifiedPair(p.first, p.second, change(p.matches)) for p in pairs]
 
 
 def test_the_witness_contradicts_a_pose_that_all_other_matches_fit(kermit_sfm: SfmResult):
@@ -143,7 +143,7 @@ def test_an_image_of_few_matches_is_loosely_linked_unless_the_witness_connects_i
     few = [
         pair
         if far not in (pair.first, pair.second)
-        else VerifiedPair(pair.first, pair.second, pair.matches[:20], None)
+        else VerifiedPair(pair.first, pair.second, pair.matches[:20])
         for pair in known.pairs
     ]
     seldom = replace(known, pairs=few)

@@ -5,11 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.verification.evidence import cycle_consistency
-from fvs_engine.sfm.verification.pair_check import _supported, angle_deg
-
-NO_MATCHES = np.zeros((0, 2), dtype=np.uint32)
+from fvs_engine.sfm.verification.pair_check import PairCheck, _supported, angle_deg
 
 
 def views_of(
@@ -40,12 +37,12 @@ def test_angle_of_a_rotation(degrees: float, seed: int):
     assert angle_deg(rotation) == pytest.approx(degrees, abs=1e-5)
 
 
-def triplet(error_deg: float) -> list[VerifiedPair]:
+def triplet(error_deg: float) -> list[PairCheck]:
     rotations = Rotation.from_euler("xyz", [[0, 0, 0], [10, 20, 0], [0, 40, 15]], degrees=True).as_matrix()
     wrong = Rotation.from_euler("z", error_deg, degrees=True).as_matrix()
     relative = {(1, 2): rotations[1], (1, 3): wrong @ rotations[2], (2, 3): rotations[2] @ rotations[1].T}
     return [
-        VerifiedPair(i, j, NO_MATCHES, RigidTransform(rotation, np.array([1.0, 0.0, 0.0])))
+        PairCheck(i, j, 20, 20, 100.0, 0.0, 0.0, RigidTransform(rotation, np.array([1.0, 0.0, 0.0])))
         for (i, j), rotation in relative.items()
     ]
 

@@ -32,8 +32,13 @@ def baselines(poses: dict[int, RigidTransform]) -> list[PairCheck]:
         for step in range(1, 5):
             second = (first + step) % COUNT
             seen = poses[first].inverse().apply(poses[second].translation)
-            checks.append(PairCheck(first, second, 100, 100, 2000.0, 0.0, 0.0, seen / np.linalg.norm(seen)))
+            checks.append(seeing(first, second, seen))
     return checks
+
+
+def seeing(first: int, second: int, direction: np.ndarray) -> PairCheck:
+    """A pair whose first camera sees the second in ``direction``."""
+    return PairCheck(first, second, 100, 100, 2000.0, 0.0, 0.0, RigidTransform(np.eye(3), -direction))
 
 
 def rotations(poses: dict[int, RigidTransform]) -> dict[int, np.ndarray]:
@@ -70,9 +75,7 @@ def test_the_priors_of_a_wrong_model_still_fit_its_pairs():
     for index in random.choice(len(checks), size=len(checks) // 3, replace=False):
         check = checks[index]
         away = random.normal(size=3)
-        checks[index] = PairCheck(
-            check.first, check.second, 100, 100, 2000.0, 0.0, 0.0, away / np.linalg.norm(away)
-        )
+        checks[index] = seeing(check.first, check.second, away)
     order = list(range(COUNT))
     by_model = prior_support(checks, NAMES, rotations(ring()), priors(order))
     assert by_model is not None

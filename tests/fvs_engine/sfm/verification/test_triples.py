@@ -51,7 +51,7 @@ def observed(
         keypoints[image_id] = 700.0 * seen[:, :2] / seen[:, 2:] + [400.0, 300.0] + noise
     matches = np.tile(np.arange(300, dtype=np.uint32)[:, None], 2)
     ids = range(1, IMAGES + 1)
-    pairs = [VerifiedPair(i, j, matches, None) for i in ids for j in ids if i < j <= i + NEIGHBOURS]
+    pairs = [VerifiedPair(i, j, matches) for i in ids for j in ids if i < j <= i + NEIGHBOURS]
     return pairs, keypoints
 
 

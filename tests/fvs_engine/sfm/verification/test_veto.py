@@ -55,7 +55,7 @@ def matched(first: RigidTransform, second: RigidTransform) -> tuple[VerifiedPair
         number: np.asarray(CAMERA.img_from_cam(pose.inverse().apply(points)))
         for number, pose in ((1, first), (2, second))
     }
-    return VerifiedPair(1, 2, np.repeat(np.arange(200, dtype=np.uint32)[:, None], 2, axis=1), None), keypoints
+    return VerifiedPair(1, 2, np.repeat(np.arange(200, dtype=np.uint32)[:, None], 2, axis=1)), keypoints
 
 
 def vetoed(
