@@ -10,13 +10,16 @@ FIRST_IMAGES = 10
 PARTS: Mapping[str, tuple[float, float]] = {
     "features": (0.0, 0.4),
     "matching": (0.4, 0.5),
-    "incremental mapping": (0.5, 0.6),
-    "global mapping": (0.6, 0.65),
+    "incremental mapping": (0.5, 0.65),
     "evidence": (0.65, 0.7),
+    "global mapping": (0.7, 0.7),
     "load": (0.7, 0.75),
     "quick training": (0.75, 1.0),
 }
-"""The stages that it consists of: the part of the whole, from and to, that each one is."""
+"""The stages that it consists of: the part of the whole, from and to, that each one is.
+
+Global mapping runs only where the first mapper's model leaves doubt.
+"""
 
 
 def has_first_model(*, first: bool, images: int) -> bool:
