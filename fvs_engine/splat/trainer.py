@@ -12,6 +12,7 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
+from fvs_engine.compilation.faster_threads import FasterThreads
 from fvs_engine.errors import InvalidInputError, StorageError, TrainingError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
@@ -135,11 +136,13 @@ class Trainer:
         """
         smooth_loss = smooth_s = None
         work = self.settings.work_until(until_iteration)
+        threads = FasterThreads()
         with torch_threads_for(self.rasterizer.device):
             while self.iteration < until_iteration:
                 monitor.check()
                 start = time.perf_counter()
-                loss = self._step()
+                with threads.step():
+                    loss = self._step()
                 elapsed = time.perf_counter() - start
                 smooth_loss = _blend(smooth_loss, loss, _LOSS_SMOOTHING)
                 smooth_s = _blend(smooth_s, elapsed, _RATE_SMOOTHING)
