@@ -1,6 +1,5 @@
 """A scene over time: images are registered as they come, and its models are trained anew on all of them."""
 
-import hashlib
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -13,27 +12,20 @@ from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.models import SceneModels
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.pose_source import PoseSource, open_pose_source
 from fvs_engine.scene.scene_files import SceneFiles, SceneState
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.scene_update import SceneUpdate
-from fvs_engine.scene.seeding import MIN_POINTS, initial_seeds
+from fvs_engine.scene.seeding import MIN_POINTS
 from fvs_engine.scene.settings import ModelQuality, SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.splat.checkpoint import read_checkpoint_state
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.session import train_saving
-from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
-
-STAGES: Mapping[ModelQuality, str] = {"quick": "quick training", "full": "train"}
-"""The stage in which each model is trained."""
-
-_SAVE_EVERY_S = 60.0
 
 
 class GrowingScene:
@@ -69,8 +61,7 @@ class GrowingScene:
         self._posed: dict[str, AnyView] = {}  # by name, in the order of names, with distortion
         self._views: tuple[TrainingView, ...] = ()  # in the same order
         self._points = PointCloud.empty()
-        self._digest = ""  # of what a model depends on, beside the settings
-        self._models: dict[ModelQuality, SceneModel] = {}
+        self._models = SceneModels(files, settings, rasterizer)
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._generation = 0
         self._dirty = False
@@ -177,18 +168,13 @@ class GrowingScene:
 
     def is_trained(self, quality: ModelQuality) -> bool:
         """Whether there is a finished model of the present views."""
-        if quality in self._models:
-            return True
-        wanted = self.settings.iterations_of(quality, len(self._views))
-        return self._iterations_done(quality) >= wanted
+        return self._models.is_trained(quality)
 
     def train(self, quality: ModelQuality, monitor: Monitor) -> SceneModel:
         """The model of the present views, which is trained or finished first where it is not there.
 
         Raises ``Cancelled``, having saved, and ``TrainingError``, also when no view is registered.
         """
-        if quality in self._models:
-            return self._models[quality]
         if not self._views:
             raise TrainingError(
                 f"None of the {len(self._visited)} visited images has a pose yet.",
@@ -196,21 +182,7 @@ class GrowingScene:
             )
         if self._dirty:
             self.save()
-        path = self._files.model(quality)
-        iterations = self.settings.iterations_of(quality, len(self._views))
-        if self._iterations_done(quality):
-            trainer = Trainer.resume(path, self._views, self.rasterizer)
-        else:
-            trainer = self._new_trainer(quality, iterations)
-        if trainer.iteration < iterations:
-
-            def save() -> None:
-                trainer.save(path, owner_state={"digest": self._digest})
-
-            train_saving(trainer, iterations, monitor, save, _SAVE_EVERY_S, STAGES[quality])
-            save()
-        self._models[quality] = SceneModel.of(trainer)
-        return self._models[quality]
+        return self._models.train(quality, monitor)
 
     def save(self) -> None:
         """Commit the visits and views: after a kill the folder has this state or the one before."""
@@ -279,26 +251,11 @@ class GrowingScene:
             "start at guessed depths.",
         )
 
-    def _new_trainer(self, quality: ModelQuality, iterations: int) -> Trainer:
-        training, seed = self.settings.training_of(quality, iterations), self.settings.seed
-        seeds = initial_seeds(self._points, self._views, training.max_gaussians, seed)
-        return Trainer(self._views, seeds.gaussians(training.sh_degree), training, self.rasterizer, seed)
-
-    def _iterations_done(self, quality: ModelQuality) -> int:
-        """The iterations in a model's checkpoint; 0 when it is of other views."""
-        path = self._files.model(quality)
-        if not path.exists():
-            return 0
-        state = read_checkpoint_state(path)
-        return int(state["iteration"]) if state.get("owner") == {"digest": self._digest} else 0
-
     def _set(self, posed: Mapping[str, AnyView], views: Sequence[TrainingView], points: PointCloud) -> None:
-        """Take over the views, which are in the order of their names; models of others are forgotten."""
+        """Take over the views, which are in the order of their names."""
         self._posed, self._views, self._points = dict(posed), tuple(views), points
         self._usual_cameras = _usual_cameras(posed.values())
-        digest = _digest(posed, points)
-        if digest != self._digest:
-            self._digest, self._models = digest, {}
+        self._models.follow(self._posed, self._views, points)
 
     def _resume(self, monitor: Monitor) -> None:
         saved = self._files.read_state()
@@ -314,16 +271,6 @@ class GrowingScene:
                 posed[view.name] = view
             monitor.report("load", done, len(state.views))
         self._set(posed, views, points)
-
-
-def _digest(posed: Mapping[str, AnyView], points: PointCloud) -> str:
-    digest = hashlib.sha256()
-    for name, view in posed.items():
-        digest.update(f"{name}\0{view.camera}\0".encode())
-        digest.update(np.ascontiguousarray(view.camera_from_model.matrix).tobytes())
-    digest.update(np.ascontiguousarray(points.xyz).tobytes())
-    digest.update(np.ascontiguousarray(points.colors).tobytes())
-    return digest.hexdigest()
 
 
 def _usual_cameras(views: Iterable[AnyView]) -> dict[tuple[int, int], Camera]:

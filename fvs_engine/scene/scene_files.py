@@ -2,8 +2,9 @@
 
 scene.json           identity: dataset and settings
 state.safetensors    what the models depend on: visits, views and their sparse points
-quick.safetensors    the training of the quick model; it names the state that it belongs to
-full.safetensors     the training of the full model, likewise
+quick.safetensors    the last quick model; it names the state that it belongs to
+full.safetensors     the last full model, likewise
+training.safetensors the model in training, likewise
 sfm/                 features, matches, and the growing reconstruction
 """
 
@@ -59,8 +60,13 @@ class SceneFiles:
         return self.root / "state.safetensors"
 
     def model(self, quality: ModelQuality) -> Path:
-        """The checkpoint of a model."""
+        """The checkpoint of a finished model."""
         return self.root / f"{quality}.safetensors"
+
+    @property
+    def training(self) -> Path:
+        """The checkpoint of the model in training."""
+        return self.root / "training.safetensors"
 
     @property
     def sfm(self) -> Path:

@@ -71,6 +71,9 @@ class SceneSettings(Record):
     ``initial_iterations`` (the paper's Algorithm 1: 1,000 for 10 views, 100 more for each further one); a
     quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``),
     of images of 800 px or more a quick one only to half of their size, with a quarter more iterations.
+
+    ``warm_starts``: a quick model goes on from the last full one where that is better (``WarmStart``). Which
+    views the models have then hangs on which full models were trained.
     """
 
     poses: Literal["sfm", "known"] = "sfm"
@@ -79,6 +82,7 @@ class SceneSettings(Record):
     initial_iterations: int = Field(default=1_000, ge=1)
     iterations_per_view: int = Field(default=100, ge=0)
     quick_share: float = Field(default=QUICK_SHARE, gt=0, le=1)
+    warm_starts: bool = False
     training: TrainingSettings = SCENE_TRAINING
     sfm: SfmSettings = SfmSettings()
     seed: int = Field(default=0, ge=0)
@@ -88,7 +92,7 @@ class SceneSettings(Record):
         full = max(self.initial_iterations, self.iterations_per_view * views)
         if quality == "full":
             return full
-        share = self.quick_share * (_MORE_AT_HALF_SIZE if self._quick_at_half_size else 1.0)
+        share = self.quick_share * (_MORE_AT_HALF_SIZE if self.quick_at_half_size else 1.0)
         return max(1, round(share * full))
 
     def training_of(self, quality: ModelQuality, iterations: int) -> TrainingSettings:
@@ -96,7 +100,7 @@ class SceneSettings(Record):
 
         Renders are worse for some iterations after Gaussians were split.
         """
-        to_half_size = quality == "quick" and self._quick_at_half_size
+        to_half_size = quality == "quick" and self.quick_at_half_size
         levels = coarse_to_fine(iterations, to_half_size=to_half_size)
         rules = self.training.densification
         reduced = [level.until_iteration for level in levels if level.until_iteration < iterations]
@@ -105,5 +109,6 @@ class SceneSettings(Record):
         return self.training.model_copy(update={"levels": levels, "densification": densification})
 
     @property
-    def _quick_at_half_size(self) -> bool:
+    def quick_at_half_size(self) -> bool:
+        """Whether quick models are trained on images of half the size at most."""
         return self.long_side_px >= HALF_SIZE_FROM_PX

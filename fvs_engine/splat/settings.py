@@ -115,6 +115,10 @@ class TrainingSettings(Record):
             }
         )
 
+    def sh_degree_at(self, iteration: int) -> int:
+        """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
+        return min(self.sh_degree, iteration // self.sh_degree_interval)
+
     def reduction_at(self, iteration: int) -> int:
         """What both sides of the images are divided by at this iteration."""
         return next((level.reduction for level in self.levels if iteration < level.until_iteration), 1)

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,15 +45,20 @@ _DIVERGED_HINT = (
 
 @dataclass
 class _ViewOrder:
-    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end."""
+    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end.
+
+    View i comes ``repeats[i]`` times.
+    """
 
     seed: int
     epoch: int
     remaining: list[int]
+    repeats: list[int]
 
-    def next(self, count: int) -> int:
+    def next(self) -> int:
         if not self.remaining:
-            self.remaining = np.random.default_rng([self.seed, self.epoch]).permutation(count).tolist()
+            views = np.repeat(np.arange(len(self.repeats)), self.repeats)
+            self.remaining = np.random.default_rng([self.seed, self.epoch]).permutation(views).tolist()
             self.epoch += 1
         return self.remaining.pop()
 
@@ -74,7 +80,8 @@ class Trainer:
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
-    ``extent``: the length by which learning rates and size limits scale (``scene_extent``).
+    ``extent``: the length by which learning rates and size limits scale (``scene_extent``). ``repeats``: how
+    often each view comes in an epoch, once by default.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
@@ -86,6 +93,7 @@ class Trainer:
         settings: TrainingSettings,
         rasterizer: Rasterizer,
         seed: int = 0,
+        repeats: Sequence[int] | None = None,
     ) -> None:
         if not views:
             raise TrainingError("There is no view to train on.", hint="Hold out fewer views, or none.")
@@ -109,24 +117,24 @@ class Trainer:
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
         self._reduction = settings.reduction_at(0)
-        self._targets = [self._target(view) for view in views]
-        self._order = _ViewOrder(seed, 0, [])
+        self._targets: dict[int, _Target] = {}  # by the view's index, of the present level
+        self._order = _ViewOrder(seed, 0, [], [1] * len(views) if repeats is None else list(repeats))
 
     @property
     def sh_degree(self) -> int:
         """The degree of spherical harmonics in use: one more every ``sh_degree_interval``."""
-        return min(self.settings.sh_degree, self.iteration // self.settings.sh_degree_interval)
+        return self.settings.sh_degree_at(self.iteration)
 
-    def _target(self, view: TrainingView) -> _Target:
-        reduced = view.reduced(self._reduction)
-        return _Target(reduced.camera, torch.tensor(reduced.image, device=self.rasterizer.device))
-
-    def _follow_levels(self) -> None:
-        """Change to the images of the present level."""
+    def _target(self, index: int) -> _Target:
+        """What view ``index`` is compared with at the present level."""
         reduction = self.settings.reduction_at(self.iteration)
         if reduction != self._reduction:
-            self._reduction = reduction
-            self._targets = [self._target(view) for view in self.views]
+            self._reduction, self._targets = reduction, {}
+        if index not in self._targets:
+            reduced = self.views[index].reduced(reduction)
+            image = torch.tensor(reduced.image, device=self.rasterizer.device)
+            self._targets[index] = _Target(reduced.camera, image)
+        return self._targets[index]
 
     def train(self, until_iteration: int, monitor: Monitor, stage: str = STAGE) -> None:
         """Train up to iteration ``until_iteration``; report each iteration to ``monitor`` as ``stage``.
@@ -159,9 +167,8 @@ class Trainer:
     def _step(self) -> float:
         """One iteration; returns the loss before it."""
         settings, gaussians = self.settings, self.gaussians
-        index = self._order.next(len(self.views))
-        self._follow_levels()
-        view, target = self.views[index], self._targets[index]
+        index = self._order.next()
+        view, target = self.views[index], self._target(index)
         sh_degree = self.sh_degree
         rendering = self.rasterizer.render(
             gaussians, target.camera, view.camera_from_model, sh_degree=sh_degree
@@ -241,6 +248,7 @@ class Trainer:
                 "seed": self.seed,
                 "epoch": self._order.epoch,
                 "remaining": self._order.remaining,
+                "repeats": self._order.repeats,
                 "views": [view.name for view in self.views],
                 "owner": dict(owner_state or {}),
             },
@@ -260,22 +268,39 @@ class Trainer:
                 f"{path} was trained on {len(state['views'])} views, which are not the {len(names)} given.",
                 hint="Give the same views in the same order, or train again.",
             )
-        try:
+        with _whole(path):
             settings = TrainingSettings.model_validate(state["settings"])
-            trainer = cls(
-                views, Gaussians(**_named(tensors, "gaussians.")), settings, rasterizer, state["seed"]
-            )
+            gaussians, repeats = Gaussians(**_named(tensors, "gaussians.")), state["repeats"]
+            trainer = cls(views, gaussians, settings, rasterizer, state["seed"], repeats)
             trainer.iteration = state["iteration"]
             trainer.extent = state["extent"]
-            trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"])
+            trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"], repeats)
             trainer.optimiser.steps = state["steps"]
             trainer.optimiser.first = _named(tensors, "first.", rasterizer.device)
             trainer.optimiser.second = _named(tensors, "second.", rasterizer.device)
             trainer.statistics.total = tensors["gradients.total"].to(rasterizer.device)
             trainer.statistics.views = tensors["gradients.views"].to(rasterizer.device)
-        except (KeyError, TypeError, ValidationError) as error:
-            raise StorageError(f"{path} is incomplete: {error}", hint="Train again.") from error
         return trainer
+
+
+def read_gaussians(path: Path) -> tuple[Gaussians, int, int]:
+    """The Gaussians of a checkpoint, their degree of spherical harmonics in use, and their iterations.
+
+    Raises ``StorageError`` when it cannot be used.
+    """
+    tensors, state = read_checkpoint(path)
+    with _whole(path):
+        settings, iteration = TrainingSettings.model_validate(state["settings"]), int(state["iteration"])
+        return Gaussians(**_named(tensors, "gaussians.")), settings.sh_degree_at(iteration), iteration
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Raise ``StorageError`` where a part of the checkpoint is missing."""
+    try:
+        yield
+    except (KeyError, TypeError, ValidationError) as error:
+        raise StorageError(f"{path} is incomplete: {error}", hint="Train again.") from error
 
 
 def _named(tensors: dict[str, Tensor], prefix: str, device: torch.device | str = "cpu") -> dict[str, Tensor]:

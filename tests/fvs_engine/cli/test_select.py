@@ -179,7 +179,7 @@ def test_ctrl_c_ends_it_with_a_resumable_state(fvs_until: FvsUntil, room_dir: Pa
     assert status == INTERRUPTED
     assert "Traceback" not in said
     assert "Run the same command again" in said
-    assert (tmp_path / "scene" / "quick.safetensors").exists()
+    assert (tmp_path / "scene" / "training.safetensors").exists()
 
 
 def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:

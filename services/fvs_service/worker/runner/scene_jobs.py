@@ -227,6 +227,7 @@ class SceneJobs:
                 long_side_px=choice.long_side_px,
                 initial_iterations=choice.initial_iterations,
                 iterations_per_view=choice.iterations_per_image,
+                warm_starts=True,
                 training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
                 sfm=self._sfm(request.camera),
             )
