@@ -44,6 +44,12 @@ class ImageRetrieval:
             words = kept["words"]
         return cls(words if len(words) > 0 else None, read)
 
+    def prepare(self, names: Sequence[str]) -> None:
+        """Describe images, so that the next search need not."""
+        if self._words is not None:
+            for name in names:
+                self._vector(name)
+
     def most_similar(self, name: str, others: Sequence[str], count: int) -> list[str]:
         """The ``count`` of ``others`` that are most similar to ``name``, the most similar first."""
         if self._words is None or not others:

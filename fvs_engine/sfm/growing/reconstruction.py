@@ -263,6 +263,7 @@ class GrowingReconstruction:
         )
         registered = [name for name in names if name in posed]
         self._commit(state.with_poses(registered, len(posed), len(result.reconstruction.points)))
+        self._open_retrieval().prepare(names)
         return result.report.warnings, result.report.seconds
 
     def _grow(self, monitor: Monitor, given: PosePriors | None) -> _Messages:
@@ -320,6 +321,7 @@ class GrowingReconstruction:
                 update={"pending": (), "priors_ignored": frozen, "bootstrap_images": images}
             )
         )
+        self._open_retrieval().prepare(list(change.state.images))
         return warnings, stages.seconds
 
     def _take_out(self, names: Collection[str]) -> None:

@@ -66,7 +66,7 @@ def test_a_quick_model_goes_on_from_the_last_full_one_and_learns_the_new_view(
     for grown in (scene, anew):
         grown.add(["5.png"], Monitor())
     warm, cold = (grown.train("quick", Monitor()) for grown in (scene, anew))
-    assert warm.iterations == full.iterations + 30
+    assert warm.iterations == full.iterations + 20
     assert not went_on(cold, full)
     assert all(torch.equal(before[name], tensor) for name, tensor in full.gaussians.tensors().items())
     new = [view for view in scene.views if view.name == "5.png"]

@@ -25,7 +25,6 @@ from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
-from fvs_engine.sfm.native_process import end_child
 from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
@@ -51,7 +50,7 @@ from fvs_service.worker.runner.image_files import discard_images, prepare_images
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.pose_priors import pose_priors
-from fvs_service.worker.runner.quality import Quality, measure, spread
+from fvs_service.worker.runner.quality import measure, psnr_db, spread
 from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
 
 _SAVE_EVERY_S = 30.0
@@ -132,17 +131,16 @@ class SceneJobs:
                 self._publish_first(request, scene, images, monitor, warn, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
-            end_child()  # training takes longer than to start another one
             found = {images[name].digest: why for name, why in scene.quarantined.items() if name in images}
             _leave_out(found, request, warn, quarantine)
         images = {name: image for name, image in images.items() if name not in scene.quarantined}
-        previous = self._evaluate_previous(request, scene, images, monitor)
+        previous_db = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)
         scene.save()
         if not request.trains and not scene.is_trained("full"):
             return None
-        measured = {"new_images_psnr_db": None if previous is None else previous.psnr_db}
+        measured = {"new_images_psnr_db": previous_db}
         outcome = partial(self._outcome_of_update, request, scene, images, measured=measured)
         with self._gpu_slot(monitor):
             if not scene.is_trained("full"):
@@ -176,7 +174,6 @@ class SceneJobs:
         stage = FirstModelMonitor(monitor)
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
-            end_child()  # the memory that a job may need has no room for both
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
@@ -202,15 +199,15 @@ class SceneJobs:
 
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
-    ) -> Quality | None:
-        """The quality of the latest snapshot at the new images, before the model is trained on them."""
+    ) -> float | None:
+        """The PSNR of the latest snapshot at the new images, before the model is trained on them."""
         if request.snapshot_id is None:
             return None
         before = self._states.of_snapshot(request.snapshot_id)
         seen = {view.image for view in before.cameras.views}
         new = [view for view in scene.views if images[view.name].digest not in seen]
         views = spread(new, _MOST_EVALUATED)
-        return measure(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
+        return psnr_db(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
 
     def _images(
         self, request: RunJob, monitor: Monitor, warn: Warn, quarantine: Quarantine
