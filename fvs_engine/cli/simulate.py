@@ -18,9 +18,15 @@ def simulate(
     images: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="Number of photographs.")] = 24,
     size: Annotated[str, typer.Option(metavar="WxH", help="Size of the photographs in px.")] = "640x480",
     radius: Annotated[
-        float, typer.Option(min=2.5, max=3.7, metavar="M", help="Radius of the orbit in m.")
-    ] = 3.0,
-    turns: Annotated[float, typer.Option(min=0.01, max=20.0, help="Turns of the orbit.")] = 1.0,
+        float | None,
+        typer.Option(min=2.5, max=3.7, metavar="M", help="Radius of the orbit in m.", show_default="3"),
+    ] = None,
+    turns: Annotated[
+        float | None, typer.Option(min=0.01, max=20.0, help="Turns of the orbit.", show_default="1")
+    ] = None,
+    from_above: Annotated[
+        bool, typer.Option("--survey", help="Photograph houses from above, in rows, instead.")
+    ] = False,
     exposure: Annotated[
         float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Exposure: brighter by 2^EV.")
     ] = 0.0,
@@ -30,7 +36,10 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the scene.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json."""
+    """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json.
+
+    With --survey, a settlement from 30 m above, in parallel rows.
+    """
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
@@ -41,11 +50,22 @@ def simulate(
             param_hint="--size",
         )
 
-    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
-        from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
+    if from_above and (radius is not None or turns is not None):
+        raise typer.BadParameter(
+            "A survey has no orbit: leave out --radius and --turns.", param_hint="--survey"
+        )
 
-        camera = SimulatedCamera.like_a_drone(int(shape[1]), int(shape[2]), exposure_ev=exposure, noise=noise)
-        poses = orbit(images, radius_m=radius, turns=turns)
-        return tuple(write_photographs(out, courtyard(seed), camera, poses, monitor, seed=seed))
+    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
+        from fvs_engine.simulate import SimulatedCamera, write_photographs
+        from fvs_engine.simulate.tours import orbit, survey
+        from fvs_engine.simulate.world import courtyard, settlement
+
+        width, height = int(shape[1]), int(shape[2])
+        camera = SimulatedCamera.like_a_drone(width, height, exposure_ev=exposure, noise=noise)
+        if from_above:
+            world, poses = settlement(seed), survey(images, seed=seed)
+        else:
+            world, poses = courtyard(seed), orbit(images, radius or 3.0, turns=turns or 1.0)
+        return tuple(write_photographs(out, world, camera, poses, monitor, seed=seed))
 
     report.show_files(run_job(job, machine=as_json), machine=as_json)

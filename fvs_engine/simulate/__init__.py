@@ -1,8 +1,17 @@
-"""Simulated photographs of a synthetic scene."""
+"""Simulated photographs of synthetic scenes."""
 
 from fvs_engine.simulate.camera import SimulatedCamera
 from fvs_engine.simulate.photographs import write_photographs
-from fvs_engine.simulate.tours import orbit
-from fvs_engine.simulate.world import Rectangle, World, courtyard
+from fvs_engine.simulate.tours import orbit, survey
+from fvs_engine.simulate.world import Rectangle, World, courtyard, settlement
 
-__all__ = ["Rectangle", "SimulatedCamera", "World", "courtyard", "orbit", "write_photographs"]
+__all__ = [
+    "Rectangle",
+    "SimulatedCamera",
+    "World",
+    "courtyard",
+    "orbit",
+    "settlement",
+    "survey",
+    "write_photographs",
+]

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 GROUND_TEXEL_M, BOX_TEXEL_M = 0.008, 0.004
 """Side of a texel: finer than a pixel of a usual camera from where each is seen."""
+SETTLEMENT_TEXEL_M = 0.04
+"""The same for what is seen from 30 m above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,22 @@ def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World
     return World(tuple(rectangles))
 
 
-def _box(foot: Array, size: Array, turn: float, generator: np.random.Generator) -> list[Rectangle]:
+def settlement(seed: int = 0, length_m: float = 180.0, width_m: float = 120.0, houses: int = 90) -> World:
+    """Boxes as large as houses, 3 to 9 m high, on level ground around the origin, as a survey sees them."""
+    generator = np.random.default_rng(seed)
+    half = 0.5 * np.array([length_m, width_m, 0.0])
+    sides = ([length_m, 0, 0], [0, width_m, 0])
+    rectangles = [_textured(-half, *sides, SETTLEMENT_TEXEL_M, generator)]
+    for _ in range(houses):
+        foot = generator.uniform(-half, half)
+        size = np.array([*generator.uniform(5.0, 14.0, 2), generator.uniform(3.0, 9.0)])
+        rectangles += _box(foot, size, generator.uniform(0, np.pi), generator, SETTLEMENT_TEXEL_M)
+    return World(tuple(rectangles))
+
+
+def _box(
+    foot: Array, size: Array, turn: float, generator: np.random.Generator, texel_m: float = BOX_TEXEL_M
+) -> list[Rectangle]:
     """Four sides and a lid of a box on the ground, ``foot`` [3] the middle of its base."""
     c, s = np.cos(turn), np.sin(turn)
     x, y = size[0] * np.array([c, s, 0.0]), size[1] * np.array([-s, c, 0.0])
@@ -75,7 +92,7 @@ def _box(foot: Array, size: Array, turn: float, generator: np.random.Generator) 
         (corner + x, y, z),
         (corner + z, x, y),
     )
-    return [_textured(*face, BOX_TEXEL_M, generator) for face in faces]
+    return [_textured(*face, texel_m, generator) for face in faces]
 
 
 def _textured(

@@ -17,6 +17,18 @@ def test_it_leaves_photographs_and_the_truth(tmp_path: Path) -> None:
     assert (truth["w"], truth["h"], len(truth["frames"])) == (96, 64, 2)
 
 
+def test_a_survey_looks_down_from_thirty_metres(tmp_path: Path) -> None:
+    options = ["simulate", str(tmp_path / "site"), "--survey", "--images", "3", "--size", "96x64"]
+    result = CliRunner().invoke(app, options)
+    assert result.exit_code == 0, result.output
+    truth = json.loads((tmp_path / "site/transforms.json").read_text())
+    heights = [frame["transform_matrix"][2][3] for frame in truth["frames"]]
+    assert all(25 < height < 35 for height in heights)
+    result = CliRunner().invoke(app, [*options, "--turns", "2"])
+    assert result.exit_code == 2
+    assert "no orbit" in result.output
+
+
 @pytest.mark.parametrize("size", ["640", "0x480", "640x480x3", "99999x10", "-5x10"])
 def test_a_wrong_size_is_a_usage_error(tmp_path: Path, size: str) -> None:
     result = CliRunner().invoke(app, ["simulate", str(tmp_path), f"--size={size}"])

@@ -12,7 +12,16 @@ from fvs_engine.errors import Cancelled, InvalidInputError, OutputExistsError, S
 from fvs_engine.geometry import DistortedCamera, PinholeCamera, RigidTransform, look_at
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import read_dataset
-from fvs_engine.simulate import Rectangle, SimulatedCamera, World, courtyard, orbit, write_photographs
+from fvs_engine.simulate import (
+    Rectangle,
+    SimulatedCamera,
+    World,
+    courtyard,
+    orbit,
+    settlement,
+    survey,
+    write_photographs,
+)
 from fvs_engine.simulate.tracing import PackedWorld
 
 CAMERA = DistortedCamera("RADIAL", 160, 120, (104.0, 80.0, 60.0, -0.06, 0.008))
@@ -132,6 +141,25 @@ def test_an_orbit_stays_at_its_radius_and_looks_inwards() -> None:
         ) == pytest.approx([32.0, 24.0])
     with pytest.raises(InvalidInputError):
         orbit(0)
+
+
+def test_a_survey_covers_its_ground_in_rows_and_looks_down() -> None:
+    poses = survey(200)
+    centres = np.stack([pose.translation for pose in poses])
+    assert np.ptp(centres[:, :2], axis=0) == pytest.approx([7.0 * 19, 8.0 * 9])
+    steps = np.linalg.norm(np.diff(centres[:, :2], axis=0), axis=1)
+    assert set(np.round(steps, 6)) == {7.0, 8.0}  # to and fro
+    assert all(pose.rotation[2, 2] < -np.cos(np.radians(15)) for pose in poses)
+    with pytest.raises(InvalidInputError):
+        survey(0)
+
+
+def test_a_settlement_has_houses_that_stand_on_the_ground() -> None:
+    ground, *faces = settlement(houses=4).rectangles
+    assert ground.corner[2] == 0
+    lids = [face for face in faces if face.side_u[2] == face.side_v[2] == 0]
+    assert len(lids) == 4
+    assert all(3 <= lid.corner[2] <= 9 for lid in lids)
 
 
 def test_bad_rectangles_and_cameras_are_refused() -> None:

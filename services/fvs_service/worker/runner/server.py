@@ -5,6 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -55,6 +56,9 @@ class RunnerServer:
         limits = settings.limits
         self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
         self._job_running = threading.Lock()
+        self._job_thread = ThreadPoolExecutor(
+            1, "job"
+        )  # one for all jobs: the SfM child ends with its thread
         self._monitor: JobMonitor | None = None
         self._worker: Connection | None = None
         self._yielded = threading.Event()
@@ -172,13 +176,14 @@ class RunnerServer:
                 lambda progress: connection.send({"progress": progress}),
                 self._requests,
             )
-            return self._jobs.run(
+            return self._job_thread.submit(
+                self._jobs.run,
                 request,
                 self._monitor,
                 lambda sentence: connection.send({"warning": sentence}),
                 lambda reasons: connection.send({"quarantined": dict(reasons)}),
                 lambda name, made: connection.send({name: made}),
-            )
+            ).result()
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
