@@ -38,6 +38,8 @@ _FEWEST = 20
 """Scenes with fewer images give runs of neighbours and the whole, no far-spread sets."""
 _SHIFT = 0.3
 """Of the spread of the cameras."""
+_STRETCH = 1.3
+_TURN_DEG = 10.0
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ def mapped(folder: SfmFolder) -> dict[str, Callable[[], pycolmap.Reconstruction]
 
 def spoilt(sound: Callable[[], pycolmap.Reconstruction]) -> dict[str, Callable[[], pycolmap.Reconstruction]]:
     """Kind → a wrong model made of a sound one, anew at each call."""
-    return {spoil.__name__: partial(_spoil, sound, spoil) for spoil in (shifted, mirrored)}
+    return {spoil.__name__: partial(_spoil, sound, spoil) for spoil in SPOILS}
 
 
 def _largest(path: Path) -> pycolmap.Reconstruction:
@@ -153,15 +155,36 @@ def shifted(model: pycolmap.Reconstruction) -> None:
 
     Where all cameras are in one line, the epipolar geometry of every pair stays.
     """
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
-    )
-    centres = np.stack([image.projection_center() for image in images])
-    direction = np.linalg.svd(centres - centres.mean(axis=0))[2][0]
+    images, centres = _in_order(model)
     for image in images[2 * len(images) // 3 :]:
-        pose = image.cam_from_world()
-        aside = pycolmap.Rigid3d(pycolmap.Rotation3d(), -_SHIFT * centre_spread(centres) * direction)
-        image.frame.set_cam_from_world(image.camera_id, pose * aside)
+        _move(image, image.projection_center() + _along_row(centres))
+
+
+def slid(model: pycolmap.Reconstruction) -> None:
+    """One image in the middle of the capture, moved along the row of cameras."""
+    images, centres = _in_order(model)
+    image = images[len(images) // 2]
+    _move(image, image.projection_center() + _along_row(centres))
+
+
+def stretched(model: pycolmap.Reconstruction) -> None:
+    """The second half of the images, larger by a factor about the first of them."""
+    images, centres = _in_order(model)
+    half = len(images) // 2
+    for image, centre in zip(images[half:], centres[half:], strict=True):
+        _move(image, centres[half] + _STRETCH * (centre - centres[half]))
+
+
+def turned(model: pycolmap.Reconstruction) -> None:
+    """The second half of the images, turned together about the first of them, across the row of cameras."""
+    images, centres = _in_order(model)
+    half = len(images) // 2
+    across = np.linalg.svd(centres - centres.mean(axis=0))[2][2]
+    turn = pycolmap.Rotation3d(np.radians(_TURN_DEG) * across)
+    about = centres[half]
+    moved = pycolmap.Rigid3d(turn, about - turn.matrix() @ about)
+    for image in images[half:]:
+        image.frame.set_cam_from_world(image.camera_id, image.cam_from_world() * moved.inverse())
 
 
 def mirrored(model: pycolmap.Reconstruction) -> None:
@@ -175,6 +198,30 @@ def mirrored(model: pycolmap.Reconstruction) -> None:
         centre = mirror @ image.projection_center()
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ centre)
         image.frame.set_cam_from_world(image.camera_id, pose)
+
+
+SPOILS = (shifted, slid, stretched, turned, mirrored)
+"""All ways to make a sound model wrong."""
+
+
+def _in_order(model: pycolmap.Reconstruction) -> tuple[list[pycolmap.Image], NDArray[np.float64]]:
+    """The posed images in order of capture, and their centres [N, 3]."""
+    images = sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
+    )
+    return images, np.stack([image.projection_center() for image in images])
+
+
+def _along_row(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A share of the spread, along the row of cameras."""
+    direction = np.linalg.svd(centres - centres.mean(axis=0))[2][0]
+    return np.asarray(_SHIFT * centre_spread(centres) * direction)
+
+
+def _move(image: pycolmap.Image, centre: NDArray[np.float64]) -> None:
+    rotation = image.cam_from_world().rotation
+    pose = pycolmap.Rigid3d(rotation, -rotation.matrix() @ centre)
+    image.frame.set_cam_from_world(image.camera_id, pose)
 
 
 def _strecha(folder: Path) -> Centres:

@@ -54,11 +54,14 @@ class Evidence(Record):
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""
 
-    inconsistent_images: tuple[str, ...]
-    """Images that fit the rest pair by pair, but not by the points that three images share."""
-
     loosely_linked_images: tuple[str, ...]
     """Images that only pairs of few matches connect with the rest, as look-alike places often are."""
+
+    misscaled_images: tuple[str, ...]
+    """Images whose distance to the rest the depths of features seen in three images contradict."""
+
+    unscaled_images: tuple[str, ...]
+    """Images whose distance to the rest is not fixed: hardly a feature is seen in three images across."""
 
     misplaced_images: tuple[str, ...]
     """Images that are far from their position priors, after an alignment that most of the others fit."""

@@ -25,15 +25,24 @@ class PackedWorld:
     def __init__(self, world: World) -> None:
         rectangles = world.rectangles
         self.corners = np.stack([r.corner for r in rectangles])
-        sides = np.stack([np.stack([r.side_u, r.side_v]) for r in rectangles])
-        self.duals = sides / (sides**2).sum(axis=-1, keepdims=True)
-        normals = np.cross(sides[:, 0], sides[:, 1])
+        self.sides = np.stack([np.stack([r.side_u, r.side_v]) for r in rectangles])
+        self.duals = self.sides / (self.sides**2).sum(axis=-1, keepdims=True)
+        normals = np.cross(self.sides[:, 0], self.sides[:, 1])
         self.normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self.shapes = np.array([r.texture.shape[:2] for r in rectangles], dtype=np.int64)
         sizes = self.shapes.prod(axis=1)
         self.offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
         self.texels = np.concatenate([r.texture.reshape(-1, 3) for r in rectangles])
         self.sky = 255.0 * np.array(world.sky)
+
+    def in_front(self, corner_rays: Array, world_from_camera: RigidTransform) -> NDArray[np.int64]:
+        """The rectangles that no side of the camera's pyramid of sight parts from it."""
+        u, v = self.sides[:, 0], self.sides[:, 1]
+        outline = np.stack([self.corners + a * u + b * v for a in (0, 1) for b in (0, 1)], axis=1)
+        x, y, z = np.moveaxis(world_from_camera.inverse().apply(outline), -1, 0)
+        (left, top), (right, bottom) = np.nanmin(corner_rays, (0, 1)), np.nanmax(corner_rays, (0, 1))
+        beyond = np.stack([z < 0, x < left * z, x > right * z, y < top * z, y > bottom * z])
+        return np.flatnonzero(~beyond.all(axis=-1).any(axis=0))
 
 
 def pixel_corner_rays(camera: Camera) -> Array:
@@ -45,11 +54,11 @@ def pixel_corner_rays(camera: Camera) -> Array:
 def trace(world: PackedWorld, corner_rays: Array, world_from_camera: RigidTransform) -> Array:
     """The light [H, W, 3] in [0, 1] that reaches each pixel; black where the lens sees nothing."""
     rotation, origin = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation
-    planes = (world.corners, world.duals, world.normals)
+    seen = world.in_front(corner_rays, world_from_camera)
+    planes = (world.corners[seen], world.duals[seen], world.normals[seen])
+    textures = (world.shapes[seen], world.offsets[seen], world.texels)
     hits = _first_hits(corner_rays, rotation, origin, *planes)
-    image = _shade(
-        hits, corner_rays, rotation, origin, *planes, world.shapes, world.offsets, world.texels, world.sky
-    )
+    image = _shade(hits, corner_rays, rotation, origin, *planes, *textures, world.sky)
     return image / 255.0
 
 

@@ -219,8 +219,8 @@ def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) <= MAX_UNSUPPORTED_SHARE * images:
         found.update(unsupported)
-    if len(evidence.inconsistent_images) <= MAX_UNSUPPORTED_SHARE * images:
-        found.update(evidence.inconsistent_images)
+    if len(evidence.misscaled_images) <= MAX_UNSUPPORTED_SHARE * images:
+        found.update(evidence.misscaled_images)
     if can_be_left_out(len(contradicted), images):
         found.update(contradicted)
     if not priors_are_wrong(evidence) and len(evidence.misplaced_images) <= MAX_MISPLACED_SHARE * images:

@@ -16,13 +16,10 @@ from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import Candidate, Decision, decide, few_matches
+from fvs_engine.sfm.verification.gate import Candidate, Decision, decide, few_matches, unknown_distance
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
-
-_MIN_UNREGISTERED = 3
-"""Number of unregistered images below which no re-map is due."""
 
 _MIN_GAIN = 1.02
 """Factor by which a new model must explain more matches than the current one to replace it."""
@@ -98,6 +95,8 @@ def register(
     loose = [name for name in answer["loose"] if name in without]
     if loose:
         warnings.append(f"DOUBTFUL CAMERAS: {few_matches(loose)}")
+    if unscaled := [name for name in answer["unscaled"] if name in without]:
+        warnings.append(f"DOUBTFUL CAMERAS: {unknown_distance(unscaled)}")
     support = answer["match_support"]
     if support is not None and support < settings.gate.min_match_support:
         warnings.append(f"DOUBTFUL CAMERAS: {support:.1%} of the verified matches fit them.")
@@ -127,7 +126,7 @@ def reason_to_remap(
         return None
     if match_support is not None and match_support < state.mapped_support - growth.max_support_loss:
         return f"Match support fell from {state.mapped_support:.1%} to {match_support:.1%}."
-    if unregistered >= max(_MIN_UNREGISTERED, growth.max_unregistered * len(state.registered)):
+    if unregistered > 0 and unregistered >= growth.max_unregistered * len(state.registered):
         return f"{unregistered} images that match registered ones are unregistered."
     return None
 

@@ -1,6 +1,6 @@
 """Check of the pose estimated for one image: against its verified matches, the witness's, and its prior."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +19,13 @@ from fvs_engine.sfm.verification.pair_check import (
     explains,
 )
 from fvs_engine.sfm.verification.positions import misplaced
+from fvs_engine.sfm.verification.scale import Scale, depth_ratios
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
 Keypoints = Mapping[int, NDArray[np.float64]]
+
+_MOST_NEAR = 12
+"""Images that match one the most, whose depths are compared with its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +66,12 @@ class PoseCheck:
             supported = sum(check.supported for check in checks)
             if supported < EXPLAINED * matches:
                 return f"{supported} of its {matches} matches of other features fit its estimated pose"
+        name = model.image(image_id).name
+        if name in self._scale(model, {image_id}).contradicted:
+            return "features seen in three images contradict its distance to the others"
         registered = [image for image in model.images.values() if image.has_pose]
         centres = {image.name: np.asarray(image.projection_center()) for image in registered}
-        distance = misplaced(self.priors, centres).get(model.image(image_id).name)
+        distance = misplaced(self.priors, centres).get(name)
         return (
             None if distance is None else f"its estimated position is {distance:.3g} off its position prior"
         )
@@ -83,6 +90,23 @@ class PoseCheck:
         witness = self.witness
         said = Links.of(model, check_pairs(model, witness.pairs, witness.keypoints, relative_poses=False))
         return loose & (said.unconnected | said.contradicted)
+
+    def unscaled(self, model: pycolmap.Reconstruction, names: Sequence[str]) -> list[str]:
+        """Those of the registered images ``names`` whose distance to their neighbours nothing confirms."""
+        ids = {i for i, image in model.images.items() if image.has_pose and image.name in set(names)}
+        scale = self._scale(model, ids)
+        return [name for name in names if name in scale.open]
+
+    def _scale(self, model: pycolmap.Reconstruction, ids: Set[int]) -> Scale:
+        """What depths say of the images ``ids`` and those that match them the most."""
+        near = set(ids)
+        for i in ids:
+            own = [pair for pair in self.pairs if i in (pair.first, pair.second)]
+            for pair in sorted(own, key=lambda pair: -len(pair.matches))[:_MOST_NEAR]:
+                near |= {pair.first, pair.second}
+        inside = [pair for pair in self.pairs if pair.first in near and pair.second in near]
+        names = {i: image.name for i, image in model.images.items() if i in near and image.has_pose}
+        return Scale.of(names, depth_ratios(model, inside, self.keypoints))
 
 
 def _checks_of(

@@ -58,9 +58,10 @@ def register(
 
     ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database.
 
-    Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``), all
-    ``posed`` names, those ``rejected`` with the reasons, the model's size at its last global bundle
-    adjustment, and, if one was now, its ``match_support``.
+    Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
+    those whose distance to their neighbours nothing confirms (``unscaled``), all ``posed`` names, those
+    ``rejected`` with the reasons, the model's size at its last global bundle adjustment, and, if one was now,
+    its ``match_support``.
     """
     pycolmap.set_random_seed(seed)
     model = pycolmap.Reconstruction(model_dir)
@@ -90,6 +91,7 @@ def register(
     return {
         "registered": registered,
         "loose": [name for name in registered if name in loose],
+        "unscaled": growth.check.unscaled(model, registered) if registered else [],
         "posed": sorted(posed),
         "rejected": growth.rejected,
         "adjusted_images": adjustments.images,

@@ -17,7 +17,7 @@ from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_pairs
 from fvs_engine.sfm.verification.positions import misplaced, residual_share
 from fvs_engine.sfm.verification.prior_support import prior_support
-from fvs_engine.sfm.verification.triples import check_triples, inconsistent_images
+from fvs_engine.sfm.verification.scale import Scale, depth_ratios
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,8 @@ def gather_evidence(
     posed = [image for image in model.images.values() if image.has_pose]
     centres = {image.name: np.asarray(image.projection_center()) for image in posed}
     links = Links.of(model, checks)
+    names = {image.image_id: image.name for image in posed}
+    scale = Scale.of(names, depth_ratios(model, pairs, keypoints))
     return Evidence(
         pairs=len(checks),
         matches=sum(check.matches for check in checks),
@@ -51,13 +53,14 @@ def gather_evidence(
         translation_support=_translation_support(checks),
         cycle_consistency=cycle_consistency(checks),
         unsupported_images=tuple(sorted(links.contradicted | links.unconnected)),
-        inconsistent_images=tuple(sorted(inconsistent_images(model, check_triples(model, pairs, keypoints)))),
         loosely_linked_images=tuple(sorted(links.loose)),
+        misscaled_images=tuple(sorted(scale.contradicted)),
+        unscaled_images=tuple(sorted(scale.open)),
         misplaced_images=tuple(sorted(misplaced(priors, centres))),
         prior_residual_share=residual_share(priors, centres),
         prior_support=prior_support(
             checks,
-            {image.image_id: image.name for image in posed},
+            names,
             {image.image_id: image.cam_from_world().rotation.matrix().T for image in posed},
             priors,
         ),

@@ -74,8 +74,9 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     A candidate is accepted on its own evidence. One with somewhat too little is accepted if the witness
     confirms it, and becomes doubtful, usable with a warning, if another mapper or GPS agrees with it: a
     repeated pattern rarely causes the same errors in both. One with images that hang on few matches is
-    doubtful unless the witness or GPS confirms it. Points that three images share must not contradict it.
-    Among accepted ones that disagree, the better supported is chosen; a tie makes it doubtful.
+    doubtful unless the witness or GPS confirms it; so is, unless GPS confirms it, one with distances that
+    no features seen in three images show. Among accepted ones that disagree, the better supported is chosen;
+    a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -142,12 +143,9 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(f"Matches contradict the poses of {len(unsupported)} of its {images} images.")
-    inconsistent = evidence.inconsistent_images
-    if len(inconsistent) > MAX_UNSUPPORTED_SHARE * images:
-        rejections.append(
-            f"Points that three images share contradict the poses of {len(inconsistent)} of its {images} "
-            "images."
-        )
+    misscaled = evidence.misscaled_images
+    if len(misscaled) > MAX_UNSUPPORTED_SHARE * images:
+        rejections.append(wrong_distance(misscaled))
     if not can_be_left_out(len(contradicted), images):
         rejections.append(
             f"Matches of other features contradict the poses of {len(contradicted)} of its {images} images."
@@ -156,24 +154,18 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections += _contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
-    if inconsistent:  # the witness looks at pairs, too
-        doubt = f"Points that three images share contradict the poses of {listed(inconsistent)}."
-        return Judgement("doubtful", (doubt,))
-    if _witness_confirms(evidence, images, settings):
+    distances = _doubts_of_distances(evidence)
+    confirmed = _witness_confirms(evidence, images, settings)
+    if confirmed and not distances:
         return Judgement("accepted", (support, "Matches of other features confirm it."))
-    weaknesses = []
-    if evidence.match_support < settings.min_match_support:
-        weaknesses.append(f"Only {support}")
-    directions = evidence.translation_support
-    if directions is not None and directions < settings.min_translation_support:
-        weaknesses.append(
-            f"Only {directions:.1%} of the independent directions between cameras agree with it."
-        )
+    weaknesses = [] if confirmed else _weaknesses(evidence, settings)
     confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
     if weaknesses and confirmation is None:
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
     if weaknesses:
-        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it."))
+        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it.", *distances))
+    if distances:
+        return Judgement("doubtful", distances)
     if contradicted:
         doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
@@ -181,6 +173,27 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if loose:
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
+
+
+def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
+    """What must be confirmed by another mapper or GPS."""
+    found = []
+    if evidence.match_support < settings.min_match_support:
+        found.append(f"Only {evidence.match_support:.1%} of the verified matches fit its cameras.")
+    directions = evidence.translation_support
+    if directions is not None and directions < settings.min_translation_support:
+        found.append(f"Only {directions:.1%} of the independent directions between cameras agree with it.")
+    return found
+
+
+def _doubts_of_distances(evidence: Evidence) -> tuple[str, ...]:
+    """What depths over three images leave open; the pairs of the witness say as little of it as others."""
+    doubts = []
+    if evidence.misscaled_images:
+        doubts.append(wrong_distance(evidence.misscaled_images))
+    if evidence.unscaled_images and not priors_confirm(evidence):
+        doubts.append(unknown_distance(evidence.unscaled_images))
+    return tuple(doubts)
 
 
 def unsupported_images(evidence: Evidence) -> list[str]:
@@ -221,6 +234,19 @@ def few_matches(names: Sequence[str]) -> str:
     return (
         f"Few matches join {listed(names)} with the rest; a look-alike place joins images like that, too. "
         "Photographs from in between would show which."
+    )
+
+
+def wrong_distance(names: Sequence[str]) -> str:
+    """Why the poses of these images are wrong."""
+    return f"Features seen in three images contradict the distance of {listed(names)} to the other images."
+
+
+def unknown_distance(names: Sequence[str]) -> str:
+    """Why the poses of these images are doubtful, and the remedy."""
+    return (
+        f"Hardly a feature is seen in {listed(names)} and two of the other images, so that nothing confirms "
+        "the distance to those. Photographs from in between would."
     )
 
 

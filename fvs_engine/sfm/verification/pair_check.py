@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MIN_PAIR_MATCHES = 15
 """COLMAP's own limit for a verified pair."""
 
-MAX_ERROR_PX = 4.0
+_MAX_ERROR_PX = 4.0
 """The threshold of COLMAP's verification: a right pose explains what passed it."""
 
 _MIN_BASELINE_SHARE = 0.02
@@ -123,11 +123,11 @@ def fitting(
         positions[pair.second][pair.matches[:, 1]],
         relative.rotation.matrix(),
         np.asarray(relative.translation),
-        MAX_ERROR_PX / (0.5 * (focal_px(first) + focal_px(second))),
+        _MAX_ERROR_PX / (0.5 * (_focal_px(first) + _focal_px(second))),
     )
 
 
-def focal_px(image: pycolmap.Image) -> float:
+def _focal_px(image: pycolmap.Image) -> float:
     """The mean focal length of an image of a model."""
     assert image.camera is not None
     return float(image.camera.mean_focal_length())

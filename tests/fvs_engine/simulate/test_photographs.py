@@ -22,7 +22,7 @@ from fvs_engine.simulate import (
     survey,
     write_photographs,
 )
-from fvs_engine.simulate.tracing import PackedWorld
+from fvs_engine.simulate.tracing import PackedWorld, pixel_corner_rays
 
 CAMERA = DistortedCamera("RADIAL", 160, 120, (104.0, 80.0, 60.0, -0.06, 0.008))
 IDEAL = SimulatedCamera(CAMERA, vignetting=0.0, full_well=None, read_noise=0.0)
@@ -62,6 +62,16 @@ def test_where_nothing_is_there_is_sky() -> None:
     turned = look_at([0.0, -2.0, 0.0], [0.0, -9.0, 0.0], [0.0, 0.0, 1.0])
     image = IDEAL.photograph(PackedWorld(World((wall(0.0, 40),), sky=(0.25, 0.5, 1.0))), turned, 0)
     assert (image == np.round(255 * np.array([0.25, 0.5, 1.0]) ** (1 / 2.2))).all()
+
+
+def test_what_is_left_out_of_the_tracing_would_not_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, poses = PackedWorld(courtyard()), orbit(3)
+    images = [IDEAL.photograph(world, pose, 0) for pose in poses]
+    traced = [len(world.in_front(pixel_corner_rays(CAMERA), pose)) for pose in poses]
+    assert max(traced) < len(world.corners)
+    monkeypatch.setattr(PackedWorld, "in_front", lambda self, *_: np.arange(len(self.corners)))
+    for image, pose in zip(images, poses, strict=True):
+        assert np.array_equal(image, IDEAL.photograph(world, pose, 0))
 
 
 def test_exposure_scales_light_and_noise_has_the_variance_of_counted_electrons() -> None:

@@ -30,8 +30,9 @@ def evidence(**changes: object) -> Evidence:
         translation_support=0.95,
         cycle_consistency=0.9,
         unsupported_images=(),
-        inconsistent_images=(),
         loosely_linked_images=(),
+        misscaled_images=(),
+        unscaled_images=(),
         misplaced_images=(),
         prior_residual_share=None,
         prior_support=None,
@@ -238,20 +239,26 @@ def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful
     assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
 
 
-def test_a_model_that_points_in_three_images_contradict_is_rejected_whatever_the_witness_sees():
-    decision = decide(
-        [candidate("incremental", inconsistent_images=tuple(NAMES[8:]), witness=witness())], SETTINGS
-    )
-    assert decision.chosen is None
-    assert "three images share contradict the poses of 4 of its 12" in decision.judgements[0].reasons[0]
+def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
+    many = decide([candidate("incremental", misscaled_images=NAMES[:3], witness=witness())], SETTINGS)
+    assert many.chosen is None
+    assert "contradict the distance of 0.jpg, 1.jpg, 2.jpg" in many.judgements[0].reasons[0]
+    one = decide([candidate("incremental", misscaled_images=NAMES[:1], prior_residual_share=0.05)], SETTINGS)
+    assert one.judgements[0].verdict == "doubtful"
+    assert "contradict the distance of 0.jpg" in one.warnings[0]
 
 
-def test_a_single_image_that_they_contradict_makes_a_model_doubtful():
-    decision = decide(
-        [candidate("incremental", inconsistent_images=(NAMES[3],), witness=witness())], SETTINGS
-    )
+def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
+    decision = decide([candidate("incremental", unscaled_images=FEW, witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "three images share contradict the poses of 3.jpg" in decision.warnings[0]
+    assert "0.jpg, 1.jpg and two of the other images" in decision.warnings[0]
+    decision = decide([candidate("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
+    assert decision.judgements[0].verdict == "accepted"
+
+
+def test_a_doubt_about_distances_saves_no_weak_model():
+    weak = candidate("incremental", match_support=0.87, unscaled_images=FEW)
+    assert decide([weak], SETTINGS).chosen is None
 
 
 def test_two_images_are_not_what_is_left_of_three():

@@ -1,0 +1,198 @@
+"""The distances between a model's cameras against the depths of features that three of them see.
+
+The matches of two images say nothing about the distance between them: where cameras stand in a row, a part
+of it may be shifted along the row, and every pair still fits. A feature of one image that two others match
+has two depths, one from each pair. Their ratio is that of the two distances: a right model makes them equal.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fvs_engine.sfm.colmap.database import VerifiedPair
+from fvs_engine.sfm.verification.pair_check import fitting, normalised
+
+Array = NDArray[np.float64]
+
+MAX_DEPTH_ERROR = 0.03
+"""Absolute logarithm of the ratio of the two depths up to which they agree.
+
+See ``docs/adr/0029-three-images-and-one-mapper.md`` for the measurements behind it.
+"""
+
+_MIN_PARALLAX_DEG = 1.0
+"""Angle between the rays of a match from which on its depth is evidence."""
+
+_MIN_TRACKS = 10
+"""Number of features below which three images say nothing about their distances."""
+
+_MAX_SCATTER = 0.1
+"""Robust standard deviation of the logarithm beyond which features disagree and are no evidence."""
+
+_MAX_PAIRS = 12
+"""Number of pairs of an image, those with most depths, that are compared with each other."""
+
+_Pair = frozenset[int]
+
+
+@dataclass(frozen=True)
+class DepthRatio:
+    """The features of image ``middle`` that match ``first`` and ``second`` (image ids).
+
+    ``log_ratio`` is the median logarithm of their depth by the first over that by the second, ``scatter`` the
+    robust standard deviation.
+    """
+
+    middle: int
+    first: int
+    second: int
+    tracks: int
+    log_ratio: float
+    scatter: float
+
+    @property
+    def images(self) -> frozenset[int]:
+        """The three images."""
+        return frozenset((self.middle, self.first, self.second))
+
+    @property
+    def pairs(self) -> tuple[_Pair, _Pair]:
+        """The two pairs that are compared."""
+        return frozenset((self.middle, self.first)), frozenset((self.middle, self.second))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Names of the images of a model whose distances to the rest are not those that depths give."""
+
+    contradicted: frozenset[str]
+    """Most depths that are compared with the rest's contradict their distance."""
+
+    open: frozenset[str]
+    """No chain of features, each seen in three images, joins them with the rest: any distance would fit."""
+
+    @staticmethod
+    def of(
+        names: Mapping[int, str], ratios: Sequence[DepthRatio], max_error: float = MAX_DEPTH_ERROR
+    ) -> "Scale":
+        """What ``ratios`` say of the images ``names`` (by id) of a model; two have no distance to compare.
+
+        Pairs whose depths agree have one scale. The largest group of such pairs is the rest.
+        """
+        if len(names) <= 2:
+            return Scale(frozenset(), frozenset())
+        telling = [ratio for ratio in ratios if ratio.scatter <= _MAX_SCATTER]
+        agrees = [abs(ratio.log_ratio) <= max_error for ratio in telling]
+        groups = _groups([ratio.pairs for ratio in _sound(telling, agrees)])
+        main = groups[0] if groups else frozenset[int]()
+        left, contradicted = set(names) - main, set[int]()
+        for group in [*groups[1:], *(frozenset((i,)) for i in sorted(left))]:
+            apart = group & left
+            left -= apart
+            across = [
+                agree
+                for ratio, agree in zip(telling, agrees, strict=True)
+                if ratio.images & apart and ratio.images & main and ratio.images <= apart | main
+            ]
+            if sum(across) < len(across) / 2:
+                contradicted |= apart
+        compared = _groups([ratio.pairs for ratio in ratios])
+        unknown = names.keys() - (compared[0] if compared else frozenset()) - contradicted
+        return Scale(frozenset(names[i] for i in contradicted), frozenset(names[i] for i in unknown))
+
+
+def _sound(telling: Sequence[DepthRatio], agrees: Sequence[bool]) -> list[DepthRatio]:
+    """The comparisons that agree, of sound pairs.
+
+    A pair two thirds of whose comparisons disagree joins nothing: a long one hides a small shift.
+    """
+    balance: dict[_Pair, int] = {}
+    for ratio, agree in zip(telling, agrees, strict=True):
+        for pair in ratio.pairs:
+            balance[pair] = balance.get(pair, 0) + (2 if agree else -1)
+    return [
+        ratio
+        for ratio, agree in zip(telling, agrees, strict=True)
+        if agree and all(balance[pair] > 0 for pair in ratio.pairs)
+    ]
+
+
+def _groups(edges: Sequence[tuple[_Pair, _Pair]]) -> list[frozenset[int]]:
+    """The images of each group of pairs that comparisons join, the largest group first."""
+    if not edges:
+        return []
+    number = {pair: k for k, pair in enumerate(dict.fromkeys(pair for edge in edges for pair in edge))}
+    rows, columns = np.array([[number[pair] for pair in edge] for edge in edges]).T
+    graph = coo_array((np.ones(len(edges)), (rows, columns)), shape=(len(number), len(number)))
+    component = connected_components(graph, directed=False)[1]
+    images: dict[int, frozenset[int]] = {}
+    for pair, k in number.items():
+        group = int(component[k])
+        images[group] = images.get(group, frozenset()) | pair
+    return sorted(images.values(), key=len, reverse=True)
+
+
+def depth_ratios(
+    model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair], keypoints: Mapping[int, Array]
+) -> list[DepthRatio]:
+    """All comparisons of the depths of features that two pairs of one image share.
+
+    ``keypoints`` maps image ids to positions [K, 2] in px of the full-size images. Only matches that fit the
+    poses count.
+    """
+    matched = {i for pair in pairs for i in (pair.first, pair.second)}
+    rays = normalised(model, {i: points for i, points in keypoints.items() if i in matched})
+    least_sine = np.sin(np.radians(_MIN_PARALLAX_DEG))
+    depths: dict[int, list[tuple[int, Array]]] = {i: [] for i in rays}
+    for pair in pairs:
+        if pair.first not in rays or pair.second not in rays:
+            continue
+        first, second = model.images[pair.first], model.images[pair.second]
+        fits = pair.matches[fitting(pair, first, second, rays)]
+        relative = second.cam_from_world() * first.cam_from_world().inverse()
+        near, far, sine_squared = _depths(
+            rays[pair.first][fits[:, 0]],
+            rays[pair.second][fits[:, 1]],
+            relative.rotation.matrix(),
+            np.asarray(relative.translation),
+        )
+        telling = sine_squared >= least_sine**2
+        telling &= (near > 0) & (far > 0)
+        for image, other, column, depth in (
+            (pair.first, pair.second, 0, near),
+            (pair.second, pair.first, 1, far),
+        ):
+            if telling.sum() >= _MIN_TRACKS:
+                log_depth = np.full(len(rays[image]), np.nan)
+                log_depth[fits[telling, column]] = np.log(depth[telling])
+                depths[image].append((other, log_depth))
+    return [ratio for image, found in depths.items() for ratio in _compared(image, found)]
+
+
+def _compared(image: int, depths: Sequence[tuple[int, Array]]) -> list[DepthRatio]:
+    strongest = sorted(depths, key=lambda entry: -np.isfinite(entry[1]).sum())[:_MAX_PAIRS]
+    ratios = []
+    for (first, ours), (second, theirs) in combinations(strongest, 2):
+        difference = ours - theirs
+        difference = difference[np.isfinite(difference)]
+        if len(difference) >= _MIN_TRACKS:
+            median = float(np.median(difference))
+            scatter = 1.4826 * float(np.median(np.abs(difference - median)))
+            ratios.append(DepthRatio(image, first, second, len(difference), median, scatter))
+    return ratios
+
+
+def _depths(first: Array, second: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:
+    """Depths of matched rays [M, 2] in both cameras, and the squared sines of the angles between them."""
+    x, y = np.c_[first, np.ones(len(first))], np.c_[second, np.ones(len(second))]
+    u = x @ rotation.T
+    uu, yy, uy = (u * u).sum(axis=1), (y * y).sum(axis=1), (u * y).sum(axis=1)
+    ut, yt = u @ translation, y @ translation
+    determinant = np.maximum(uu * yy - uy**2, 1e-300)
+    return (uy * yt - yy * ut) / determinant, (uu * yt - uy * ut) / determinant, determinant / (uu * yy)
