@@ -63,6 +63,9 @@ class Evidence(Record):
     unscaled_images: tuple[str, ...]
     """Images whose distance to the rest is not fixed: hardly a feature is seen in three images across."""
 
+    unlikely_focal_lengths_px: tuple[float, ...]
+    """Refined focal lengths that no usual lens has, or that are far from EXIF's."""
+
     misplaced_images: tuple[str, ...]
     """Images that are far from their position priors, after an alignment that most of the others fit."""
 

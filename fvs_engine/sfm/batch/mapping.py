@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
+    focal_length_priors,
     image_ids,
     publish,
     read_keypoints,
@@ -46,16 +47,20 @@ class ModelEvidence:
     """Evidence inputs for any model: verified pairs, keypoints, position priors.
 
     ``witness`` gives the matches that no model is made of; it is asked once, when a model needs it.
+    ``focal_priors`` are the focal lengths in px that EXIF or the user gave, by camera id.
     """
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
     priors: PosePriors
     witness: Callable[[], WitnessMatches | None] = field(default=lambda: None)
+    focal_priors: Mapping[int, float] = field(default_factory=dict)
 
     def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """The evidence for ``model``; None when no verified pair lies within it."""
-        evidence = gather_evidence(model, self.pairs, self.keypoints, self.priors, monitor.check)
+        evidence = gather_evidence(
+            model, self.pairs, self.keypoints, self.priors, self.focal_priors, monitor.check
+        )
         if evidence is None or priors_confirm(evidence):
             return evidence
         matches = self.witness()
@@ -123,9 +128,11 @@ def read_model_evidence(
     keypoints = read_keypoints(stages.folder.database, ids)
     usable, warnings = usable_priors(priors, stages.folder.database)
     stages.warnings.extend(warnings)
+    focal_priors = focal_length_priors(stages.folder.database)
     if image_dir is None:
-        return ModelEvidence(pairs, keypoints, usable)
-    return ModelEvidence(pairs, keypoints, usable, functools.cache(partial(ask_witness, stages, image_dir)))
+        return ModelEvidence(pairs, keypoints, usable, focal_priors=focal_priors)
+    witness = functools.cache(partial(ask_witness, stages, image_dir))
+    return ModelEvidence(pairs, keypoints, usable, witness, focal_priors)
 
 
 def calibrate_view_graph(stages: Stages) -> None:

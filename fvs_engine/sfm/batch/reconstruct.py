@@ -200,6 +200,11 @@ def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
         warnings.append(
             f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
         )
+    warnings += [
+        f"{listed(images)} make a model of their own, which no matches join with this one: photograph what "
+        "lies between the two, or give each a scene."
+        for images in chosen.other_components
+    ]
     if chosen.left_out:
         warnings.append(
             f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
@@ -233,7 +238,8 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
         f"Every model contradicts the images' matches or positions. {reasons}",
-        hint="Repeated patterns cause this, or a wrong camera model. Add photographs in between; give "
-        "the calibration with --intrinsics, or try --camera-model OPENCV, which allows for stretched images; "
+        hint="Repeated patterns cause this, a wrong camera model, or a zoom that EXIF does not tell. Do not "
+        "zoom between photographs; add some in between; give the calibration with --intrinsics, or try "
+        "--camera-model OPENCV, which allows for stretched images; "
         f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
     )

@@ -137,6 +137,17 @@ def image_ids(path: Path) -> dict[str, int]:
         return {name: image_id for image_id, name in db.execute("SELECT image_id, name FROM images")}
 
 
+def focal_length_priors(path: Path) -> dict[int, float]:
+    """Camera id → focal length prior in px, for cameras that have one: from EXIF, or given."""
+    with pycolmap.Database.open(path) as database:
+        cameras = database.read_all_cameras()
+    return {
+        camera.camera_id: float(camera.mean_focal_length())
+        for camera in cameras
+        if camera.has_prior_focal_length
+    }
+
+
 def image_cameras(path: Path) -> dict[str, int]:
     """Name → camera id of the images."""
     if not path.exists():

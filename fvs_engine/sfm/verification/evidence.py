@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence, WitnessEvidence
+from fvs_engine.sfm.verification.focal_lengths import unlikely_focal_lengths
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_pairs
 from fvs_engine.sfm.verification.positions import misplaced, residual_share
@@ -31,10 +32,12 @@ def gather_evidence(
     pairs: Sequence[VerifiedPair],
     keypoints: Mapping[int, Array],
     priors: PosePriors,
+    focal_priors: Mapping[int, float],
     on_pair: Callable[[], None] | None = None,
 ) -> Evidence | None:
     """The evidence for ``model`` of pairs and priors; None when no verified pair lies within it.
 
+    ``focal_priors`` are focal lengths in px by camera id.
     It takes a hundredth of a second per pair; ``on_pair`` is called before each and may raise to stop.
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
@@ -56,6 +59,7 @@ def gather_evidence(
         loosely_linked_images=tuple(sorted(links.loose)),
         misscaled_images=tuple(sorted(scale.contradicted)),
         unscaled_images=tuple(sorted(scale.open)),
+        unlikely_focal_lengths_px=unlikely_focal_lengths(model, focal_priors),
         misplaced_images=tuple(sorted(misplaced(priors, centres))),
         prior_residual_share=residual_share(priors, centres),
         prior_support=prior_support(

@@ -154,18 +154,18 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections += _contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
-    distances = _doubts_of_distances(evidence)
+    doubts = _doubts_beyond_pairs(evidence)
     confirmed = _witness_confirms(evidence, images, settings)
-    if confirmed and not distances:
+    if confirmed and not doubts:
         return Judgement("accepted", (support, "Matches of other features confirm it."))
     weaknesses = [] if confirmed else _weaknesses(evidence, settings)
     confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
     if weaknesses and confirmation is None:
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
     if weaknesses:
-        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it.", *distances))
-    if distances:
-        return Judgement("doubtful", distances)
+        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it.", *doubts))
+    if doubts:
+        return Judgement("doubtful", doubts)
     if contradicted:
         doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
@@ -186,13 +186,15 @@ def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
     return found
 
 
-def _doubts_of_distances(evidence: Evidence) -> tuple[str, ...]:
-    """What depths over three images leave open; the pairs of the witness say as little of it as others."""
+def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
+    """What no pair shows, that of the witness neither: wrong distances and focal lengths."""
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
     if evidence.unscaled_images and not priors_confirm(evidence):
         doubts.append(unknown_distance(evidence.unscaled_images))
+    if evidence.unlikely_focal_lengths_px and not priors_confirm(evidence):
+        doubts.append(_unlikely_focal(evidence.unlikely_focal_lengths_px))
     return tuple(doubts)
 
 
@@ -247,6 +249,16 @@ def unknown_distance(names: Sequence[str]) -> str:
     return (
         f"Hardly a feature is seen in {listed(names)} and two of the other images, so that nothing confirms "
         "the distance to those. Photographs from in between would."
+    )
+
+
+def _unlikely_focal(focal_px: Sequence[float]) -> str:
+    """Why the depths of a model are doubtful, and the remedy."""
+    shown = ", ".join(f"{focal:.0f}" for focal in focal_px)
+    return (
+        f"The focal length came out as {shown} px, which hardly a lens has or EXIF contradicts. A flat scene "
+        "from the front does not show it: photograph it from the side, too, or give the calibration with "
+        "--intrinsics."
     )
 
 

@@ -102,8 +102,7 @@ class Scale:
             ]
             if sum(across) < len(across) / 2:
                 contradicted |= apart
-        compared = _groups([ratio.pairs for ratio in ratios])
-        unknown = names.keys() - (compared[0] if compared else frozenset()) - contradicted
+        unknown = names.keys() - _joined(_groups([ratio.pairs for ratio in ratios])) - contradicted
         return Scale(frozenset(names[i] for i in contradicted), frozenset(names[i] for i in unknown))
 
 
@@ -136,6 +135,16 @@ def _groups(edges: Sequence[tuple[_Pair, _Pair]]) -> list[frozenset[int]]:
         group = int(component[k])
         images[group] = images.get(group, frozenset()) | pair
     return sorted(images.values(), key=len, reverse=True)
+
+
+def _joined(groups: Sequence[frozenset[int]]) -> set[int]:
+    """The images of the largest group, and of groups that share two with it: these two have one distance."""
+    joined = set(groups[0]) if groups else set[int]()
+    apart = list(groups[1:])
+    while near := [group for group in apart if len(group & joined) >= 2]:
+        joined |= frozenset().union(*near)
+        apart = [group for group in apart if group not in near]
+    return joined
 
 
 def depth_ratios(

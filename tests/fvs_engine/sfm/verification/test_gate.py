@@ -33,6 +33,7 @@ def evidence(**changes: object) -> Evidence:
         loosely_linked_images=(),
         misscaled_images=(),
         unscaled_images=(),
+        unlikely_focal_lengths_px=(),
         misplaced_images=(),
         prior_residual_share=None,
         prior_support=None,
@@ -254,6 +255,17 @@ def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
     assert "0.jpg, 1.jpg and two of the other images" in decision.warnings[0]
     decision = decide([candidate("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
+
+
+def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
+    decision = decide(
+        [candidate("incremental", unlikely_focal_lengths_px=(96.9,), witness=witness())], SETTINGS
+    )
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "97 px" in decision.warnings[0]
+    assert "from the side" in decision.warnings[0]
+    gps = candidate("incremental", unlikely_focal_lengths_px=(96.9,), prior_residual_share=0.05)
+    assert decide([gps], SETTINGS).judgements[0].verdict == "accepted"
 
 
 def test_a_doubt_about_distances_saves_no_weak_model():

@@ -14,7 +14,7 @@ from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.evidence import gather_evidence
 from fvs_engine.sfm.verification.gate import Candidate, Judgement, decide
-from fvs_engine.sfm.verification.scale import Scale, depth_ratios
+from fvs_engine.sfm.verification.scale import DepthRatio, Scale, depth_ratios
 
 COUNT = 12
 NAMES = {i + 1: f"{i:02}.jpg" for i in range(COUNT)}
@@ -68,7 +68,7 @@ def scale(places: Sequence[float], reach: int = 4) -> Scale:
 
 def judged(places: Sequence[float], reach: int = 4) -> tuple[Judgement, Evidence]:
     made = model(places)
-    evidence = gather_evidence(made, *photographed(reach), PosePriors())
+    evidence = gather_evidence(made, *photographed(reach), PosePriors(), {})
     assert evidence is not None
     centres = {image.name: np.asarray(image.projection_center()) for image in made.images.values()}
     decision = decide([Candidate("incremental", centres, evidence)], GateSettings())
@@ -179,3 +179,13 @@ def test_two_images_have_no_distance_to_compare():
 def test_three_images_in_a_chain_of_pairs_are_open():
     names = dict(list(NAMES.items())[:3])
     assert Scale.of(names, []).open == set(names.values())
+
+
+def test_groups_that_share_two_images_have_one_scale():
+    """An image between two of the rest, whose features no third of the rest sees, is fixed by those two."""
+    names = dict(list(NAMES.items())[:6])
+    chain = [DepthRatio(i, i - 1, i + 1, 50, 0.0, 0.01) for i in (2, 3, 4)]
+    between = DepthRatio(6, 3, 4, 50, 0.0, 0.01)
+    beside = DepthRatio(6, 5, 5, 50, 0.0, 0.01)
+    assert Scale.of(names, [*chain, between]).open == set()
+    assert Scale.of(names, [*chain, beside]).open == {names[6]}

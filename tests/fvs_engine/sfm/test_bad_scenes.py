@@ -1,0 +1,119 @@
+"""Photographs that support no whole model: no wrong one is believed, and a sentence says what is missing."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from fvs_engine.errors import ReconstructionError
+from fvs_engine.geometry import DistortedCamera, RigidTransform, look_at
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.alignment.similarity import robust_umeyama
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.simulate import Rectangle, SimulatedCamera, World, courtyard, orbit, write_photographs
+from fvs_engine.simulate.textures import dead_leaves
+
+pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.timeout(900)]
+
+DRONE = SimulatedCamera.like_a_drone(640, 480)
+HALF_ORBIT = orbit(12, turns=0.5)
+ALONG_THE_WALL = [
+    look_at([x, 0.3 * np.sin(3 * x), 0.5 + 0.1 * np.cos(5 * x)], [x, 4.0, 0.5], [0.0, 0.0, 1.0])
+    for x in np.linspace(-5.0, 5.0, 30)
+]
+MAX_SHARE = 0.03
+Centres = Mapping[str, NDArray[np.float64]]
+
+
+def photographed(
+    folder: Path, world: World, cameras: Sequence[SimulatedCamera], poses: Sequence[RigidTransform]
+) -> list[Path]:
+    """One photograph by each camera from each pose."""
+    return [
+        write_photographs(folder / f"{index:03d}", world, camera, [pose], Monitor(), seed=index)[0]
+        for index, (camera, pose) in enumerate(zip(cameras, poses, strict=True))
+    ]
+
+
+def gathered(folder: Path, photographs: Sequence[Path], *, exif: bool = True) -> tuple[Path, list[str]]:
+    """The photographs in one folder, named in order."""
+    folder.mkdir()
+    names = [f"{index:03d}.jpg" for index in range(len(photographs))]
+    for name, path in zip(names, photographs, strict=True):
+        with Image.open(path) as image:
+            image.save(folder / name, quality=95, exif=image.getexif() if exif else Image.Exif())
+    return folder, names
+
+
+def reconstructed(tmp_path: Path, photographs: Sequence[Path], *, exif: bool = True) -> SfmResult:
+    folder, names = gathered(tmp_path / "images", photographs, exif=exif)
+    return reconstruct(folder, names, tmp_path / "sfm", SfmSettings(threads=1), Monitor(), PosePriors())
+
+
+def largest_error(result: SfmResult, truth: Centres) -> float:
+    """The largest error of a camera centre, in shares of their spread."""
+    found = result.reconstruction.centres()
+    ours, theirs = (np.stack([centres[name] for name in sorted(found)]) for centres in (found, truth))
+    moved = robust_umeyama(ours, theirs).transform.apply(ours)
+    return float(np.linalg.norm(moved - theirs, axis=1).max() / centre_spread(theirs))
+
+
+def centres(poses: Sequence[RigidTransform], step: int = 1) -> Centres:
+    return {f"{step * index:03d}.jpg": pose.translation for index, pose in enumerate(poses)}
+
+
+def test_every_second_photograph_is_of_another_place(tmp_path: Path):
+    places = [
+        photographed(tmp_path / str(seed), courtyard(seed), 12 * [DRONE], HALF_ORBIT) for seed in (0, 7)
+    ]
+    mixed = [path for both in zip(*places, strict=True) for path in both]
+    result = reconstructed(tmp_path, mixed)
+    first = set(centres(HALF_ORBIT, step=2))
+    found = set(result.reconstruction.centres())
+    assert len(found) == 12
+    assert found == first or not found & first
+    (sentence,) = [warning for warning in result.report.warnings if "a model of their own" in warning]
+    assert "give each a scene" in sentence
+
+
+def test_a_zoom_that_exif_tells_makes_cameras_of_their_own(tmp_path: Path):
+    lenses = [
+        DistortedCamera("RADIAL", 640, 480, (416.0 * (1 + index / 12), 320.0, 240.0, -0.02, 0.001))
+        for index in range(12)
+    ]
+    cameras = [replace(DRONE, camera=lens) for lens in lenses]
+    photographs = photographed(tmp_path / "zoomed", courtyard(), cameras, HALF_ORBIT)
+    result = reconstructed(tmp_path, photographs)
+    assert result.report.verdict == "accepted"
+    assert result.report.registered == 12
+    assert largest_error(result, centres(HALF_ORBIT)) < MAX_SHARE
+
+    (tmp_path / "unknown").mkdir()
+    with pytest.raises(ReconstructionError) as caught:
+        reconstructed(tmp_path / "unknown", photographs, exif=False)
+    assert "Do not zoom" in caught.value.hint
+
+
+@pytest.mark.parametrize("tiles", [1, 16], ids=["a wall", "a wall that repeats itself"])
+def test_thirty_photographs_of_a_wall(tmp_path: Path, tiles: int):
+    """Right, doubtful or refused, but never wrong and accepted."""
+    random = np.random.default_rng(3)
+    tile = dead_leaves(125 if tiles > 1 else 625, 2000 // tiles, np.array([0.4, 0.4, 0.35]), random)
+    texture = np.tile(tile, (625 // len(tile), tiles, 1))
+    wall = Rectangle(np.array([-8.0, 4, -2]), np.array([16.0, 0, 0]), np.array([0, 0, 5.0]), texture)
+    photographs = photographed(tmp_path / "wall", World((wall,)), 30 * [DRONE], ALONG_THE_WALL)
+    try:
+        result = reconstructed(tmp_path, photographs)
+    except ReconstructionError:
+        return
+    right = largest_error(result, centres(ALONG_THE_WALL)) < MAX_SHARE
+    assert right or result.report.verdict == "doubtful"
+    if not right:
+        assert any("from the side" in warning for warning in result.report.warnings)
