@@ -2,7 +2,7 @@
 
 import contextlib
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,7 +116,7 @@ def restore_pairs(path: Path) -> list[tuple[str, str]]:
     """Undo all vetoes; return the pairs of names to verify again."""
     names = {image_id: name for name, image_id in image_ids(path).items()}
     with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
-        vetoed = f"two_view_geometries WHERE config = {_VETOED}"
+        vetoed = f"two_view_geometries WHERE config = {_VETOED} AND rows = 0"  # COLMAP's own keep matches
         pairs = [pair_id for (pair_id,) in db.execute(f"SELECT pair_id FROM {vetoed} ORDER BY pair_id")]
         db.execute(f"DELETE FROM {vetoed}")
     return [(names[pair_id // _MAX_IMAGES], names[pair_id % _MAX_IMAGES]) for pair_id in pairs]
@@ -180,34 +180,44 @@ def verified_pair_count(path: Path, min_matches: int) -> int:
 
 def verified_matches(path: Path, min_matches: int) -> dict[tuple[str, str], int]:
     """Pair of names → number of verified matches, for pairs with at least ``min_matches``."""
+    names = {image_id: name for name, image_id in image_ids(path).items()}
+    verified = _verified_ids(path, min_matches)
+    return {(names[first], names[second]): rows for (first, second), rows in verified.items()}
+
+
+def _verified_ids(path: Path, min_matches: int) -> dict[tuple[int, int], int]:
+    """Pair of image ids, the smaller one first → number of verified matches; in the order of the ids."""
     configurations = ",".join(map(str, sorted(_VERIFIED)))
     query = (
         f"SELECT pair_id, rows FROM two_view_geometries WHERE rows >= ? AND config IN ({configurations}) "
         "ORDER BY pair_id"
     )
-    names = {image_id: name for name, image_id in image_ids(path).items()}
     with _reading(path) as db:
         return {
-            (names[pair_id // _MAX_IMAGES], names[pair_id % _MAX_IMAGES]): rows
+            (pair_id // _MAX_IMAGES, pair_id % _MAX_IMAGES): rows
             for pair_id, rows in db.execute(query, (min_matches,))
         }
 
 
-def read_verified_pairs(path: Path, min_matches: int) -> list[VerifiedPair]:
-    """The verified pairs, ordered by image ids."""
-    database = pycolmap.Database.open(path)
-    try:
-        pair_ids, geometries = database.read_two_view_geometries()
-    finally:
-        database.close()
-    pairs = []
-    for pair_id, geometry in sorted(zip(pair_ids, geometries, strict=True), key=lambda entry: entry[0]):
-        matches = np.asarray(geometry.inlier_matches)
-        if int(geometry.config) not in _VERIFIED or len(matches) < min_matches:
-            continue
-        first, second = pycolmap.pair_id_to_image_pair(pair_id)
-        pairs.append(VerifiedPair(first, second, matches))
-    return pairs
+def read_verified_pairs(
+    path: Path, min_matches: int, around: Collection[str] | None = None
+) -> list[VerifiedPair]:
+    """The verified pairs, ordered by image ids.
+
+    ``around``: names of images; only the pairs between these and all that form a verified pair with them.
+    """
+    ids = sorted(_verified_ids(path, min_matches))
+    if around is not None:
+        names = image_ids(path)
+        centre = {names[name] for name in around if name in names}
+        near = centre.union(*(pair for pair in ids if not centre.isdisjoint(pair)))
+        ids = [pair for pair in ids if near.issuperset(pair)]
+    with pycolmap.Database.open(path) as database:
+        geometries = (database.read_two_view_geometry(*pair) for pair in ids)
+        return [
+            VerifiedPair(first, second, np.asarray(geometry.inlier_matches))
+            for (first, second), geometry in zip(ids, geometries, strict=True)
+        ]
 
 
 def read_keypoints(path: Path, ids: set[int]) -> dict[int, NDArray[np.float64]]:

@@ -1,6 +1,6 @@
 """Check of the pose estimated for one image: against its verified matches, the witness's, and its prior."""
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,10 +44,17 @@ class PoseCheck:
 
     @staticmethod
     def read(
-        database: str, min_image_support: float, priors: PosePriors, witness: str | None = None
+        database: str,
+        min_image_support: float,
+        priors: PosePriors,
+        witness: str | None = None,
+        around: Collection[str] | None = None,
     ) -> "PoseCheck":
-        """Read the pairs and keypoints of a database, and of the ``witness``'s."""
-        pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES)
+        """Read the pairs and keypoints of a database, and of the ``witness``'s.
+
+        ``around``: of these images and those that match them only, whose poses are to be checked.
+        """
+        pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES, around)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
         keypoints = read_keypoints(Path(database), ids)
         said = None if witness is None else WitnessMatches.read(Path(witness))
@@ -83,7 +90,7 @@ class PoseCheck:
         return sum(check.supported for check in checks) / matches if matches > 0 else None
 
     def loosely_linked(self, model: pycolmap.Reconstruction) -> frozenset[str]:
-        """The images of ``model`` that pairs of few matches only connect with the rest, the witness's too."""
+        """The images that pairs of few matches only connect with the others, the witness's too."""
         loose = Links.of(model, check_pairs(model, self.pairs, self.keypoints, relative_poses=False)).loose
         if self.witness is None or not loose:
             return loose

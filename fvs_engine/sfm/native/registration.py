@@ -70,7 +70,7 @@ def register(
         model,
         _load(database, [image.name for image in model.images.values()] + names),
         _pipeline_options(refine, seed, threads),
-        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness),
+        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
     adjusted = False
@@ -96,7 +96,9 @@ def register(
         "rejected": growth.rejected,
         "adjusted_images": adjustments.images,
         "adjusted_points": adjustments.points,
-        "match_support": growth.check.match_support(model) if adjusted else None,
+        "match_support": PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
+        if adjusted
+        else None,
     }
 
 

@@ -347,14 +347,12 @@ def test_poses_that_contradict_the_photographs_are_refused(
     assert loop.records == ()
 
 
-def test_a_photograph_that_shares_too_little_waits_and_is_named(
-    yard: Dataset, yard_begun: Path, tmp_path: Path
-) -> None:
-    folder = shutil.copytree(yard_begun, tmp_path / "out")
-    selection = json.loads((folder / "selection.json").read_text())
-    selection["settings"] |= {"method": "farthest", "nearest": 3}  # nothing was chosen yet
-    (folder / "selection.json").write_text(json.dumps(selection))
-    loop = open_loop(folder, yard, **(ESTIMATED | {"method": "farthest", "nearest": 3}))
+def test_a_photograph_that_shares_too_little_waits_and_is_named(yard: Dataset, tmp_path: Path) -> None:
+    images = shutil.copytree(yard.image_dir, tmp_path / "images")
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(images / "0007.jpg")
+    spoilt = dataclasses.replace(yard, image_dir=images)
+    loop = open_loop(tmp_path / "out", spoilt, **(ESTIMATED | {"method": "farthest", "nearest": 3}))
     record = loop.step(Monitor())
     assert isinstance(record, StepRecord)
     assert record.chosen == "0007.jpg"

@@ -1,7 +1,10 @@
+import contextlib
 import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
+import pycolmap
 import pytest
 
 from fvs_engine.monitor import Monitor
@@ -9,6 +12,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import (
     image_cameras,
     image_ids,
+    read_verified_pairs,
     require_sound_database,
     restore_pairs,
     verified_matches,
@@ -62,3 +66,30 @@ def test_vetoed_pairs_are_not_verified_until_they_are_restored(
     assert verified_matches(path, 15) == before
     assert restore_pairs(path) == []
     assert set(ids) == set(kermit_names)
+
+
+def test_pairs_in_which_colmap_saw_a_watermark_are_not_restored(
+    kermit_sfm: SfmResult, tmp_path: Path
+) -> None:
+    """They have the same configuration as vetoed pairs, and keep their matches."""
+    path = tmp_path / "database.db"
+    shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", path)
+    with contextlib.closing(sqlite3.connect(path)) as db, db:
+        watermark = int(pycolmap.TwoViewGeometryConfiguration.WATERMARK)
+        db.execute("UPDATE two_view_geometries SET config = ? WHERE rows >= 100", (watermark,))
+    assert restore_pairs(path) == []
+
+
+def test_the_pairs_around_an_image_are_those_of_its_neighbours(
+    kermit_sfm: SfmResult, kermit_names: list[str]
+) -> None:
+    path = kermit_sfm.model_dir.parent / "database.db"
+    pairs, ids = read_verified_pairs(path, 15), image_ids(path)
+    centre = ids[kermit_names[0]]
+    near = {i for pair in pairs if centre in (pair.first, pair.second) for i in (pair.first, pair.second)}
+    assert 2 < len(near) < len(ids)
+    around = read_verified_pairs(path, 15, around=kermit_names[:1])
+    expected = [pair for pair in pairs if {pair.first, pair.second} <= near]
+    assert [(pair.first, pair.second) for pair in around] == [(pair.first, pair.second) for pair in expected]
+    assert all(np.array_equal(a.matches, b.matches) for a, b in zip(around, expected, strict=True))
+    assert read_verified_pairs(path, 15, around=["unknown.jpg"]) == []
