@@ -19,8 +19,8 @@ from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
 
 _ITERATIONS = 20
-_ITERATIONS_PER_NEW_VIEW = 2
-"""Every second iteration is on a new view: each has its turn."""
+_ITERATIONS_PER_NEW_VIEW = 6
+"""Every second iteration is on a new view: each has three."""
 
 _RATE = 0.3
 """Factor of the learning rates: with the whole ones the model loses more of what it was than it gains."""
