@@ -23,6 +23,7 @@ Method = Literal[
     "uniform",
     "farthest",
     "nearest",
+    "kriging",
     "fisher",
     "d-optimal",
     "coverage",

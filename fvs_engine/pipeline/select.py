@@ -17,9 +17,9 @@ from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.output import locked_output, open_outside
 from fvs_engine.pipeline.selection_request import SelectionRequest
+from fvs_engine.plan.distances import path_length
 from fvs_engine.records import Record
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.select.distances import path_length
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.select.trajectory import draw_trajectory
 from fvs_engine.splat.ply import write_ply

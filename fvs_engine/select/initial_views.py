@@ -6,7 +6,7 @@ import numpy as np
 
 from fvs_engine.choices import InitialChoice
 from fvs_engine.geometry import PinholeCamera
-from fvs_engine.select.distances import view_distances
+from fvs_engine.plan.distances import view_distances
 from fvs_engine.views import AnyView, PinholeView
 
 

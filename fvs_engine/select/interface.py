@@ -7,8 +7,9 @@ from typing import Protocol
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.distances import view_distances
+from fvs_engine.plan.reach import Reach
 from fvs_engine.score import CandidateScore, rank
-from fvs_engine.select.distances import view_distances
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.torch_threads import torch_threads_for
@@ -25,6 +26,10 @@ class SelectionContext:
     be visited to its index in the order of capture. ``budget``: views at the end, the first ones
     included. ``seed`` and ``step`` (from 0) are the only source of chance.
 
+    For selectors that plan: ``later`` are the unvisited views that may be visited later, the candidates among
+    them (empty: the candidates), ``reach`` what each step can reach, in units of the model frame (None:
+    everything), and ``targets`` the poses that the model must serve (empty: all views that may be visited).
+
     Raises ``InvalidInputError`` for a name that occurs twice, that is both visited and a candidate, or that
     ``order`` lacks.
     """
@@ -38,6 +43,9 @@ class SelectionContext:
     budget: int
     seed: int
     step: int
+    later: tuple[PinholeView, ...] = ()
+    reach: Reach | None = None
+    targets: tuple[PinholeView, ...] = ()
 
     def __post_init__(self) -> None:
         known: set[str] = set()

@@ -12,10 +12,11 @@ from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_dataset, same_frame
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.select.distances import path_length
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
@@ -27,7 +28,6 @@ from fvs_engine.select.loop_records import (
     StopReason,
 )
 from fvs_engine.select.loop_settings import LoopSettings
-from fvs_engine.select.reach import Reach, default_radius
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
 from fvs_engine.splat.raster import Rasterizer
@@ -226,6 +226,8 @@ class SelectionLoop:
             budget=self.settings.budget,
             seed=self.settings.seed,
             step=len(self._records),
+            later=self._candidates(self.unvisited, alignment),
+            reach=self.reach.scaled(alignment.model_from_world.scale),
         )
 
     def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:

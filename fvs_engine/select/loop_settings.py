@@ -15,7 +15,7 @@ class LoopSettings(Record):
     ``budget`` counts all views, the ``initial`` ones included. Candidates are the unvisited views within
     ``radius`` of the current camera centre (in the dataset's unit), or the ``nearest`` N views; a number as
     large as the dataset puts all views in reach, and without either the radius is derived from the dataset
-    (``fvs_engine.select.reach.default_radius``). ``test_every``: of the views in order of capture, those with
+    (``fvs_engine.plan.reach.default_radius``). ``test_every``: of the views in order of capture, those with
     index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``: the
     ``first`` views in order of capture, as in the paper; ``consecutive`` ones from an index that ``seed``
     draws; or those ``farthest`` from one another, beginning with one that it draws. ``time_limit_s`` bounds

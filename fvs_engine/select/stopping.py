@@ -6,8 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
-from fvs_engine.select.reach import Reach
 
 
 class Clock:

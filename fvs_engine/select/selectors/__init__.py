@@ -8,6 +8,7 @@ from fvs_engine.select.interface import Selector
 from fvs_engine.select.selectors.coverage import Coverage
 from fvs_engine.select.selectors.distance import Farthest, Nearest
 from fvs_engine.select.selectors.information_gain import d_optimal, fisher
+from fvs_engine.select.selectors.kriging import Kriging
 from fvs_engine.select.selectors.random_order import RandomOrder
 from fvs_engine.select.selectors.renders import median_frequency, spectral_median
 from fvs_engine.select.selectors.uniform import Uniform
@@ -18,6 +19,7 @@ SELECTORS: Mapping[Method, Callable[[], Selector]] = {
     "uniform": Uniform,
     "farthest": Farthest,
     "nearest": Nearest,
+    "kriging": Kriging,
     "fisher": fisher,
     "d-optimal": d_optimal,
     "coverage": Coverage,

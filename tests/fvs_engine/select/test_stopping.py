@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvs_engine.select.reach import Reach
+from fvs_engine.plan.reach import Reach
 from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
 
 HERE = np.zeros(3)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.select.distances import path_length
-from fvs_engine.select.reach import SPACINGS, Reach, default_radius
+from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.reach import SPACINGS, Reach, default_radius
 
 CENTRES = {
     "far": np.array([0.0, 5.0, 0.0]),

@@ -30,6 +30,14 @@ class Reach:
         if (self.radius is None) == (self.nearest is None):
             raise InvalidInputError("Reach is a radius or a number of nearest views, exactly one of the two.")
 
+    def reaches_all(self, count: int) -> bool:
+        """Whether ``count`` views are always in reach, wherever they are."""
+        return self.nearest is not None and self.nearest >= count
+
+    def scaled(self, scale: float) -> "Reach":
+        """The same reach where lengths are ``scale`` times as large."""
+        return self if self.radius is None else Reach(radius=self.radius * scale)
+
     def distances(self, here: Array, centres: Mapping[str, Array]) -> dict[str, float]:
         """The views in reach of ``here`` [3], the nearest first, with their distances; ties by name."""
         if not centres:

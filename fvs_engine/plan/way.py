@@ -1,0 +1,99 @@
+"""The way that lowers the mean variance most where each step has a limited reach, by beam search."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.plan.kriging import TargetVariance
+from fvs_engine.plan.planner import Admissible, ViewPlan
+from fvs_engine.plan.reach import Reach
+
+Array = NDArray[np.float64]
+
+WIDTH = 200
+"""Ways that are kept at every step; 500 found ways that are 0.1 % better (docs/adr/0031)."""
+
+
+@dataclass(frozen=True)
+class _Way:
+    views: tuple[int, ...]
+    gain: float
+
+
+def plan_way(
+    variance: TargetVariance,
+    count: int,
+    admissible: Admissible,
+    *,
+    centres: Array,
+    here: Array,
+    reach: Reach,
+    width: int = WIDTH,
+) -> ViewPlan:
+    """Plan ``count`` steps from ``here`` [3], each to a candidate in ``reach`` of the last.
+
+    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on. ``chosen`` is in the order of the visit, and
+    ``ends`` holds the best way's end that begins with each candidate in reach; infinite for the others.
+    """
+    neighbours = _Neighbours(centres, reach)
+    ends = np.full(len(centres), np.inf)
+    best = _Way((), 0.0)
+    ways = [best]
+    for _ in range(count):
+        found: dict[tuple[frozenset[int], int], _Way] = {}
+        for way in ways:
+            near = neighbours.of(here if not way.views else way.views[-1], way.views)
+            near = near[admissible(way.views)[near]]
+            for index, gain in zip(near.tolist(), variance.gains(way.views, near).tolist(), strict=True):
+                longer = _Way((*way.views, index), way.gain + gain)
+                key = (frozenset(longer.views), index)
+                if key not in found or found[key].gain < longer.gain:
+                    found[key] = longer
+        if not found:
+            break
+        ways = sorted(found.values(), key=lambda way: (-way.gain, way.views))[:width]
+        best = ways[0]
+        for way in reversed(ways):  # a first step whose ways were all given up keeps what they had reached
+            ends[way.views[0]] = variance.variance - way.gain
+    return ViewPlan(
+        best.views,
+        tuple(_gains(variance, best.views)),
+        variance.variance,
+        variance.variance - best.gain,
+        ends,
+    )
+
+
+def _gains(variance: TargetVariance, views: Sequence[int]) -> list[float]:
+    return [float(variance.gains(views[:place], np.array([index]))[0]) for place, index in enumerate(views)]
+
+
+class _Neighbours:
+    """What is in reach of a candidate, or of a place, beside what was visited on the way."""
+
+    def __init__(self, centres: Array, reach: Reach) -> None:
+        self._centres = centres
+        self._reach = reach
+        self._ordered: dict[int, tuple[NDArray[np.int64], Array]] = {}
+
+    def of(self, place: int | Array, visited: Sequence[int]) -> NDArray[np.int64]:
+        """Indices of candidates, the nearest first."""
+        order, lengths = self._from(place)
+        free = ~np.isin(order, visited)
+        if self._reach.radius is not None:
+            return order[free & (lengths <= self._reach.radius)]
+        return order[free][: self._reach.nearest]
+
+    def _from(self, place: int | Array) -> tuple[NDArray[np.int64], Array]:
+        if isinstance(place, int):
+            if place not in self._ordered:
+                self._ordered[place] = self._sorted(self._centres[place])
+            return self._ordered[place]
+        return self._sorted(place)
+
+    def _sorted(self, here: Array) -> tuple[NDArray[np.int64], Array]:
+        lengths = np.linalg.norm(self._centres - here, axis=1)
+        order = np.argsort(lengths, kind="stable")
+        return order, lengths[order]

@@ -1,0 +1,80 @@
+"""The selector that plans: the views that leave the targets best surrounded at the end of the budget."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.candidates import CandidateStatus
+from fvs_engine.monitor import Monitor
+from fvs_engine.plan.distances import spread, view_points
+from fvs_engine.plan.kriging import TargetVariance
+from fvs_engine.plan.planner import ViewPlan, plan_views
+from fvs_engine.plan.route import shortest_route
+from fvs_engine.plan.way import plan_way
+from fvs_engine.score import CandidateScore
+from fvs_engine.select.interface import SelectionContext
+from fvs_engine.views import PinholeView
+
+TRAVEL = 1e-4
+"""Variance that one spread of the targets less of travel is worth: some 0.002 dB. It orders planned views."""
+
+
+class Kriging:
+    """Scores a candidate by the mean kriging variance of the targets at the end of the budget.
+
+    All remaining views are planned at every step (``plan_views``, or ``plan_way`` where reach is limited),
+    and the score is what the plan leaves if the candidate is visited next. Planned views would leave the
+    same, so a small price for travel puts the first stop of the shortest route before the others.
+
+    Source: I-optimal design for kriging (Müller, "Collecting Spatial Data", 2007), with exchanges (Fedorov)
+    instead of greedy choice. Cost: targets × candidates once, some milliseconds for 250 poses; nothing is
+    rendered.
+    """
+
+    name = "kriging"
+
+    def score(
+        self,
+        context: SelectionContext,
+        monitor: Monitor | None = None,  # noqa: ARG002 - over at once
+    ) -> tuple[CandidateScore, ...]:
+        """See ``Selector``. A budget that is used up counts as one remaining view."""
+        later = context.later or context.candidates
+        targets = context.targets or (*context.visited, *later)
+        unit = spread(targets)
+        variance = TargetVariance(
+            view_points(targets, unit), view_points(later, unit), view_points(context.visited, unit)
+        )
+        remaining = max(1, context.budget - len(context.visited))
+        plan, travel = _planned(context, variance, remaining, later)
+        indices = {view.name: index for index, view in enumerate(later)}
+        price = TRAVEL / unit if unit > 0 else 0.0
+        return tuple(
+            CandidateScore(
+                candidate.name,
+                float(plan.ends[indices[candidate.name]] + price * travel[indices[candidate.name]]),
+                CandidateStatus.RANKED,
+                None,
+            )
+            for candidate in context.candidates
+        )
+
+
+def _planned(
+    context: SelectionContext, variance: TargetVariance, remaining: int, later: tuple[PinholeView, ...]
+) -> tuple[ViewPlan, NDArray[np.float64]]:
+    """The plan, and how far the camera travels in all if it goes to each of ``later`` next."""
+    centres = np.array([view.centre for view in later]).reshape(-1, 3)
+    everything = np.ones(len(later), dtype=bool)
+    here = context.visited[-1].centre if context.visited else centres.mean(axis=0)
+    if context.reach is not None and not context.reach.reaches_all(len(later)):
+        plan = plan_way(
+            variance, remaining, lambda _plan: everything, centres=centres, here=here, reach=context.reach
+        )
+        return plan, np.zeros(len(later))
+    plan = plan_views(variance, remaining, lambda _plan: everything)
+    way = centres[list(plan.chosen)]
+    travel = np.linalg.norm(centres - here, axis=1) + shortest_route(here, way)[1]
+    for place, index in enumerate(plan.chosen):
+        _, rest = shortest_route(centres[index], np.delete(way, place, axis=0))
+        travel[index] = np.linalg.norm(centres[index] - here) + rest
+    return plan, travel
