@@ -26,13 +26,18 @@ from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach
-from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
+from fvs_engine.sfm.batch.triangulate import triangulate
+from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.report import GIVEN
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import SfmFolder
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.views import PinholeView
@@ -48,6 +53,15 @@ _NOTHING = Gaussians(
 )
 """A model for selectors that do not look at it."""
 BASELINE = "farthest"
+
+
+def with_points(dataset: Dataset, folder: Path) -> Dataset:
+    """The dataset, with the points that all its views share: else every set would triangulate its own."""
+    if dataset.points is not None:
+        return dataset
+    given = Reconstruction.of_views(dataset.views)
+    triangulate(given, dataset.image_dir, folder, SfmSettings(), Monitor())
+    return read_dataset(dataset.image_dir, colmap=SfmFolder(folder).mapping(GIVEN))
 
 
 def parts(dataset: Dataset, way: str, seed: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -190,11 +204,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 
-    dataset, rasterizer = open_dataset(options.dataset, options.colmap), create_rasterizer(options.backend)
+    rasterizer = create_rasterizer(options.backend)
     found = []
-    for way in options.hold_out:
-        for seed in options.seeds:
-            found += rows(dataset, options, way, seed, rasterizer)
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = with_points(open_dataset(options.dataset, options.colmap), Path(folder))
+        for way in options.hold_out:
+            for seed in options.seeds:
+                found += rows(dataset, options, way, seed, rasterizer)
     shown = [{key: value for key, value in row.items() if key != "set"} for row in found]
     report(f"sets of views, {options.long_side} px, {rasterizer.name}", shown, options.json)
     report(f"difference to {BASELINE}, paired by seed", differences(found), None)

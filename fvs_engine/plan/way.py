@@ -34,8 +34,9 @@ def plan_way(
 ) -> ViewPlan:
     """Plan ``count`` steps from ``here`` [3], each to a candidate in ``reach`` of the last.
 
-    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on. ``chosen`` is in the order of the visit, and
-    ``ends`` holds the best way's end that begins with each candidate in reach; infinite for the others.
+    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on.
+    ``chosen`` is in the order of the visit, and ``ends`` holds the end of the best way that begins with each
+    candidate in reach; infinite for the others.
     """
     neighbours = _Neighbours(centres, reach)
     ends = np.full(len(centres), np.inf)
