@@ -1,14 +1,13 @@
 """Distances: how different two views are in position and direction, and how long a path is."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvs_engine.views import AnyView
 
-Floats = NDArray[np.floating[Any]]
+Floats = NDArray[np.float64]
 
 
 def view_distances(views: Sequence[AnyView], others: Sequence[AnyView]) -> Floats:

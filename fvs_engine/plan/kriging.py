@@ -53,7 +53,7 @@ class TargetVariance:
         roots = np.sqrt(shares / shares.sum())
         self._candidates = candidates
         self._visited = visited
-        factor = np.linalg.cholesky(covariance(visited, visited) + NOISE * np.eye(len(visited)))
+        factor = _factor(visited)
         # Rows of visited views, whitened: the covariance given them is the prior less their products.
         of_targets = _solve(factor, covariance(visited, targets))
         self._of_candidates = _solve(factor, covariance(visited, candidates))
@@ -111,8 +111,13 @@ def covariance(points: Array, others: Array) -> Array:
 
 def variances(points: Array, visited: Array) -> Array:
     """The kriging variance [P] of poses ``points`` given ``visited`` ones; 1 without any."""
-    factor = np.linalg.cholesky(covariance(visited, visited) + NOISE * np.eye(len(visited)))
-    return np.asarray(1.0 - (_solve(factor, covariance(visited, points)) ** 2).sum(axis=0))
+    return np.asarray(1.0 - (_solve(_factor(visited), covariance(visited, points)) ** 2).sum(axis=0))
+
+
+def _factor(visited: Array) -> Array:
+    """The Cholesky factor of the covariances of observations."""
+    observed = covariance(visited, visited) + NOISE * np.eye(len(visited))
+    return np.asarray(np.linalg.cholesky(observed), dtype=np.float64)
 
 
 def _solve(factor: Array, right: Array) -> Array:

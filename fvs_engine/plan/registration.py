@@ -24,9 +24,9 @@ MOST_DISTANCE_RATIO = 2.0
 ENOUGH = 62.0
 """Familiar points of a view that is registered in nine of ten cases."""
 _HALF, _SLOPE = 38.0, 2.4
-"""Of the logistic curve: familiar points with an even chance, and its steepness per unit of their logarithm."""
+"""Of the logistic curve: familiar points with an even chance; its steepness per unit of their logarithm."""
 _MOST_POINTS = 4_000
-_MOST_BRIDGE_PRODUCTS = 20_000_000
+_MOST_PRODUCTS = 20_000_000
 _RELEVANT = 0.01
 
 
@@ -48,7 +48,8 @@ class Familiarity:
     """
 
     def __init__(self, observations: Observations, candidates: Sequence[PinholeView]) -> None:
-        used, self._share = _share(len(observations.points), min(_MOST_POINTS, _MOST_BRIDGE_PRODUCTS // max(1, len(candidates))))
+        most = min(_MOST_POINTS, _MOST_PRODUCTS // max(1, len(candidates)))
+        used, self._share = _share(len(observations.points), most)
         self._points = observations.points[used]
         self._centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
         number = np.full(len(observations.points), -1)
@@ -57,13 +58,19 @@ class Familiarity:
         order = np.argsort(numbers, kind="stable")
         order = order[numbers[order] >= 0]
         seen_from, numbers = observations.seen_from[order], numbers[order]
-        self._weights = np.stack([self._seen(view, seen_from, numbers) for view in candidates]) if len(candidates) else np.zeros((0, 0))
+        seen = [self._seen(view, seen_from, numbers) for view in candidates]
+        self._weights = np.array(seen).reshape(len(candidates), len(used))
         self.counts = self._weights.sum(axis=1) / self._share
         """Familiar points in the frame of every candidate [n]."""
         self._bridge = cache(self._uncached_bridge)
 
     def enough(self, plan: Sequence[int] = ()) -> Mask:
-        """Which candidates [n] are familiar enough, beside the views of ``plan`` that are so themselves."""
+        """Which candidates [n] are familiar enough, beside the views of ``plan`` that are so themselves.
+
+        Where none is, the most familiar one, so that there is always a way on.
+        """
+        if len(self.counts) and self.counts.max() < ENOUGH:
+            return np.asarray(self.counts == self.counts.max())
         mask = np.asarray(self.counts >= ENOUGH)
         left = set(plan)
         while ready := {index for index in left if mask[index]}:
@@ -80,7 +87,8 @@ class Familiarity:
         """The weight [P] of every point for a view; 0 outside of its frame."""
         weights = np.zeros(len(self._points))
         camera = view.camera
-        x, y, z = view.camera_from_model.rotation @ self._points.T + view.camera_from_model.translation[:, None]
+        pose = view.camera_from_model
+        x, y, z = pose.rotation @ self._points.T + pose.translation[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
             inside = (z > 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)

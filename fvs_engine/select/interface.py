@@ -9,6 +9,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
 from fvs_engine.plan.reach import Reach
+from fvs_engine.plan.registration import Observations
 from fvs_engine.score import CandidateScore, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
@@ -29,6 +30,8 @@ class SelectionContext:
     For selectors that plan: ``later`` are the unvisited views that may be visited later, the candidates among
     them (empty: the candidates), ``reach`` what each step can reach, in units of the model frame (None:
     everything), and ``targets`` the poses that the model must serve (empty: all views that may be visited).
+    ``observations`` are the sparse points where poses are estimated, so that a view which is visited must be
+    registered to be of use (None: poses are known).
 
     Raises ``InvalidInputError`` for a name that occurs twice, that is both visited and a candidate, or that
     ``order`` lacks.
@@ -46,6 +49,7 @@ class SelectionContext:
     later: tuple[PinholeView, ...] = ()
     reach: Reach | None = None
     targets: tuple[PinholeView, ...] = ()
+    observations: Observations | None = None
 
     def __post_init__(self) -> None:
         known: set[str] = set()

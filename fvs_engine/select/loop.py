@@ -16,6 +16,7 @@ from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
@@ -214,6 +215,7 @@ class SelectionLoop:
         spreads views must not choose them again.
         """
         registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
+        model_dir = self.scene.model_dir
         return SelectionContext(
             gaussians=self.model.gaussians,
             rasterizer=self.scene.rasterizer,
@@ -228,6 +230,7 @@ class SelectionLoop:
             step=len(self._records),
             later=self._candidates(self.unvisited, alignment),
             reach=self.reach.scaled(alignment.model_from_world.scale),
+            observations=read_observations(model_dir) if model_dir is not None else None,
         )
 
     def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:

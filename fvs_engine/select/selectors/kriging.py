@@ -7,7 +7,8 @@ from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import spread, view_points
 from fvs_engine.plan.kriging import TargetVariance
-from fvs_engine.plan.planner import ViewPlan, plan_views
+from fvs_engine.plan.planner import Admissible, ViewPlan, plan_views
+from fvs_engine.plan.registration import Familiarity
 from fvs_engine.plan.route import shortest_route
 from fvs_engine.plan.way import plan_way
 from fvs_engine.score import CandidateScore
@@ -23,7 +24,8 @@ class Kriging:
 
     All remaining views are planned at every step (``plan_views``, or ``plan_way`` where reach is limited),
     and the score is what the plan leaves if the candidate is visited next. Planned views would leave the
-    same, so a small price for travel puts the first stop of the shortest route before the others.
+    same, so a small price for travel puts the first stop of the shortest route before the others. Where
+    poses are estimated, the plan keeps to views that are likely to be registered (``Familiarity``).
 
     Source: I-optimal design for kriging (Müller, "Collecting Spatial Data", 2007), with exchanges (Fedorov)
     instead of greedy choice. Cost: targets × candidates once, some milliseconds for 250 poses; nothing is
@@ -48,10 +50,12 @@ class Kriging:
         plan, travel = _planned(context, variance, remaining, later)
         indices = {view.name: index for index, view in enumerate(later)}
         price = TRAVEL / unit if unit > 0 else 0.0
+        # A view that cannot be registered takes nothing from the variance.
+        ends = np.where(np.isfinite(plan.ends), plan.ends, variance.variance)
         return tuple(
             CandidateScore(
                 candidate.name,
-                float(plan.ends[indices[candidate.name]] + price * travel[indices[candidate.name]]),
+                float(ends[indices[candidate.name]] + price * travel[indices[candidate.name]]),
                 CandidateStatus.RANKED,
                 None,
             )
@@ -64,17 +68,23 @@ def _planned(
 ) -> tuple[ViewPlan, NDArray[np.float64]]:
     """The plan, and how far the camera travels in all if it goes to each of ``later`` next."""
     centres = np.array([view.centre for view in later]).reshape(-1, 3)
-    everything = np.ones(len(later), dtype=bool)
+    admissible = _admissible(context, later)
     here = context.visited[-1].centre if context.visited else centres.mean(axis=0)
     if context.reach is not None and not context.reach.reaches_all(len(later)):
-        plan = plan_way(
-            variance, remaining, lambda _plan: everything, centres=centres, here=here, reach=context.reach
-        )
+        plan = plan_way(variance, remaining, admissible, centres=centres, here=here, reach=context.reach)
         return plan, np.zeros(len(later))
-    plan = plan_views(variance, remaining, lambda _plan: everything)
+    plan = plan_views(variance, remaining, admissible)
     way = centres[list(plan.chosen)]
     travel = np.linalg.norm(centres - here, axis=1) + shortest_route(here, way)[1]
     for place, index in enumerate(plan.chosen):
         _, rest = shortest_route(centres[index], np.delete(way, place, axis=0))
         travel[index] = np.linalg.norm(centres[index] - here) + rest
     return plan, travel
+
+
+def _admissible(context: SelectionContext, later: tuple[PinholeView, ...]) -> Admissible:
+    """Which of ``later`` can be registered beside planned ones: all of them where poses are known."""
+    if context.observations is None or not len(context.observations.points):
+        everything = np.ones(len(later), dtype=bool)
+        return lambda _plan: everything
+    return Familiarity(context.observations, later).enough
