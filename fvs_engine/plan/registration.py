@@ -102,24 +102,21 @@ class Familiarity:
     def _uncached_bridge(self, index: int) -> Array:
         """Points of every candidate [n] that are familiar once the candidate ``index`` was registered."""
         visible = np.flatnonzero(self._weights[index] > _RELEVANT)
-        points = self._points[visible]
-        likely = self._weights[index][visible]
-        counts = np.zeros(len(self._centres))
-        for other, weights in enumerate(self._weights):
-            # Only what the planned view adds to what is familiar anyway.
-            framed = weights[visible] > 0
-            if framed.any():
-                near = _weights(points[framed], self._centres[index], self._centres[other])
-                gained = np.maximum(likely[framed] * near, weights[visible][framed])
-                counts[other] = gained.sum() + weights.sum() - weights[visible][framed].sum()
-        return counts / self._share
+        now = self._weights[:, visible]
+        near = _weights(self._points[visible], self._centres[index], self._centres[:, None])
+        # Only in the frame of a view, and only what the planned view adds to what is familiar anyway.
+        gained = np.where(now > 0, np.maximum(self._weights[index][visible] * near - now, 0.0), 0.0)
+        return np.asarray((self._weights.sum(axis=1) + gained.sum(axis=1)) / self._share)
 
 
 def _weights(points: Array, seen_from: Array, centre: Array) -> Array:
-    """exp(−(angle / ANGLE_RAD)²) between the directions to points; 0 where the distances differ too much."""
+    """exp(−(angle / ANGLE_RAD)²) between the directions to points; 0 where the distances differ too much.
+
+    ``points`` and ``seen_from`` [P, 3] or [3], ``centre`` broadcast with them; the result lacks the last axis.
+    """
     first, second = points - seen_from, points - centre
-    lengths, others = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
-    cosines = (first * second).sum(axis=1) / np.maximum(lengths * others, 1e-12)
+    lengths, others = np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)
+    cosines = np.einsum("...i,...i->...", first, second) / np.maximum(lengths * others, 1e-12)
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     comparable = (lengths <= MOST_DISTANCE_RATIO * others) & (others <= MOST_DISTANCE_RATIO * lengths)
     return np.asarray(np.where(comparable, np.exp(-((angles / ANGLE_RAD) ** 2)), 0.0))
