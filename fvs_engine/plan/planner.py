@@ -67,7 +67,7 @@ def _exchange(variance: TargetVariance, chosen: list[int], admissible: Admissibl
         before = list(chosen)
         for index in before:
             rest = [other for other in chosen if other != index]
-            if not _stands_alone(rest, admissible):
+            if not stands_alone(rest, admissible):
                 continue
             gains = np.where(_open_to(rest, admissible), variance.gains(rest), -np.inf)
             best = int(np.argmax(gains))
@@ -111,7 +111,7 @@ def _open_to(chosen: Sequence[int], admissible: Admissible) -> Mask:
     return mask
 
 
-def _stands_alone(chosen: Sequence[int], admissible: Admissible) -> bool:
+def stands_alone(chosen: Sequence[int], admissible: Admissible) -> bool:
     """Whether all views of the plan are admissible beside one another, in some order."""
     reached: list[int] = []
     left = list(chosen)

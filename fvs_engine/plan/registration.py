@@ -112,7 +112,7 @@ class Familiarity:
 def _weights(points: Array, seen_from: Array, centre: Array) -> Array:
     """exp(−(angle / ANGLE_RAD)²) between the directions to points; 0 where the distances differ too much.
 
-    ``points`` and ``seen_from`` [P, 3] or [3], ``centre`` broadcast with them; the result lacks the last axis.
+    ``points`` [P, 3], ``seen_from`` and ``centre`` broadcast; the result lacks their last axis.
     """
     first, second = points - seen_from, points - centre
     lengths, others = np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)

@@ -5,41 +5,56 @@ a plan (docs/adr/0031), without a dependency of 30 MB.
 """
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _LONGEST_SEGMENT = 3
 """Stops that Or-opt moves together."""
 _LEAST = 1e-12
 
 
-def shortest_route(
-    start: ArrayLike, stops: ArrayLike, end: ArrayLike | None = None
-) -> tuple[list[int], float]:
-    """A short way from ``start`` [3] through all ``stops`` [m, 3], and on to ``end`` [3] if it is given.
+class Legs(Protocol):
+    """Lengths of flight between places, which have indices."""
 
-    Returns the stops' indices in order, and the length. Straight lines; deterministic.
+    def between(self, places: Indices, others: Indices) -> Array:
+        """The lengths [len(places), len(others)]; infinite where there is no way."""
+        ...
+
+
+class StraightLegs:
+    """Straight lines between ``places`` [N, 3]."""
+
+    def __init__(self, places: Array) -> None:
+        self._places = places
+
+    def between(self, places: Indices, others: Indices) -> Array:
+        """See ``Legs``."""
+        apart = self._places[places][:, None] - self._places[others][None]
+        return np.asarray(np.linalg.norm(apart, axis=-1))
+
+
+def shortest_route(
+    legs: Legs, start: int, stops: Sequence[int], end: int | None = None
+) -> tuple[tuple[int, ...], float]:
+    """A short way from ``start`` through all ``stops``, and on to ``end`` if it is given.
+
+    Returns the stops in the order of the visit, and the length. Deterministic.
     """
-    points = np.concatenate(
-        [
-            np.asarray(start, dtype=np.float64).reshape(1, 3),
-            np.asarray(stops, dtype=np.float64).reshape(-1, 3),
-            np.asarray(end, dtype=np.float64).reshape(-1, 3) if end is not None else np.empty((0, 3)),
-        ]
-    )
-    lengths = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    last = [len(points) - 1] if end is not None else []
-    stop_count = len(points) - 1 - len(last)
-    way = [0, *_nearest_neighbours(lengths, stop_count), *last]
+    places = np.array([start, *stops, *([] if end is None else [end])], dtype=np.int64)
+    lengths = legs.between(places, places)
+    last = [] if end is None else [len(places) - 1]
+    way = [0, *_nearest_neighbours(lengths, len(stops)), *last]
     # An open end costs nothing: a leg to nowhere, so that both kinds of route are one case.
     if end is None:
         lengths = np.pad(lengths, (0, 1))
-        way.append(len(points))
+        way.append(len(places))
     way = _improved(lengths, way)
-    return [index - 1 for index in way[1:-1]], _length(lengths, way)
+    return tuple(int(places[index]) for index in way[1:-1]), _length(lengths, way)
 
 
 def _nearest_neighbours(lengths: Array, count: int) -> list[int]:

@@ -9,7 +9,7 @@ from fvs_engine.plan.distances import spread, view_points
 from fvs_engine.plan.kriging import TargetVariance
 from fvs_engine.plan.planner import Admissible, ViewPlan, plan_views
 from fvs_engine.plan.registration import Familiarity
-from fvs_engine.plan.route import shortest_route
+from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.way import plan_way
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
@@ -74,11 +74,14 @@ def _planned(
         plan = plan_way(variance, remaining, admissible, centres=centres, here=here, reach=context.reach)
         return plan, np.zeros(len(later))
     plan = plan_views(variance, remaining, admissible)
-    way = centres[list(plan.chosen)]
-    travel = np.linalg.norm(centres - here, axis=1) + shortest_route(here, way)[1]
-    for place, index in enumerate(plan.chosen):
-        _, rest = shortest_route(centres[index], np.delete(way, place, axis=0))
-        travel[index] = np.linalg.norm(centres[index] - here) + rest
+    last = len(centres)  # the place of the camera
+    legs = StraightLegs(np.concatenate([centres, here[None]]))
+    travel = (
+        legs.between(np.arange(last), np.array([last]))[:, 0] + shortest_route(legs, last, plan.chosen)[1]
+    )
+    for index in plan.chosen:
+        rest = [other for other in plan.chosen if other != index]
+        travel[index] = np.linalg.norm(centres[index] - here) + shortest_route(legs, index, rest)[1]
     return plan, travel
 
 

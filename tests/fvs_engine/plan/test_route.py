@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from fvs_engine.plan.distances import path_length
-from fvs_engine.plan.route import shortest_route
+from fvs_engine.plan.route import StraightLegs, shortest_route
+
+
+def route(start, stops, end=None):
+    """The route through places, as indices of stops."""
+    places = np.array([start, *stops, *([] if end is None else [end])])
+    last = None if end is None else len(places) - 1
+    order, length = shortest_route(StraightLegs(places), 0, range(1, len(stops) + 1), last)
+    return [index - 1 for index in order], length
 
 
 def shortest(start, stops, end=None):
@@ -21,7 +29,7 @@ def test_routes_are_the_shortest_of_all_nearly_always(has_end):
         draw = np.random.default_rng(seed)
         start, stops = draw.normal(size=3), draw.normal(size=(7, 3))
         end = draw.normal(size=3) if has_end else None
-        order, length = shortest_route(start, stops, end)
+        order, length = route(start, stops, end)
         assert sorted(order) == list(range(7))
         way = [start, *stops[order], *([] if end is None else [end])]
         assert length == pytest.approx(path_length(way))
@@ -34,16 +42,16 @@ def test_routes_are_the_shortest_of_all_nearly_always(has_end):
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_routes_of_few_stops(count):
     start, stops = np.zeros(3), np.eye(3)[:count]
-    order, length = shortest_route(start, stops)
+    order, length = route(start, stops)
     assert sorted(order) == list(range(count))
     assert length == pytest.approx(shortest(start, list(stops)) if count else 0.0)
-    assert shortest_route(start, stops, start)[1] == pytest.approx(
+    assert route(start, stops, start)[1] == pytest.approx(
         shortest(start, list(stops), start) if count else 0.0
     )
 
 
 def test_stops_in_one_place_are_no_error():
-    order, length = shortest_route(np.zeros(3), np.ones((5, 3)))
+    order, length = route(np.zeros(3), np.ones((5, 3)))
     assert sorted(order) == [0, 1, 2, 3, 4]
     assert length == pytest.approx(np.sqrt(3))
 
@@ -52,5 +60,5 @@ def test_a_ring_is_flown_around_once():
     angles = np.random.default_rng(0).permutation(np.linspace(0, 2 * np.pi, 40, endpoint=False))
     ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     first = int(np.argmin(np.abs(angles)))
-    _, length = shortest_route(ring[first], ring)
+    _, length = route(ring[first], ring)
     assert length == pytest.approx(39 * 2 * np.sin(np.pi / 40))

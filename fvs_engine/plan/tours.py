@@ -1,0 +1,242 @@
+"""Plans with a budget of distance, and for several vehicles: an orienteering problem.
+
+Source: Vansteenwegen, Souffriau, Van Oudheusden, "The orienteering problem: A survey", EJOR 2011: insertion
+by gain per length, then exchanges and shorter routes. Here the gain of a view depends on the others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.plan.kriging import TargetVariance
+from fvs_engine.plan.planner import Admissible, plan_views, stands_alone
+from fvs_engine.plan.route import Legs, shortest_route
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 4
+_LEAST_GAIN = 1e-9
+_TOLERANCE = 1e-9
+"""Share of the distance by which rounding may exceed it."""
+
+
+@dataclass(frozen=True)
+class Tour:
+    """The way of one vehicle: ``views``, indices of candidates in the order of visit, and its ``length``."""
+
+    views: tuple[int, ...]
+    length: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What may be spent: ``views`` in all, and a ``distance`` for each vehicle; None does not limit it.
+
+    With ``home`` every vehicle flies back to its start, which counts. Raises ``InvalidInputError`` for
+    numbers that are not positive.
+    """
+
+    views: int
+    distance: float | None = None
+    home: bool = False
+
+    def __post_init__(self) -> None:
+        if self.views < 1:
+            raise InvalidInputError(f"A plan needs at least one view, not {self.views}.")
+        if self.distance is not None and not 0.0 < self.distance < np.inf:
+            raise InvalidInputError(f"The distance of a plan must be positive, not {self.distance}.")
+
+
+def plan_tours(
+    variance: TargetVariance,
+    budget: Budget,
+    admissible: Admissible,
+    legs: Legs,
+    starts: Sequence[int],
+) -> tuple[Tour, ...]:
+    """Plan a tour for each vehicle. Places in ``legs`` are the candidates, then others such as ``starts``.
+
+    Raises ``InvalidInputError`` without vehicles, where no candidate is admissible and where the distance
+    does not reach any.
+    """
+    if not starts:
+        raise InvalidInputError("A plan needs at least one vehicle.")
+    _require_reach(budget, admissible, legs, starts)
+    planner = _Tours(variance, budget, admissible, legs, starts)
+    if budget.distance is None:
+        planner.share(plan_views(variance, budget.views, admissible).chosen)
+        return planner.tours
+    # Which of the two ways to fill tours is better depends on how tight the distance is.
+    found = []
+    for power in (0.5, 1.0):
+        planner = _Tours(variance, budget, admissible, legs, starts)
+        planner.fill(power)
+        planner.exchange(power)
+        found.append(planner)
+    return min(found, key=lambda each: variance.variance_after(each.chosen)).tours
+
+
+class _Tours:
+    """Tours that are being planned; all lengths include the way home where that is asked for."""
+
+    def __init__(
+        self,
+        variance: TargetVariance,
+        budget: Budget,
+        admissible: Admissible,
+        legs: Legs,
+        starts: Sequence[int],
+    ) -> None:
+        self._variance = variance
+        self._budget = budget
+        self._admissible = admissible
+        self._legs = legs
+        self._starts = starts
+        self.tours: tuple[Tour, ...] = tuple(Tour((), 0.0) for _ in starts)
+
+    @property
+    def chosen(self) -> tuple[int, ...]:
+        """All planned views."""
+        return tuple(index for tour in self.tours for index in tour.views)
+
+    def share(self, views: Sequence[int]) -> None:
+        """Share out views, so that the longest tour is short: each to the tour that it lengthens least."""
+        left = set(views)
+        while left:
+            options = [
+                (tour.length, vehicle, index, tour)
+                for index in sorted(left)
+                for vehicle, tour in enumerate(self._with(index))
+            ]
+            _, vehicle, index, tour = min(options, key=lambda option: option[:3])
+            self._replace(vehicle, tour)
+            left.remove(index)
+        self._level()
+
+    def fill(self, power: float) -> None:
+        """Add the view with the highest gain per ``power`` of the length that it adds, while one fits."""
+        while len(self.chosen) < self._budget.views:
+            gains = self._variance.gains(self.chosen)
+            open_to = self._admissible(self.chosen).copy()
+            open_to[list(self.chosen)] = False
+            added, vehicles = self._added(np.flatnonzero(open_to))
+            candidates = np.flatnonzero(open_to)
+            worth = np.where(
+                np.isfinite(added), gains[candidates] / np.maximum(added, 1e-9) ** power, -np.inf
+            )
+            if not len(worth) or worth.max() == -np.inf:
+                return
+            best = int(np.argmax(worth))
+            vehicle = int(vehicles[best])
+            self._replace(vehicle, self._with(int(candidates[best]))[vehicle])
+
+    def exchange(self, power: float) -> None:
+        """Replace views by others while that lowers the variance, and fill the distance that is left."""
+        for _ in range(_ROUNDS):
+            before = self.chosen
+            for index in before:
+                self._exchange_one(index, power)
+            if set(self.chosen) == set(before):
+                return
+
+    def _exchange_one(self, index: int, power: float) -> None:
+        kept, after = self.tours, self._variance.variance_after(self.chosen)
+        vehicle = next(number for number, tour in enumerate(self.tours) if index in tour.views)
+        self._replace(vehicle, self._routed(vehicle, [i for i in self.tours[vehicle].views if i != index]))
+        rest = self.chosen
+        if stands_alone(rest, self._admissible):
+            open_to = self._admissible(rest).copy()
+            open_to[[*rest, index]] = False
+            candidates = np.flatnonzero(open_to)
+            added, vehicles = self._added(candidates)
+            gains = np.where(np.isfinite(added), self._variance.gains(rest)[candidates], -np.inf)
+            if len(gains) and gains.max() > -np.inf:
+                best = int(np.argmax(gains))
+                self._replace(int(vehicles[best]), self._with(int(candidates[best]))[int(vehicles[best])])
+                self.fill(power)
+        if self._variance.variance_after(self.chosen) >= after - _LEAST_GAIN:
+            self.tours = kept
+
+    def _added(self, candidates: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+        """By how much each of ``candidates`` lengthens the tour that takes it best, and whose that is.
+
+        Infinite where no tour can take it.
+        """
+        best = np.full(len(candidates), np.inf)
+        whose = np.zeros(len(candidates), dtype=np.int64)
+        for vehicle, (start, tour) in enumerate(zip(self._starts, self.tours, strict=True)):
+            way = np.array([start, *tour.views, *([start] if self._budget.home else [])])
+            lengths = self._legs.between(way, candidates)
+            along = (
+                np.diagonal(self._legs.between(way[:-1], way[1:]))[:, None]
+                if len(way) > 1
+                else np.zeros((0, 1))
+            )
+            between = lengths[:-1] + lengths[1:] - along
+            options = between if self._budget.home else np.concatenate([between, lengths[-1:]])
+            added = options.min(axis=0, initial=np.inf)
+            if self._budget.distance is not None:
+                added = np.where(
+                    tour.length + added <= self._budget.distance * (1 + _TOLERANCE), added, np.inf
+                )
+            better = added < best
+            best, whose = np.where(better, added, best), np.where(better, vehicle, whose)
+        return best, whose
+
+    def _with(self, index: int) -> list[Tour]:
+        """Every vehicle's tour with one view more."""
+        return [self._routed(vehicle, [*tour.views, index]) for vehicle, tour in enumerate(self.tours)]
+
+    def _level(self) -> None:
+        """Move views from the longest tour to others while that makes the longest one shorter."""
+        moved = len(self._starts) > 1
+        while moved:
+            moved = False
+            longest = max(range(len(self.tours)), key=lambda vehicle: self.tours[vehicle].length)
+            for index in self.tours[longest].views:
+                rest = self._routed(longest, [i for i in self.tours[longest].views if i != index])
+                for vehicle, tour in enumerate(self._with(index)):
+                    if (
+                        vehicle != longest
+                        and max(rest.length, tour.length) < self.tours[longest].length - 1e-9
+                    ):
+                        self._replace(longest, rest)
+                        self._replace(vehicle, tour)
+                        moved = True
+                        break
+                if moved:
+                    break
+
+    def _routed(self, vehicle: int, views: Sequence[int]) -> Tour:
+        start = self._starts[vehicle]
+        order, length = shortest_route(self._legs, start, views, start if self._budget.home else None)
+        return Tour(order, length)
+
+    def _replace(self, vehicle: int, tour: Tour) -> None:
+        self.tours = (*self.tours[:vehicle], tour, *self.tours[vehicle + 1 :])
+
+
+def _require_reach(budget: Budget, admissible: Admissible, legs: Legs, starts: Sequence[int]) -> None:
+    possible = np.flatnonzero(admissible([]))
+    if not len(possible):
+        raise InvalidInputError(
+            "No candidate can be visited.",
+            hint="Give candidates nearer to the photographs, so that they can be registered.",
+        )
+    nearest = float(legs.between(np.array(starts), possible).min())
+    if not np.isfinite(nearest):
+        raise InvalidInputError(
+            "No candidate can be reached from where the vehicle is.",
+            hint="Something is in the way: give another start, or candidates on this side of it.",
+        )
+    way = nearest * (2.0 if budget.home else 1.0)
+    if budget.distance is not None and way > budget.distance * (1 + _TOLERANCE):
+        back = " and back" if budget.home else ""
+        raise InvalidInputError(
+            f"A distance of {budget.distance:.4g} does not reach any candidate: the nearest is "
+            f"{nearest:.4g} away.",
+            hint=f"Give at least {way:.4g} for the way there{back}, or nearer candidates.",
+        )
