@@ -20,7 +20,6 @@ import numpy as np
 from measurement import report
 
 from fvs_engine.choices import InitialChoice
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -29,6 +28,7 @@ from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.select.initial_views import initial_views
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.views import TrainingView

@@ -18,9 +18,9 @@ import torch
 from measurement import report
 from scenes import Scene, load_scene
 
-from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.settings import TrainingSettings, coarse_to_fine

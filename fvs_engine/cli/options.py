@@ -107,6 +107,13 @@ class LoopOptions:
             min=1, max=MAX_VIEWS, metavar="K", help="Choose among the K nearest views instead of a radius."
         ),
     ] = None
+    registrable: Annotated[
+        bool | None,
+        typer.Option(
+            help="With sfm: choose only among views that are likely to be registered; `kriging` always does.",
+            show_default="no-registrable",
+        ),
+    ] = None
     initial_iterations: Annotated[
         int | None,
         typer.Option(

@@ -57,6 +57,22 @@ def select(
         int,
         typer.Option(min=0, max=MAX_SEED, help="The same dataset and seed give the same views on the CPU."),
     ] = 0,
+    stop_at_db: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=100, metavar="DB", help="End when the expected PSNR over all views reaches this."
+        ),
+    ] = None,
+    stop_at_gain_db: Annotated[
+        float | None,
+        typer.Option(
+            "--stop-at-gain",
+            min=0,
+            max=100,
+            metavar="DB",
+            help="End when no view in reach is expected to add that much.",
+        ),
+    ] = None,
     loop: LoopOptions,
     run: RunOptions,
 ) -> None:
@@ -81,6 +97,8 @@ def select(
             test_every=test_every,
             quality=quality,
             seed=seed,
+            stop_at_db=stop_at_db,
+            stop_at_gain_db=stop_at_gain_db,
             threads=run.threads,
             **loop.given(),
         )

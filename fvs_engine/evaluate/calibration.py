@@ -8,12 +8,12 @@ from scipy.stats import spearmanr
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.evaluate.held_out import aligned_views, rendered
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.torch_threads import torch_threads_for
 
 STAGE = "calibrate"

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.evaluate.results import Evaluation, ViewQuality
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for

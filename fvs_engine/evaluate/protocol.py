@@ -21,7 +21,8 @@ class Protocol(Record):
 
     ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited images. With ``sfm``
     and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
-    spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis.
+    spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis. With ``registrable``
+    views are chosen only among those that are likely to be registered.
     The full model, which is measured, has ``iterations_per_view`` iterations for every view, at least
     ``initial_iterations``; views are chosen by a quick one (``SceneSettings``). ``time_limit_s`` ends a run
     early, which the report mentions.
@@ -48,6 +49,7 @@ class Protocol(Record):
     iterations_per_view: int = Field(default=100, ge=0)
     max_gaussians: int = Field(default=300_000, ge=1)
     time_limit_s: float | None = Field(default=None, gt=0)
+    registrable: bool = False
 
     @model_validator(mode="after")
     def _counts_rise_from_the_initial_views(self) -> Self:

@@ -92,6 +92,7 @@ class Setup:
             test_every=protocol.test_every,
             seed=seed,
             time_limit_s=protocol.time_limit_s,
+            registrable=protocol.registrable,
         )
 
     def open(self, folder: Path, method: str, seed: int, monitor: Monitor) -> SelectionLoop:

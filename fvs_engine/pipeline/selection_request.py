@@ -42,6 +42,9 @@ class SelectionRequest(Record):
     long_side_px: int | None = None
     max_gaussians: int | None = None
     time_limit_s: float | None = None
+    stop_at_db: float | None = None
+    stop_at_gain_db: float | None = None
+    registrable: bool = False
     seed: int = 0
     threads: int | None = None
 
@@ -87,6 +90,9 @@ class SelectionRequest(Record):
                 test_every=self.test_every,
                 seed=self.seed,
                 time_limit_s=self.time_limit_s,
+                stop_at_db=self.stop_at_db,
+                stop_at_gain_db=self.stop_at_gain_db,
+                registrable=self.registrable,
             )
         except ValidationError as error:
             raise InvalidInputError(f"{first_error(error, 'These settings cannot be used')}.") from error

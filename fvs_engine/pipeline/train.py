@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from PIL import Image
 
-from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.files.storage import require_free_bytes, storage_errors
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
@@ -28,6 +27,7 @@ from fvs_engine.pipeline.views import (
 )
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import render_color, to_pixels

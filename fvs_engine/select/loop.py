@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_datase
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
@@ -29,9 +31,19 @@ from fvs_engine.select.loop_records import (
     StopReason,
 )
 from fvs_engine.select.loop_settings import LoopSettings
+from fvs_engine.select.outlook import Targets
 from fvs_engine.select.selectors import create_selector
-from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
+from fvs_engine.select.stopping import (
+    Clock,
+    budget_spent,
+    gain_too_small,
+    nothing_in_reach,
+    quality_reached,
+    time_is_up,
+)
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.render import render_color
 from fvs_engine.views import PinholeView
 
 __all__ = [
@@ -168,7 +180,8 @@ class SelectionLoop:
         monitor.report(STAGE, len(self.visited), self.settings.budget)
         warnings: tuple[str, ...] = ()
         if self._pending is None:  # else ``step`` finishes the pending choice
-            warnings, _ = self._train_on(self.visited, monitor)
+            warnings, _ = self._add(self.visited, monitor)
+            self._train(monitor)
         self._begun = True
         return warnings
 
@@ -180,16 +193,17 @@ class SelectionLoop:
         """
         self.begin(monitor)
         if self._pending is None:
-            stop = self._stop_reason()
+            choice = self._stop_reason() or self._choose(monitor)
+            stop = choice if isinstance(choice, StopReason) else None
             if stop != self._manifest.stop:
                 self._manifest = self._manifest.model_copy(update={"stop": stop})
                 self._folder.write_manifest(self._manifest)
-            if stop is not None:
-                return stop
-            self._pending = self._choose(monitor)
+            if isinstance(choice, StopReason):
+                return choice
+            self._pending = choice
             self._folder.write_step(self._pending, None)
         record = self._visit(self._pending, monitor)
-        self._folder.write_step(self._pending, record)
+        self._folder.write_step(record.choice, record)
         self._records.append(record)
         self._pending = None
         monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
@@ -265,12 +279,22 @@ class SelectionLoop:
     def _unvisited_centres(self) -> Mapping[str, NDArray[np.float64]]:
         return {name: self._centres[name] for name in self.unvisited}
 
-    def _choose(self, monitor: Monitor) -> Choice:
+    def _choose(self, monitor: Monitor) -> Choice | StopReason:
         began = time.monotonic()
         here = self._centres[self.visited[-1]]
         distances = self.reach.distances(here, self._unvisited_centres())
         alignment = self.align()
-        selection = select(self.context(distances, alignment), self._selector, distances, monitor=monitor)
+        context = self.context(distances, alignment)
+        targets = Targets(context)
+        outlook = targets.outlook(context, self._seen)
+        stop = quality_reached(outlook, self.settings.stop_at_db) or gain_too_small(
+            outlook, self.settings.stop_at_gain_db
+        )
+        if stop is not None:
+            return stop
+        if self.settings.registrable:
+            context = replace(context, candidates=targets.registrable(context.candidates))
+        selection = select(context, self._selector, distances, monitor=monitor)
         chosen = selection.chosen
         return Choice(
             step=len(self._records) + 1,
@@ -283,10 +307,24 @@ class SelectionLoop:
             travel=self.travel + distances[chosen],
             alignment=AlignmentRecord.of(alignment),
             seconds=time.monotonic() - began,
+            outlook=outlook,
+            variance=targets.variance_of(chosen),
         )
 
+    @property
+    def _seen(self) -> list[Seen]:
+        """The photographs of all steps, as the models before them rendered them."""
+        choices = (record.choice for record in self._records)
+        return [Seen(c.variance, c.before_db) for c in choices if c.before_db is not None]
+
     def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
-        warnings, seconds = self._train_on([choice.chosen], monitor)
+        before = None if choice.before_db is not None else self.model
+        warnings, add_s = self._add([choice.chosen], monitor)
+        if before is not None:
+            # Written before the model is trained on it: afterwards it cannot be measured again.
+            choice = choice.model_copy(update={"before_db": self._psnr_db(before, choice.chosen)})
+            self._folder.write_step(choice, None)
+        train_s = self._train(monitor)
         if choice.chosen in self.scene.unregistered and not any(choice.chosen in line for line in warnings):
             warnings += (f"{choice.chosen} overlaps the registered images too little to be registered yet.",)
         return StepRecord(
@@ -297,21 +335,31 @@ class SelectionLoop:
             iterations=self.model.iterations,
             gaussians=len(self.model.gaussians),
             warnings=warnings,
-            seconds=StepSeconds(score=choice.seconds, **seconds),
+            seconds=StepSeconds(score=choice.seconds, add=add_s, train=train_s),
         )
 
-    def _train_on(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], dict[str, float]]:
-        """Add views and train the quick model; returns warnings and seconds per part."""
-        times = [time.monotonic()]
+    def _psnr_db(self, model: SceneModel, name: str) -> float | None:
+        """The PSNR of a registered view's photograph; None where it is unregistered."""
+        for view in self.scene.views:
+            if view.name == name:
+                render = render_color(model.gaussians, view, self.scene.rasterizer, sh_degree=model.sh_degree)
+                return psnr(render, view.image / 255.0)
+        return None
+
+    def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], float]:
+        """Add views; returns warnings and seconds."""
+        began = time.monotonic()
         update = self.scene.add(tuple(names), monitor)
-        times.append(time.monotonic())
         if not self.scene.views:
             raise ReconstructionError(
                 f"None of the {len(self.visited)} initial views could be registered: they do not overlap, or "
                 "not enough.",
                 hint="Begin with more views, or others (--initial, --initial-choice), or with --poses known.",
             )
+        return update.warnings, time.monotonic() - began
+
+    def _train(self, monitor: Monitor) -> float:
+        """Train the quick model; returns seconds."""
+        began = time.monotonic()
         self.scene.train("quick", monitor)
-        times.append(time.monotonic())
-        add, train = np.diff(times).tolist()
-        return update.warnings, {"add": add, "train": train}
+        return time.monotonic() - began

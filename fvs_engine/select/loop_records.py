@@ -5,6 +5,7 @@ from typing import Literal
 from fvs_engine.candidates import RankedCandidate
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment
 from fvs_engine.records import Record
+from fvs_engine.select.outlook import Outlook
 
 
 class AlignmentRecord(Record):
@@ -40,6 +41,10 @@ class Choice(Record):
     where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``:
     the path through all visited views up to it; both in the dataset's unit. ``seconds``: wall time of
     aligning, rendering and scoring.
+
+    ``outlook``: what was to be expected before the visit. ``variance``: the kriging variance of the chosen
+    pose then. ``before_db``: the PSNR of its photograph, rendered by the model that had not seen it; None
+    until it was taken, and where it could not be registered.
     """
 
     step: int
@@ -52,6 +57,9 @@ class Choice(Record):
     travel: float
     alignment: AlignmentRecord
     seconds: float
+    outlook: Outlook
+    variance: float
+    before_db: float | None = None
 
 
 class StepSeconds(Record):
@@ -103,5 +111,5 @@ class StepRecord(Record):
 class StopReason(Record):
     """Why a selection ended: ``kind`` for programs, ``message`` for people."""
 
-    kind: Literal["budget", "time-limit", "nothing-in-reach"]
+    kind: Literal["budget", "time-limit", "nothing-in-reach", "quality", "gain"]
     message: str

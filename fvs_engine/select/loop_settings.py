@@ -19,7 +19,9 @@ class LoopSettings(Record):
     index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``: the
     ``first`` views in order of capture, as in the paper; ``consecutive`` ones from an index that ``seed``
     draws; or those ``farthest`` from one another, beginning with one that it draws. ``time_limit_s`` bounds
-    one run, not a selection that is resumed.
+    one run, not a selection that is resumed. ``stop_at_db``: end when the expected PSNR over all views that
+    may be visited is that high; ``stop_at_gain_db``: when no view in reach is expected to add that much.
+    ``registrable``: with estimated poses, choose only among views that are likely to be registered.
     """
 
     scene: SceneSettings
@@ -32,6 +34,9 @@ class LoopSettings(Record):
     test_every: int = Field(default=8, ge=0)
     seed: int = Field(default=0, ge=0)
     time_limit_s: float | None = Field(default=None, gt=0)
+    stop_at_db: float | None = Field(default=None, gt=0, le=100)
+    stop_at_gain_db: float | None = Field(default=None, gt=0, le=100)
+    registrable: bool = False
 
     @model_validator(mode="after")
     def _agree(self) -> Self:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
+from fvs_engine.select.outlook import Outlook
 
 
 class Clock:
@@ -42,6 +43,29 @@ def time_is_up(clock: Clock, last_step_s: float) -> StopReason | None:
         kind="time-limit",
         message=f"After {clock.elapsed_s:.0f} s another step would not end within the time limit of "
         f"{clock.limit_s:g} s.",
+    )
+
+
+def quality_reached(outlook: Outlook, stop_at_db: float | None) -> StopReason | None:
+    """Stop when the expected PSNR of the targets is high enough."""
+    forecast = outlook.now.forecast
+    if stop_at_db is None or forecast is None or forecast.db < stop_at_db:
+        return None
+    return StopReason(
+        kind="quality",
+        message=f"The expected PSNR reaches {stop_at_db:g} dB: {forecast.db:.1f} dB, "
+        f"{forecast.low_db:.1f} to {forecast.high_db:.1f} in four of five cases.",
+    )
+
+
+def gain_too_small(outlook: Outlook, stop_at_gain_db: float | None) -> StopReason | None:
+    """Stop when no view in reach adds enough."""
+    gain = outlook.gain_db
+    if stop_at_gain_db is None or gain is None or gain >= stop_at_gain_db:
+        return None
+    return StopReason(
+        kind="gain",
+        message=f"The next view is expected to add {gain:.2f} dB, less than {stop_at_gain_db:g} dB.",
     )
 
 

@@ -5,15 +5,12 @@ from numpy.typing import NDArray
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.distances import spread, view_points
-from fvs_engine.plan.kriging import TargetVariance
-from fvs_engine.plan.planner import Admissible, ViewPlan, plan_views
-from fvs_engine.plan.registration import Familiarity
+from fvs_engine.plan.planner import ViewPlan, plan_views
 from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.way import plan_way
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
-from fvs_engine.views import PinholeView
+from fvs_engine.select.outlook import Targets
 
 TRAVEL = 1e-4
 """Variance that one spread of the targets less of travel is worth: some 0.002 dB. It orders planned views."""
@@ -40,40 +37,32 @@ class Kriging:
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``. A budget that is used up counts as one remaining view."""
-        later = context.later or context.candidates
-        targets = context.targets or (*context.visited, *later)
-        unit = spread(targets)
-        variance = TargetVariance(
-            view_points(targets, unit), view_points(later, unit), view_points(context.visited, unit)
-        )
-        remaining = max(1, context.budget - len(context.visited))
-        plan, travel = _planned(context, variance, remaining, later)
-        indices = {view.name: index for index, view in enumerate(later)}
-        price = TRAVEL / unit if unit > 0 else 0.0
+        targets = Targets(context)
+        plan, travel = _planned(context, targets)
+        price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
         # A view that cannot be registered takes nothing from the variance.
-        ends = np.where(np.isfinite(plan.ends), plan.ends, variance.variance)
+        ends = np.where(np.isfinite(plan.ends), plan.ends, targets.variance.variance) + price * travel
         return tuple(
-            CandidateScore(
-                candidate.name,
-                float(ends[indices[candidate.name]] + price * travel[indices[candidate.name]]),
-                CandidateStatus.RANKED,
-                None,
-            )
-            for candidate in context.candidates
+            CandidateScore(view.name, float(ends[targets.index[view.name]]), CandidateStatus.RANKED, None)
+            for view in context.candidates
         )
 
 
-def _planned(
-    context: SelectionContext, variance: TargetVariance, remaining: int, later: tuple[PinholeView, ...]
-) -> tuple[ViewPlan, NDArray[np.float64]]:
-    """The plan, and how far the camera travels in all if it goes to each of ``later`` next."""
-    centres = np.array([view.centre for view in later]).reshape(-1, 3)
-    admissible = _admissible(context, later)
+def _planned(context: SelectionContext, targets: Targets) -> tuple[ViewPlan, NDArray[np.float64]]:
+    """The plan, and how far the camera travels in all if it goes to each of the later views next."""
+    centres = np.array([view.centre for view in targets.later]).reshape(-1, 3)
     here = context.visited[-1].centre if context.visited else centres.mean(axis=0)
-    if context.reach is not None and not context.reach.reaches_all(len(later)):
-        plan = plan_way(variance, remaining, admissible, centres=centres, here=here, reach=context.reach)
-        return plan, np.zeros(len(later))
-    plan = plan_views(variance, remaining, admissible)
+    if context.reach is not None and not context.reach.reaches_all(len(centres)):
+        plan = plan_way(
+            targets.variance,
+            targets.remaining,
+            targets.admissible,
+            centres=centres,
+            here=here,
+            reach=context.reach,
+        )
+        return plan, np.zeros(len(centres))
+    plan = plan_views(targets.variance, targets.remaining, targets.admissible)
     last = len(centres)  # the place of the camera
     legs = StraightLegs(np.concatenate([centres, here[None]]))
     travel = (
@@ -83,11 +72,3 @@ def _planned(
         rest = [other for other in plan.chosen if other != index]
         travel[index] = np.linalg.norm(centres[index] - here) + shortest_route(legs, index, rest)[1]
     return plan, travel
-
-
-def _admissible(context: SelectionContext, later: tuple[PinholeView, ...]) -> Admissible:
-    """Which of ``later`` can be registered beside planned ones: all of them where poses are known."""
-    if context.observations is None or not len(context.observations.points):
-        everything = np.ones(len(later), dtype=bool)
-        return lambda _plan: everything
-    return Familiarity(context.observations, later).enough

@@ -7,7 +7,6 @@ from scipy.stats import spearmanr
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.evaluate.calibration import calibrate, rank_correlation
 from fvs_engine.evaluate.held_out import evaluate
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.run import Setup
 from fvs_engine.images.pixels import load_rgb
@@ -15,6 +14,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import create_rasterizer
 
 PSNR_DB = {"a": 10.0, "b": 15.0, "c": 20.0, "d": 25.0}

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError, TrainingError
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import Dataset
@@ -18,6 +17,7 @@ from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import AnyView, View
 

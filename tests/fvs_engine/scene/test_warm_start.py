@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from fvs_engine.errors import Cancelled
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -18,6 +17,7 @@ from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.warm_start import WarmStart
 from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.views import TrainingView
 

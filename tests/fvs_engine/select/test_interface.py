@@ -87,8 +87,8 @@ def test_contexts_that_contradict_themselves_cannot_be_made(context, views):
 
 def test_the_table_knows_all_names_and_says_so():
     assert set(SELECTORS) == {
-        "median-frequency", "random", "uniform", "farthest", "nearest", "fisher", "d-optimal", "coverage",
-        "spectral-median",
+        "median-frequency", "random", "uniform", "farthest", "nearest", "kriging", "fisher", "d-optimal",
+        "coverage", "spectral-median",
     }  # fmt: skip
     assert all(create_selector(name).name == name for name in SELECTORS)
     with pytest.raises(InvalidInputError, match=r"'best'.*median-frequency.*d-optimal"):
@@ -125,7 +125,7 @@ def test_views_of_nothing_never_have_a_number_that_is_not_finite(context, ring, 
     blank = view_at("blank", (3, 0, 0), target=(9, 0, 0))
     here = context(ring(0, 30), [blank, *ring(90)])
     void, seen = create_selector(name).score(here)
-    if name in {"random", "uniform", "farthest", "nearest"}:  # these render nothing
+    if name in {"random", "uniform", "farthest", "nearest", "kriging"}:  # these render nothing
         assert void.coverage is None
         assert void.status is CandidateStatus.RANKED
     else:

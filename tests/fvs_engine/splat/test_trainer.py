@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError, TrainingError
-from fvs_engine.evaluate.metrics import psnr
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster.interface import Rasterizer
 from fvs_engine.splat.raster.selection import create_rasterizer
 from fvs_engine.splat.settings import Densification, LearningRates, TrainingSettings

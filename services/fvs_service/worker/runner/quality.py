@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.evaluate.metrics import psnr, ssim
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.evaluate.metrics import psnr, ssim
+from fvs_engine.splat.metrics import psnr, ssim
 
 
 def test_psnr_of_a_known_error() -> None:

@@ -1,0 +1,79 @@
+"""From kriging variance to PSNR: what quality to expect now, after the next view and after a plan.
+
+Source: Bayesian linear regression with a normal-inverse-gamma prior (Murphy, "Machine Learning", 2012,
+section 7.6.3). Its data are photographs of the scene itself: the PSNR of each before it was learnt, and the
+variance of its pose at that time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from fvs_engine.records import Record
+
+COVERAGE = 0.8
+"""Of the interval that a forecast gives."""
+LEAST_PHOTOGRAPHS = 3
+"""Without so many there is no forecast: the level of a scene is not known before."""
+
+_SLOPE_DB, _SLOPE_SD_DB = 25.0, 10.0
+"""dB that a unit of variance costs: 22 to 34 on *bonsai* and *fox* (docs/adr/0031)."""
+_LEVEL_DB, _LEVEL_SD_DB = 35.0, 12.0
+"""PSNR at no variance; its standard deviation says that scenes differ."""
+_SD_DB = 2.0
+"""Of the PSNR of single views around the line."""
+_MODEL_SHARE = 0.1
+"""Share of its square that all views of one model have in common."""
+_PRIOR_WEIGHT = 4.0
+"""Views that the prior of that deviation counts as."""
+
+
+class Forecast(Record):
+    """The expected mean PSNR over the targets, and an interval that holds it in ``COVERAGE`` of all cases."""
+
+    db: float
+    low_db: float
+    high_db: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A photograph before it was learnt: the ``variance`` of its pose, and the PSNR of its render."""
+
+    variance: float
+    psnr_db: float
+
+
+class PsnrForecast:
+    """The line through what was seen, held by what is known of other scenes."""
+
+    def __init__(self, seen: Sequence[Seen]) -> None:
+        rows = np.array([[1.0, -view.variance] for view in seen]).reshape(-1, 2)
+        values = np.array([view.psnr_db for view in seen])
+        mean = np.array([_LEVEL_DB, _SLOPE_DB])
+        precision = np.diag([(_SD_DB / _LEVEL_SD_DB) ** 2, (_SD_DB / _SLOPE_SD_DB) ** 2])
+        self._precision = precision + rows.T @ rows
+        self._line = np.linalg.solve(self._precision, precision @ mean + rows.T @ values)
+        self._freedom = _PRIOR_WEIGHT + len(seen)
+        squares = (
+            _PRIOR_WEIGHT * _SD_DB**2
+            + values @ values
+            + mean @ precision @ mean
+            - self._line @ self._precision @ self._line
+        )
+        self._squared_sd = float(squares) / self._freedom
+
+    def at(self, mean_variance: float) -> Forecast:
+        """The mean PSNR over targets whose mean variance this is."""
+        row = np.array([1.0, -mean_variance])
+        expected = float(row @ self._line)
+        uncertain = float(row @ np.linalg.solve(self._precision, row))
+        width = float(student_t.ppf(0.5 + COVERAGE / 2, self._freedom))
+        margin = width * float(np.sqrt(self._squared_sd * (uncertain + _MODEL_SHARE)))
+        return Forecast(db=expected, low_db=expected - margin, high_db=expected + margin)
+
+    def gain_db(self, variance: float, variance_after: float) -> float:
+        """How much the mean PSNR rises as the mean variance falls."""
+        return float(self._line[1] * (variance - variance_after))
