@@ -72,6 +72,31 @@ def test_it_visits_as_many_views_as_the_budget_says(clean_run: SelectionLoop) ->
     assert [record.registered for record in clean_run.records] == [5, 6, 7, 8]
 
 
+def test_photographs_are_measured_before_they_are_learnt_and_make_a_forecast(
+    clean_run: SelectionLoop,
+) -> None:
+    choices = [record.choice for record in clean_run.records]
+    assert all(choice.before_db is not None and 0 < choice.before_db < 60 for choice in choices)
+    assert all(0 < choice.variance < 1 for choice in choices)
+    assert [choice.outlook.now.forecast is None for choice in choices] == [True, True, True, False]
+    variances = [choice.outlook.now.variance for choice in choices]
+    assert variances == sorted(variances, reverse=True)
+    last = choices[-1].outlook
+    assert last.end.variance <= last.after_next.variance + 1e-9 < last.now.variance
+    assert last.gain_db is not None
+    assert last.gain_db > 0
+
+
+def test_it_ends_when_the_expected_quality_or_gain_says_so(
+    room: Dataset, tmp_path: Path, clean_run: SelectionLoop
+) -> None:
+    by_quality = open_loop(tmp_path / "quality", room, stop_at_db=1.0)
+    assert run(by_quality).kind == "quality"
+    assert by_quality.visited == clean_run.visited[:7]  # after three photographs there is a forecast
+    by_gain = open_loop(tmp_path / "gain", room, stop_at_gain_db=99.0)
+    assert run(by_gain).kind == "gain"
+
+
 def test_test_views_are_neither_visited_nor_candidates(clean_run: SelectionLoop) -> None:
     held_out = {"00.png", "08.png", "16.png"}
     assert set(clean_run.held_out_names) == held_out

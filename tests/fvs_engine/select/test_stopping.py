@@ -5,8 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fvs_engine.plan.forecast import Forecast
 from fvs_engine.plan.reach import Reach
-from fvs_engine.select.stopping import Clock, budget_spent, nothing_in_reach, time_is_up
+from fvs_engine.select.outlook import Expectation, Outlook
+from fvs_engine.select.stopping import (
+    Clock,
+    budget_spent,
+    gain_too_small,
+    nothing_in_reach,
+    quality_reached,
+    time_is_up,
+)
 
 HERE = np.zeros(3)
 
@@ -46,3 +55,26 @@ def test_the_radius_that_it_advises_reaches_something(distance: float) -> None:
     advised = float(found[1])
     assert nothing_in_reach(Reach(radius=advised), HERE, unvisited) is None
     assert advised == pytest.approx(distance, rel=0.02)
+
+
+def outlook(now_db: float | None, gain_db: float | None) -> Outlook:
+    forecast = None if now_db is None else Forecast(db=now_db, low_db=now_db - 1, high_db=now_db + 1)
+    now = Expectation(variance=0.5, forecast=forecast)
+    return Outlook(now=now, after_next=now, end=now, gain_db=gain_db)
+
+
+def test_a_selection_ends_at_the_quality_or_the_gain_that_was_asked_for() -> None:
+    reached, small = quality_reached(outlook(25.3, None), 25.0), gain_too_small(outlook(None, 0.04), 0.1)
+    assert reached is not None
+    assert small is not None
+    assert (reached.kind, small.kind) == ("quality", "gain")
+    assert "25.3 dB, 24.3 to 26.3" in reached.message
+    assert quality_reached(outlook(24.9, None), 25.0) is None
+    assert gain_too_small(outlook(None, 0.1), 0.1) is None
+
+
+def test_without_a_forecast_or_a_wish_a_selection_goes_on() -> None:
+    assert quality_reached(outlook(None, None), 25.0) is None
+    assert quality_reached(outlook(99.0, None), None) is None
+    assert gain_too_small(outlook(None, None), 0.1) is None
+    assert gain_too_small(outlook(None, 0.0), None) is None

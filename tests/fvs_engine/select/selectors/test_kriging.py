@@ -1,0 +1,92 @@
+"""The planning selector in contexts: what it visits, and in which order."""
+
+import itertools
+
+import numpy as np
+
+from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.reach import Reach
+from fvs_engine.plan.registration import Observations
+from fvs_engine.select.outlook import Targets
+from fvs_engine.select.selectors import create_selector
+
+
+def a_ring(ring):
+    return ring(*range(10, 360, 10))
+
+
+def test_the_remaining_views_are_planned_together(context, ring, chosen_in_turn):
+    """Two views more, one of them seen: greedy choice would take the opposite one first."""
+    visited, candidates = ring(0), a_ring(ring)
+    here = context(visited, candidates, budget=3)
+    chosen = chosen_in_turn(here, create_selector("kriging"), 2)
+    best = min(
+        itertools.combinations(range(len(candidates)), 2),
+        key=lambda pair: Targets(here).variance.variance_after(pair),
+    )
+    assert sorted(chosen) == sorted(candidates[index].name for index in best)
+    assert sorted(chosen) == ["120", "240"]
+
+
+def test_planned_views_are_visited_along_a_short_way(context, ring, chosen_in_turn):
+    visited, candidates = ring(0), a_ring(ring)
+    views = {view.name: view for view in (*visited, *candidates)}
+    here = context(visited, candidates, budget=6)
+
+    def travel(method: str) -> float:
+        names = ["000", *chosen_in_turn(here, create_selector(method), 5)]
+        return path_length([views[name].centre for name in names])
+
+    assert travel("kriging") < 0.75 * travel("farthest")
+
+
+def test_a_limited_reach_is_planned_ahead(context, ring):
+    """From 0 only two steps of the ring are in reach, and three steps are left: on, not to and fro."""
+    visited, candidates = ring(20, 10, 0), a_ring(ring)[2:]
+    here = context(
+        visited,
+        tuple(view for view in candidates if view.name in {"340", "350", "030"}),
+        later=candidates,
+        reach=Reach(nearest=3),
+        budget=6,
+    )
+    scores = {score.name: score.score for score in create_selector("kriging").score(here)}
+    assert min(scores, key=scores.get) == "340"
+
+
+def test_targets_say_where_views_are_needed(context, ring):
+    visited, candidates = ring(0), ring(90, 180)
+    here = context(visited, candidates, budget=2, targets=ring(80, 85, 95, 100))
+    scores = {score.name: score.score for score in create_selector("kriging").score(here)}
+    assert scores["090"] < scores["180"]
+
+
+def test_with_estimated_poses_only_familiar_views_are_planned(context, ring):
+    """All points were seen from 0 degrees: its neighbours can be registered, the other side cannot."""
+    draw = np.random.default_rng(0)
+    points = 0.2 * draw.normal(size=(500, 3))
+    seen_from = np.repeat(ring(0)[0].centre[None], 500, axis=0)
+    observations = Observations(points, np.arange(500), seen_from)
+    visited, candidates = ring(0), ring(20, 180)
+    known = {
+        s.name: s.score for s in create_selector("kriging").score(context(visited, candidates, budget=2))
+    }
+    assert known["180"] < known["020"]
+    here = context(visited, candidates, budget=2, observations=observations)
+    estimated = {s.name: s.score for s in create_selector("kriging").score(here)}
+    assert estimated["020"] < estimated["180"]
+    targets = Targets(here)
+    assert [view.name for view in targets.registrable(candidates)] == ["020"]
+    assert targets.registrable(candidates[1:]) == candidates[1:]  # nothing better
+
+
+def test_a_spent_budget_counts_as_one_view(context, ring):
+    here = context(ring(0), ring(90, 180), budget=1)
+    scores = create_selector("kriging").score(here)
+    assert scores[1].score < scores[0].score
+
+
+def test_views_in_one_place_are_no_error(context, view_at):
+    views = [view_at(str(index), (3, 0, 0), target=(np.cos(index), np.sin(index), 0)) for index in range(6)]
+    scores = create_selector("kriging").score(context(views[:1], views[1:], budget=3))
+    assert all(np.isfinite(score.score) for score in scores)
