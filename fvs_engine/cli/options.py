@@ -110,8 +110,8 @@ class LoopOptions:
     registrable: Annotated[
         bool | None,
         typer.Option(
-            help="With sfm: choose only among views that are likely to be registered; `kriging` always does.",
-            show_default="no-registrable",
+            help="With sfm: choose only among views that are likely to be registered.",
+            show_default="registrable",
         ),
     ] = None
     initial_iterations: Annotated[

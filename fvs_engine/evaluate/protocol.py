@@ -49,7 +49,7 @@ class Protocol(Record):
     iterations_per_view: int = Field(default=100, ge=0)
     max_gaussians: int = Field(default=300_000, ge=1)
     time_limit_s: float | None = Field(default=None, gt=0)
-    registrable: bool = False
+    registrable: bool = True
 
     @model_validator(mode="after")
     def _counts_rise_from_the_initial_views(self) -> Self:

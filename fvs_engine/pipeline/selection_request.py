@@ -44,7 +44,7 @@ class SelectionRequest(Record):
     time_limit_s: float | None = None
     stop_at_db: float | None = None
     stop_at_gain_db: float | None = None
-    registrable: bool = False
+    registrable: bool = True
     seed: int = 0
     threads: int | None = None
 

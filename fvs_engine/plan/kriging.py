@@ -48,7 +48,9 @@ class TargetVariance:
             raise InvalidInputError("Targets need one weight each, of at least 0.")
         if shares.sum() == 0:
             raise InvalidInputError("All targets have a weight of 0.", hint="Give one of them more.")
-        used = _even_share(len(targets), min(_MOST_TARGETS, _MOST_PRODUCTS // max(1, len(candidates))))
+        self._used = used = _even_share(
+            len(targets), min(_MOST_TARGETS, _MOST_PRODUCTS // max(1, len(candidates)))
+        )
         targets, shares = targets[used], shares[used]
         roots = np.sqrt(shares / shares.sum())
         self._candidates = candidates
@@ -83,6 +85,11 @@ class TargetVariance:
             )
             own = own - (covariances * weights).sum(axis=0)
         return np.asarray(np.maximum(squares, 0.0) / (np.maximum(own, 0.0) + NOISE))
+
+    def helped(self, index: int, count: int) -> tuple[int, ...]:
+        """Indices of the ``count`` targets from which a candidate takes most, the first one most."""
+        order = np.argsort(-np.abs(self._shared[:, index]), kind="stable")[:count]
+        return tuple(self._used[order].tolist())
 
     def variance_after(self, plan: Sequence[int]) -> float:
         """The mean variance over targets once the views of ``plan`` were visited."""

@@ -4,6 +4,8 @@ Nearest neighbour, then 2-opt and Or-opt until neither helps: within 1 % of OR-T
 a plan (docs/adr/0031), without a dependency of 30 MB.
 """
 
+import itertools
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -16,6 +18,7 @@ Indices = NDArray[np.int64]
 _LONGEST_SEGMENT = 3
 """Stops that Or-opt moves together."""
 _LEAST = 1e-12
+_BLOCKED = 1e3
 
 
 class Legs(Protocol):
@@ -43,10 +46,13 @@ def shortest_route(
 ) -> tuple[tuple[int, ...], float]:
     """A short way from ``start`` through all ``stops``, and on to ``end`` if it is given.
 
-    Returns the stops in the order of the visit, and the length. Deterministic.
+    Returns the stops in the order of the visit, and the length: infinite if there is no way. Deterministic.
     """
     places = np.array([start, *stops, *([] if end is None else [end])], dtype=np.int64)
     lengths = legs.between(places, places)
+    blocked = ~np.isfinite(lengths)
+    if blocked.any():  # as long as nothing else is, so that routes can still be compared
+        lengths = np.where(blocked, _BLOCKED * (1.0 + lengths[~blocked].sum()), lengths)
     last = [] if end is None else [len(places) - 1]
     way = [0, *_nearest_neighbours(lengths, len(stops)), *last]
     # An open end costs nothing: a leg to nowhere, so that both kinds of route are one case.
@@ -54,7 +60,10 @@ def shortest_route(
         lengths = np.pad(lengths, (0, 1))
         way.append(len(places))
     way = _improved(lengths, way)
-    return tuple(int(places[index]) for index in way[1:-1]), _length(lengths, way)
+    length = _length(lengths, way)
+    if any(blocked[leg] for leg in itertools.pairwise(way) if max(leg) < len(places)):
+        length = math.inf
+    return tuple(int(places[index]) for index in way[1:-1]), length
 
 
 def _nearest_neighbours(lengths: Array, count: int) -> list[int]:

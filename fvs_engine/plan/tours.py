@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.kriging import TargetVariance
-from fvs_engine.plan.planner import Admissible, plan_views, stands_alone
+from fvs_engine.plan.planner import Admissible, Mask, plan_views, stands_alone
 from fvs_engine.plan.route import Legs, shortest_route
 
 Array = NDArray[np.float64]
 
 _ROUNDS = 4
+_EXCHANGED = 3
+"""Views of another tour for which one is exchanged."""
 _LEAST_GAIN = 1e-9
 _TOLERANCE = 1e-9
 """Share of the distance by which rounding may exceed it."""
@@ -64,15 +66,19 @@ def plan_tours(
     """
     if not starts:
         raise InvalidInputError("A plan needs at least one vehicle.")
-    _require_reach(budget, admissible, legs, starts)
-    planner = _Tours(variance, budget, admissible, legs, starts)
+    reachable = _reachable(budget, admissible, legs, starts)
+
+    def open_to(plan: Sequence[int]) -> Mask:
+        return np.asarray(admissible(plan) & reachable)
+
+    planner = _Tours(variance, budget, open_to, legs, starts)
     if budget.distance is None:
-        planner.share(plan_views(variance, budget.views, admissible).chosen)
+        planner.share(plan_views(variance, budget.views, open_to).chosen)
         return planner.tours
     # Which of the two ways to fill tours is better depends on how tight the distance is.
     found = []
     for power in (0.5, 1.0):
-        planner = _Tours(variance, budget, admissible, legs, starts)
+        planner = _Tours(variance, budget, open_to, legs, starts)
         planner.fill(power)
         planner.exchange(power)
         found.append(planner)
@@ -191,24 +197,31 @@ class _Tours:
         return [self._routed(vehicle, [*tour.views, index]) for vehicle, tour in enumerate(self.tours)]
 
     def _level(self) -> None:
-        """Move views from the longest tour to others while that makes the longest one shorter."""
-        moved = len(self._starts) > 1
-        while moved:
-            moved = False
-            longest = max(range(len(self.tours)), key=lambda vehicle: self.tours[vehicle].length)
-            for index in self.tours[longest].views:
-                rest = self._routed(longest, [i for i in self.tours[longest].views if i != index])
-                for vehicle, tour in enumerate(self._with(index)):
-                    if (
-                        vehicle != longest
-                        and max(rest.length, tour.length) < self.tours[longest].length - 1e-9
-                    ):
-                        self._replace(longest, rest)
-                        self._replace(vehicle, tour)
-                        moved = True
-                        break
-                if moved:
-                    break
+        """Give views of the longest tour to others, or exchange them, while the longest one gets shorter."""
+        while (shorter := self._leveled()) is not None:
+            self.tours = shorter
+
+    def _leveled(self) -> tuple[Tour, ...] | None:
+        longest = max(range(len(self.tours)), key=lambda vehicle: self.tours[vehicle].length)
+        mine, limit = self.tours[longest].views, self.tours[longest].length - 1e-9
+        for vehicle, tour in enumerate(self.tours):
+            if vehicle == longest:
+                continue
+            for index in mine:
+                rest = [other for other in mine if other != index]
+                for given in ([], *([other] for other in self._nearest(index, tour.views))):
+                    taken = [other for other in tour.views if other not in given]
+                    changed = self._routed(longest, [*rest, *given]), self._routed(vehicle, [*taken, index])
+                    if max(each.length for each in changed) < limit:
+                        tours = list(self.tours)
+                        tours[longest], tours[vehicle] = changed
+                        return tuple(tours)
+        return None
+
+    def _nearest(self, index: int, views: Sequence[int]) -> list[int]:
+        """The few of ``views`` that are nearest to a view."""
+        lengths = self._legs.between(np.array([index]), np.array(views, dtype=np.int64))[0]
+        return [views[place] for place in np.argsort(lengths, kind="stable")[:_EXCHANGED]]
 
     def _routed(self, vehicle: int, views: Sequence[int]) -> Tour:
         start = self._starts[vehicle]
@@ -219,19 +232,22 @@ class _Tours:
         self.tours = (*self.tours[:vehicle], tour, *self.tours[vehicle + 1 :])
 
 
-def _require_reach(budget: Budget, admissible: Admissible, legs: Legs, starts: Sequence[int]) -> None:
-    possible = np.flatnonzero(admissible([]))
-    if not len(possible):
+def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Sequence[int]) -> Mask:
+    """Which candidates [n] any vehicle can reach, at any length; raises where the distance reaches none."""
+    possible = admissible([])
+    if not possible.any():
         raise InvalidInputError(
             "No candidate can be visited.",
             hint="Give candidates nearer to the photographs, so that they can be registered.",
         )
-    nearest = float(legs.between(np.array(starts), possible).min())
-    if not np.isfinite(nearest):
+    lengths = legs.between(np.array(starts), np.arange(len(possible))).min(axis=0)
+    reachable = np.isfinite(lengths)
+    if not (possible & reachable).any():
         raise InvalidInputError(
             "No candidate can be reached from where the vehicle is.",
             hint="Something is in the way: give another start, or candidates on this side of it.",
         )
+    nearest = float(lengths[possible & reachable].min())
     way = nearest * (2.0 if budget.home else 1.0)
     if budget.distance is not None and way > budget.distance * (1 + _TOLERANCE):
         back = " and back" if budget.home else ""
@@ -240,3 +256,4 @@ def _require_reach(budget: Budget, admissible: Admissible, legs: Legs, starts: S
             f"{nearest:.4g} away.",
             hint=f"Give at least {way:.4g} for the way there{back}, or nearer candidates.",
         )
+    return np.asarray(reachable)

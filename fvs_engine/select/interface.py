@@ -10,6 +10,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
 from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.registration import Observations
+from fvs_engine.plan.targets import Targets
 from fvs_engine.score import CandidateScore, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
@@ -61,6 +62,15 @@ class SelectionContext:
             if view.name not in self.order:
                 raise InvalidInputError(f"View {view.name} is not in the order of capture.")
             known.add(view.name)
+
+    @property
+    def remaining(self) -> int:
+        """Views that may still be visited; a budget that is used up counts as one."""
+        return max(1, self.budget - len(self.visited))
+
+    def planning(self) -> Targets:
+        """The context as the input of a plan."""
+        return Targets(self.visited, self.later or self.candidates, self.targets, self.observations)
 
 
 class Selector(Protocol):

@@ -15,6 +15,7 @@ from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.forecast import Seen
+from fvs_engine.plan.outlook import look_ahead
 from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
@@ -31,7 +32,6 @@ from fvs_engine.select.loop_records import (
     StopReason,
 )
 from fvs_engine.select.loop_settings import LoopSettings
-from fvs_engine.select.outlook import Targets
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import (
     Clock,
@@ -285,8 +285,8 @@ class SelectionLoop:
         distances = self.reach.distances(here, self._unvisited_centres())
         alignment = self.align()
         context = self.context(distances, alignment)
-        targets = Targets(context)
-        outlook = targets.outlook(context, self._seen)
+        targets = context.planning()
+        outlook = look_ahead(targets, tuple(distances), context.remaining, self._seen)
         stop = quality_reached(outlook, self.settings.stop_at_db) or gain_too_small(
             outlook, self.settings.stop_at_gain_db
         )
@@ -308,7 +308,7 @@ class SelectionLoop:
             alignment=AlignmentRecord.of(alignment),
             seconds=time.monotonic() - began,
             outlook=outlook,
-            variance=targets.variance_of(chosen),
+            variance=float(targets.own_variances()[targets.index[chosen]]),
         )
 
     @property

@@ -4,8 +4,8 @@ from typing import Literal
 
 from fvs_engine.candidates import RankedCandidate
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment
+from fvs_engine.plan.outlook import Outlook
 from fvs_engine.records import Record
-from fvs_engine.select.outlook import Outlook
 
 
 class AlignmentRecord(Record):

@@ -36,7 +36,7 @@ class LoopSettings(Record):
     time_limit_s: float | None = Field(default=None, gt=0)
     stop_at_db: float | None = Field(default=None, gt=0, le=100)
     stop_at_gain_db: float | None = Field(default=None, gt=0, le=100)
-    registrable: bool = False
+    registrable: bool = True
 
     @model_validator(mode="after")
     def _agree(self) -> Self:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.plan.outlook import Outlook
 from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
-from fvs_engine.select.outlook import Outlook
 
 
 class Clock:

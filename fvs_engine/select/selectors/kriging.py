@@ -7,10 +7,10 @@ from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.planner import ViewPlan, plan_views
 from fvs_engine.plan.route import StraightLegs, shortest_route
+from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.way import plan_way
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
-from fvs_engine.select.outlook import Targets
 
 TRAVEL = 1e-4
 """Variance that one spread of the targets less of travel is worth: some 0.002 dB. It orders planned views."""
@@ -37,7 +37,7 @@ class Kriging:
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``. A budget that is used up counts as one remaining view."""
-        targets = Targets(context)
+        targets = context.planning()
         plan, travel = _planned(context, targets)
         price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
         # A view that cannot be registered takes nothing from the variance.
@@ -50,19 +50,19 @@ class Kriging:
 
 def _planned(context: SelectionContext, targets: Targets) -> tuple[ViewPlan, NDArray[np.float64]]:
     """The plan, and how far the camera travels in all if it goes to each of the later views next."""
-    centres = np.array([view.centre for view in targets.later]).reshape(-1, 3)
+    centres = targets.centres
     here = context.visited[-1].centre if context.visited else centres.mean(axis=0)
     if context.reach is not None and not context.reach.reaches_all(len(centres)):
         plan = plan_way(
             targets.variance,
-            targets.remaining,
+            context.remaining,
             targets.admissible,
             centres=centres,
             here=here,
             reach=context.reach,
         )
         return plan, np.zeros(len(centres))
-    plan = plan_views(targets.variance, targets.remaining, targets.admissible)
+    plan = plan_views(targets.variance, context.remaining, targets.admissible)
     last = len(centres)  # the place of the camera
     legs = StraightLegs(np.concatenate([centres, here[None]]))
     travel = (

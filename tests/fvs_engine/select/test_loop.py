@@ -377,7 +377,11 @@ def test_a_photograph_that_shares_too_little_waits_and_is_named(yard: Dataset, t
     noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     Image.fromarray(noise).save(images / "0007.jpg")
     spoilt = dataclasses.replace(yard, image_dir=images)
-    loop = open_loop(tmp_path / "out", spoilt, **(ESTIMATED | {"method": "farthest", "nearest": 3}))
+    farthest = ESTIMATED | {"method": "farthest", "nearest": 3}
+    record = open_loop(tmp_path / "near", spoilt, **farthest).step(Monitor())
+    assert isinstance(record, StepRecord)
+    assert record.chosen != "0007.jpg"  # what it would show was seen from too far aside
+    loop = open_loop(tmp_path / "out", spoilt, **farthest, registrable=False)
     record = loop.step(Monitor())
     assert isinstance(record, StepRecord)
     assert record.chosen == "0007.jpg"

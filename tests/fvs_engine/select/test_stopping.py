@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fvs_engine.plan.forecast import Forecast
+from fvs_engine.plan.outlook import Expectation, Outlook
 from fvs_engine.plan.reach import Reach
-from fvs_engine.select.outlook import Expectation, Outlook
 from fvs_engine.select.stopping import (
     Clock,
     budget_spent,

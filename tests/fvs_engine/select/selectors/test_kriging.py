@@ -7,7 +7,6 @@ import numpy as np
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.registration import Observations
-from fvs_engine.select.outlook import Targets
 from fvs_engine.select.selectors import create_selector
 
 
@@ -22,7 +21,7 @@ def test_the_remaining_views_are_planned_together(context, ring, chosen_in_turn)
     chosen = chosen_in_turn(here, create_selector("kriging"), 2)
     best = min(
         itertools.combinations(range(len(candidates)), 2),
-        key=lambda pair: Targets(here).variance.variance_after(pair),
+        key=lambda pair: here.planning().variance.variance_after(pair),
     )
     assert sorted(chosen) == sorted(candidates[index].name for index in best)
     assert sorted(chosen) == ["120", "240"]
@@ -75,7 +74,7 @@ def test_with_estimated_poses_only_familiar_views_are_planned(context, ring):
     here = context(visited, candidates, budget=2, observations=observations)
     estimated = {s.name: s.score for s in create_selector("kriging").score(here)}
     assert estimated["020"] < estimated["180"]
-    targets = Targets(here)
+    targets = here.planning()
     assert [view.name for view in targets.registrable(candidates)] == ["020"]
     assert targets.registrable(candidates[1:]) == candidates[1:]  # nothing better
 

@@ -1,0 +1,62 @@
+"""The outlook: how well the targets are known now, after the next view, and at the end of a plan."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fvs_engine.plan.forecast import LEAST_PHOTOGRAPHS, Forecast, PsnrForecast, Seen
+from fvs_engine.plan.planner import plan_views
+from fvs_engine.plan.targets import Targets
+from fvs_engine.records import Record
+
+
+class Expectation(Record):
+    """The mean kriging variance over the targets, and the PSNR to expect of them.
+
+    ``forecast`` is None as long as too few photographs were seen.
+    """
+
+    variance: float
+    forecast: Forecast | None
+
+
+class Outlook(Record):
+    """What to expect ``now``, after the view that gains most in reach, and at the ``end`` of the best plan.
+
+    ``gain_db`` is what the next view adds; None without a forecast.
+    """
+
+    now: Expectation
+    after_next: Expectation
+    end: Expectation
+    gain_db: float | None
+
+
+class Expectations:
+    """Expectations by the photographs ``seen`` so far."""
+
+    def __init__(self, seen: Sequence[Seen]) -> None:
+        self._line = PsnrForecast(seen) if len(seen) >= LEAST_PHOTOGRAPHS else None
+
+    def at(self, variance: float) -> Expectation:
+        """What to expect at a mean variance."""
+        return Expectation(variance=variance, forecast=self._line.at(variance) if self._line else None)
+
+    def gain_db(self, variance: float, variance_after: float) -> float | None:
+        """What a fall of the mean variance adds; None without a forecast."""
+        return self._line.gain_db(variance, variance_after) if self._line else None
+
+
+def look_ahead(targets: Targets, reachable: Sequence[str], remaining: int, seen: Sequence[Seen]) -> Outlook:
+    """The outlook with ``remaining`` views to visit, of which one that is ``reachable`` comes next."""
+    expectations = Expectations(seen)
+    among = np.array([targets.index[name] for name in reachable], dtype=np.int64)
+    now = targets.variance.variance
+    after_next = now - float(targets.variance.gains([], among).max(initial=0.0))
+    end = plan_views(targets.variance, remaining, targets.admissible).variance_after
+    return Outlook(
+        now=expectations.at(now),
+        after_next=expectations.at(after_next),
+        end=expectations.at(end),
+        gain_db=expectations.gain_db(now, after_next),
+    )

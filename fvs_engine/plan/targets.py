@@ -1,0 +1,67 @@
+"""What a plan is about: the poses that the model must serve, and the views that may be visited for them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.plan.distances import spread, view_points
+from fvs_engine.plan.kriging import TargetVariance, variances
+from fvs_engine.plan.planner import Mask
+from fvs_engine.plan.registration import Familiarity, Observations
+from fvs_engine.views import AnyView, PinholeView
+
+Array = NDArray[np.float64]
+
+
+class Targets:
+    """Targets and the views that may be visited ``later``, given the ``visited`` ones.
+
+    All are in the model frame. Without targets the model must serve all views, visited and later ones.
+    ``observations`` are the sparse points where poses are estimated, so that a visited view must be
+    registered to be of use (None: poses are known).
+    """
+
+    def __init__(
+        self,
+        visited: Sequence[AnyView],
+        later: Sequence[PinholeView],
+        targets: Sequence[AnyView] = (),
+        observations: Observations | None = None,
+    ) -> None:
+        served = targets or (*visited, *later)
+        self.later = tuple(later)
+        self.index = {view.name: index for index, view in enumerate(later)}
+        self.spread = spread(served)
+        self._visited = view_points(visited, self.spread)
+        self._later = view_points(later, self.spread)
+        self.points = view_points(served, self.spread)
+        """Of the targets, [T, 6]."""
+        self.variance = TargetVariance(self.points, self._later, self._visited)
+        seen = observations is not None and len(observations.points) > 0
+        self.familiarity = Familiarity(observations, later) if observations is not None and seen else None
+        """Of the later views; None where poses are known."""
+
+    @property
+    def centres(self) -> Array:
+        """Of the later views, [n, 3]."""
+        return np.array([view.centre for view in self.later]).reshape(-1, 3)
+
+    def admissible(self, plan: Sequence[int]) -> Mask:
+        """Which later views [n] can be registered beside planned ones: all of them where poses are known."""
+        if self.familiarity is None:
+            return np.ones(len(self.later), dtype=bool)
+        return self.familiarity.enough(plan)
+
+    def registrable(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
+        """Those of ``candidates`` that are likely to be registered; all of them where none is."""
+        mask = self.admissible([])
+        return tuple(view for view in candidates if mask[self.index[view.name]]) or tuple(candidates)
+
+    def own_variances(self) -> Array:
+        """The kriging variance of every later view [n]."""
+        return variances(self._later, self._visited)
+
+    def variances_after(self, plan: Sequence[int]) -> Array:
+        """The kriging variance of every target [T] once the views of ``plan`` were visited."""
+        return variances(self.points, np.concatenate([self._visited, self._later[list(plan)]]))

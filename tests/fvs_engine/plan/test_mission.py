@@ -1,0 +1,92 @@
+"""Missions: what is said of a plan."""
+
+import numpy as np
+import pytest
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.plan.forecast import Seen
+from fvs_engine.plan.mission import Mission, plan_mission
+from fvs_engine.plan.targets import Targets
+from fvs_engine.plan.tours import Budget
+from fvs_engine.views import PinholeView
+
+CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
+
+
+def ring(*angles: int) -> list[PinholeView]:
+    found = []
+    for degrees in angles:
+        a = np.radians(degrees)
+        centre = (3 * np.cos(a), 3 * np.sin(a), 0.3)
+        found.append(
+            PinholeView(f"{degrees:03d}", CAMERA, look_at(centre, (0, 0, 0), (0.0, 0.0, 1.0)).inverse())
+        )
+    return found
+
+
+@pytest.fixture
+def targets() -> Targets:
+    return Targets(ring(0), ring(*range(10, 360, 10)))
+
+
+SEEN = [Seen(0.8, 14.0), Seen(0.5, 21.0), Seen(0.3, 25.0), Seen(0.6, 18.5)]
+
+
+def mission(targets: Targets, **budget: object) -> Mission:
+    starts = [ring(0)[0].centre]
+    return plan_mission(targets, Budget(**{"views": 5, **budget}), starts, SEEN)  # type: ignore[arg-type]
+
+
+def test_stops_add_up_to_the_tour_and_lead_to_the_end(targets: Targets) -> None:
+    found = mission(targets)
+    (tour,) = found.tours
+    assert len(tour.stops) == found.stops == 5
+    assert tour.stops[-1].travel == pytest.approx(tour.length) == pytest.approx(found.length)
+    assert sum(stop.distance for stop in tour.stops) == pytest.approx(tour.length)
+    variances = [found.now.variance, *(stop.after.variance for stop in tour.stops)]
+    assert variances == sorted(variances, reverse=True)
+    assert found.end == tour.stops[-1].after
+    before, after = np.array(found.target_variances).T
+    assert before.mean() == pytest.approx(found.now.variance)
+    assert after.mean() == pytest.approx(found.end.variance)
+
+
+def test_terms_say_why(targets: Targets) -> None:
+    found = mission(targets)
+    planned = {stop.name for stop in found.tours[0].stops}
+    assert {term.name for term in found.terms if term.planned} == planned
+    assert [term.planned for term in found.terms] == [True] * 5 + [False] * 30
+    terms = {term.name: term for term in found.terms}
+    assert terms["180"].variance > terms["010"].variance
+    assert terms["010"].distance == pytest.approx(2 * 3 * np.sin(np.radians(5)))
+    assert all(term.chance is None for term in found.terms)
+    assert all(0 <= term.gain_in_plan <= term.gain for term in found.terms)
+    # Targets are the visited view, then the ring: a view at 90 degrees helps itself most.
+    assert terms["090"].helps[0] == 9
+
+
+def test_the_sentence_is_for_a_pilot(targets: Targets) -> None:
+    text = mission(targets).sentence("m")
+    assert text.startswith("5 more photographs, ")
+    assert " m of flight, for " in text
+    assert text.endswith("dB each.")
+    assert mission(targets, views=1).sentence().startswith("1 more photograph, ")
+    blind = plan_mission(targets, Budget(views=3), [ring(0)[0].centre])
+    assert blind.end.forecast is None
+    assert "the mean variance falls by" in blind.sentence()
+
+
+def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:
+    starts = [ring(0)[0].centre, ring(180)[0].centre]
+    found = plan_mission(targets, Budget(views=6), starts, SEEN)
+    first, second = found.tours
+    assert first.stops
+    assert second.stops
+    assert not {stop.name for stop in first.stops} & {stop.name for stop in second.stops}
+    assert found.end.variance == pytest.approx(min(s.after.variance for t in found.tours for s in t.stops))
+
+
+def test_there_must_be_candidates() -> None:
+    with pytest.raises(InvalidInputError, match="no candidate"):
+        plan_mission(Targets(ring(0), []), Budget(views=3), [np.zeros(3)])
