@@ -22,6 +22,7 @@ from fvs_engine.cli.options import (
     OutOption,
     RunOptions,
 )
+from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 
@@ -237,6 +238,7 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
         fail(error, machine=as_json)
 
 
+app.command()(plan)
 app.command()(select)
 app.command()(simulate)
 app.command()(evaluate)

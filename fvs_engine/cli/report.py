@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from fvs_engine.evaluate.report import Summary
     from fvs_engine.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
+    from fvs_engine.pipeline.plan import PlanResult
     from fvs_engine.pipeline.rank import Ranking
     from fvs_engine.pipeline.select import SelectionResult
 
@@ -77,6 +78,35 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
         if len(shown) < len(ranking.candidates):
             stdout.write(f"… and {len(ranking.candidates) - len(shown)} more in ranking.json\n")
     show_files([folder / "ranking.json", folder / "contact_sheet.png"], machine=False)
+
+
+def show_plan(result: "PlanResult", folder: Path, *, machine: bool) -> None:
+    """Print the tours, what they bring, and where the files are."""
+    if machine:
+        with _stdout() as stdout:
+            stdout.write(json.dumps({**result.model_dump(mode="json"), "folder": str(folder)}) + "\n")
+        return
+    table = Table("vehicle", "stop", "id", "distance", "travel", "expected dB", box=None, header_style="bold")
+    for column in (0, 1, 3, 4, 5):
+        table.columns[column].justify = "right"
+    for vehicle, tour in enumerate(result.mission.tours, start=1):
+        for number, stop in enumerate(tour.stops, start=1):
+            forecast = stop.after.forecast
+            expected = (
+                f"{forecast.db:.1f} ({forecast.low_db:.1f} to {forecast.high_db:.1f})" if forecast else ""
+            )
+            table.add_row(
+                str(vehicle),
+                str(number),
+                Text(stop.name),
+                f"{stop.distance:.3f}",
+                f"{stop.travel:.3f}",
+                expected,
+            )
+    with _stdout() as stdout:
+        _console(stdout).print(table)
+        stdout.write(f"{result.summary}\n")
+    show_files([folder / "plan.json", folder / "plan.png"], machine=False)
 
 
 def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) -> None:

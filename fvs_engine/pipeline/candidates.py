@@ -20,6 +20,7 @@ from fvs_engine.geometry import (
 )
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.images.names import match_names
+from fvs_engine.pipeline.model import TrainedModel
 from fvs_engine.pipeline.views import usual_camera
 from fvs_engine.records import Record, first_error
 from fvs_engine.sfm.colmap.imports import import_transforms_json
@@ -98,6 +99,13 @@ def read_candidates(
             )
         seen.add(candidate.name)
     return tuple(candidates)
+
+
+def candidates_of(model: TrainedModel, path: Path | None) -> tuple[PinholeView, ...]:
+    """The candidates of a file; without one the held-out views, and poses between training views."""
+    if path is not None:
+        return read_candidates(path, model.views, model.aliases)
+    return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
 
 
 def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:

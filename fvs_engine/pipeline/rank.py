@@ -1,6 +1,5 @@
 """Ranking of candidate views by a trained model."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,9 +11,9 @@ from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
+from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
-from fvs_engine.pipeline.model import TrainedModel, open_model
+from fvs_engine.pipeline.model import open_model
 from fvs_engine.records import Record
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.raster import create_rasterizer
@@ -67,7 +66,7 @@ def rank_candidates(
     """
     monitor = monitor or Monitor()
     model = open_model(root)
-    candidates = _candidates(model, candidates_file)
+    candidates = candidates_of(model, candidates_file)
     rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     scorer = MedianFrequency()
@@ -94,12 +93,6 @@ def rank_candidates(
         monitor.report("contact-sheet", done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
-
-
-def _candidates(model: TrainedModel, path: Path | None) -> Sequence[PinholeView]:
-    if path is not None:
-        return read_candidates(path, model.views, model.aliases)
-    return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
 
 
 def _ranked_pose(ranked: RankedCandidate, view: PinholeView) -> RankedPose:

@@ -10,6 +10,7 @@ splat/point_cloud.spz          the same, compressed and rounded
 metrics.json                   quality on held-out views, and what the training cost
 renders/                       held-out views as the model renders them
 ranking/                       ranking.json and contact_sheet.png of the last `fvs rank`
+plan/                          plan.json and plan.png of the last `fvs plan`
 """
 
 import contextlib
@@ -27,7 +28,18 @@ from fvs_engine.files.storage import storage_errors
 from fvs_engine.pipeline.manifest import Manifest, Metrics
 
 _OWN_ENTRIES = frozenset(
-    {"manifest.json", "metrics.json", "images", "sfm", "undistorted", "splat", "renders", "ranking", ".lock"}
+    {
+        "manifest.json",
+        "metrics.json",
+        "images",
+        "sfm",
+        "undistorted",
+        "splat",
+        "renders",
+        "ranking",
+        "plan",
+        ".lock",
+    }
     | {"undistorted.log", ".undistorted.partial"}
 )
 _BEFORE_MANIFEST = re.compile(r"\.lock$|\.manifest\.json\.\d+\.partial$")
@@ -94,6 +106,11 @@ class Workspace:
     def ranking(self) -> Path:
         """The last ranking."""
         return self.root / "ranking"
+
+    @property
+    def plan(self) -> Path:
+        """The last plan."""
+        return self.root / "plan"
 
     @staticmethod
     def existing(root: Path) -> "Workspace":

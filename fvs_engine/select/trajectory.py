@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from fvs_engine.files.atomic import write_bytes_atomically
+from fvs_engine.geometry.top_view import TopView
 from fvs_engine.scene.dataset import Dataset
 
 Array = NDArray[np.float64]
@@ -21,8 +22,6 @@ Array = NDArray[np.float64]
 _COLOR_MAP = "plasma"
 _DPI = 140
 _CAPTURE, _UNVISITED, _TEST = "#D5D7DB", "#9BA0A8", "#3B7DD8"
-_MIN_UPRIGHT = 0.3
-"""Length of the cameras' mean up vector under which they have no common up (nadir views)."""
 
 
 def draw_trajectory(
@@ -60,27 +59,11 @@ def draw_trajectory(
 
 
 def top_view(dataset: Dataset) -> dict[str, Array]:
-    """View → its centre on a map [2], seen along the cameras' common up direction.
-
-    Where there is none (a nadir block), along the direction in which their centres vary
-    least, against the viewing direction.
-    """
-    names = dataset.names
-    centres = np.stack([dataset.by_name[name].centre for name in names])
-    rotations = np.stack([dataset.by_name[name].camera_from_model.rotation for name in names])
-    up = -rotations[:, 1].mean(axis=0)
-    middle = centres - centres.mean(axis=0)
-    _, _, axes = np.linalg.svd(middle, full_matrices=True)
-    if np.linalg.norm(up) < _MIN_UPRIGHT:
-        up = axes[2] if rotations[:, 2].mean(axis=0) @ axes[2] < 0 else -axes[2]
-    up = up / np.linalg.norm(up)
-    # The longest direction of the capture runs to the right; the map is not mirrored.
-    right = axes[0] - (axes[0] @ up) * up
-    if np.linalg.norm(right) < 1e-6:
-        right = axes[1] - (axes[1] @ up) * up
-    right /= np.linalg.norm(right)
-    across = np.stack([right, np.cross(up, right)])
-    return dict(zip(names, middle @ across.T, strict=True))
+    """View → its centre on a map [2] (``TopView``)."""
+    views = [dataset.by_name[name] for name in dataset.names]
+    centres = np.stack([view.centre for view in views])
+    above = TopView(centres, np.stack([view.camera_from_model.rotation for view in views]))
+    return dict(zip(dataset.names, above.project(centres), strict=True))
 
 
 def _draw_capture(

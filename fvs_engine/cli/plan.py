@@ -1,0 +1,85 @@
+"""The command ``fvs plan``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fvs_engine.cli.options import MAX_VIEWS, JsonOption
+
+if TYPE_CHECKING:
+    from fvs_engine.cli.jobs import Warn
+    from fvs_engine.monitor import Monitor
+    from fvs_engine.pipeline.plan import PlanResult
+
+MAX_VEHICLES = 20
+
+
+def _position(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not X,Y,Z") from error
+    return x, y, z
+
+
+def plan(
+    *,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")],
+    views: Annotated[
+        int, typer.Option(min=1, max=MAX_VIEWS, metavar="N", help="How many photographs, at most.")
+    ] = 10,
+    distance: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=1e9, metavar="D", help="How far each vehicle flies, at most, in units of the model."
+        ),
+    ] = None,
+    home: Annotated[bool, typer.Option("--home", help="Vehicles fly back to their start.")] = False,
+    vehicles: Annotated[
+        int, typer.Option(min=1, max=MAX_VEHICLES, metavar="K", help="Vehicles, all at the last photograph.")
+    ] = 1,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Where a vehicle is, in the model frame; once for each.", show_default=False
+        ),
+    ] = None,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Poses in the model frame as JSON, or a transforms.json."),
+    ] = None,
+    targets: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Poses that the model must serve, in the same format."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/plan")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan the views to photograph next, in the order of a short flight, and what they bring.
+
+    Without --candidates: the held-out views, and poses halfway between neighbouring training views. Without
+    --targets the model must serve all views and candidates. Nothing is rendered.
+    """
+    from fvs_engine.cli import report
+    from fvs_engine.cli.jobs import run_job
+
+    starts = [_position(text) for text in start or []]
+
+    def job(monitor: "Monitor", warn: "Warn") -> "tuple[PlanResult, Path]":  # noqa: ARG001
+        from fvs_engine.pipeline.plan import plan_next_views
+        from fvs_engine.plan.tours import Budget
+
+        return plan_next_views(
+            folder,
+            Budget(views, distance, home),
+            candidates_file=candidates,
+            targets_file=targets,
+            starts=starts,
+            vehicles=vehicles,
+            out=out,
+        )
+
+    report.show_plan(*run_job(job, machine=as_json), machine=as_json)
