@@ -311,6 +311,58 @@ def test_ranking_of_a_file_where_one_view_sees_nothing(
     assert "out-of-model" in table.stdout
 
 
+def test_a_plan_of_the_next_views(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs("plan", first_run[0], "--views", 3, "--out", tmp_path / "plan", "--json")
+    assert run.status == 0, run.stderr
+    written = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    mission = run.document["mission"]
+    assert mission == written["mission"]
+    (tour,) = mission["tours"]
+    assert len(tour["stops"]) == 3
+    assert {pose["name"] for pose in written["poses"]} == {stop["name"] for stop in tour["stops"]}
+    assert len(written["targets"]) == len(mission["target_variances"])
+    assert mission["end"]["variance"] < mission["now"]["variance"]
+    assert all(0 <= term["chance"] <= 1 for term in mission["terms"])  # poses are estimated
+    with Image.open(tmp_path / "plan" / "plan.png") as picture:
+        assert picture.width > 1_000
+
+    table = fvs("plan", first_run[0], "--views", 3, "--out", tmp_path / "again")
+    assert written["summary"] in table.stdout
+    assert all(stop["name"] in table.stdout for stop in tour["stops"])
+
+
+def test_a_plan_for_two_vehicles_within_a_distance(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, run = first_run
+    centres = [camera.projection_center().tolist() for camera in _images(out)]
+    starts = [",".join(map(str, centre)) for centre in (centres[0], centres[-1])]
+    targets = tmp_path / "targets.json"
+    known = run.document["manifest"]["training"]["test_views"][0]
+    targets.write_text(json.dumps([{"name": "front", "view": known}]))
+    options = ["--start", starts[0], "--start", starts[1], "--targets", targets, "--out", tmp_path / "plan"]
+    planned = fvs("plan", out, "--views", 4, *options, "--json")
+    assert planned.status == 0, planned.stderr
+    assert planned.document["targets"] == ["front"]
+    tours = planned.document["mission"]["tours"]
+    assert [tour["start"] for tour in tours] == [pytest.approx(centres[0]), pytest.approx(centres[-1])]
+    longest = max(tour["length"] for tour in tours)
+    near = fvs("plan", out, "--views", 4, *options, "--home", "--distance", 1.5 * longest, "--json")
+    assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["mission"]["tours"])
+
+
+def test_plans_that_cannot_be_made_say_what_to_change(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    short = fvs("plan", first_run[0], "--distance", 1e-6)
+    assert short.status == EXIT_CODES["invalid-input"]
+    assert "does not reach any candidate: the nearest is" in short.stderr
+    assert "Give at least" in short.stderr
+    assert "is not X,Y,Z" in fvs("plan", first_run[0], "--start", "1,2").stderr
+    assert "finite" in fvs("plan", first_run[0], "--start", "nan,0,0").stderr
+    assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
+
+
 def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
     candidates = tmp_path / "candidates.json"
     candidates.write_text('[{"name": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
