@@ -15,7 +15,8 @@ from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.mission import Mission, plan_mission
+from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.records import Record

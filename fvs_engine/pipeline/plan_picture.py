@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.geometry.top_view import TopView
-from fvs_engine.plan.mission import Mission, VehicleTour
+from fvs_engine.plan.plan_records import Mission, VehicleTour
 from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from fvs_engine.records import Record
+from fvs_engine.plan.plan_records import COVERAGE, Forecast
 
-COVERAGE = 0.8
-"""Of the interval that a forecast gives."""
 LEAST_PHOTOGRAPHS = 3
 """Without so many there is no forecast: the level of a scene is not known before."""
 
@@ -28,14 +26,6 @@ _MODEL_SHARE = 0.1
 """Share of its square that all views of one model have in common."""
 _PRIOR_WEIGHT = 4.0
 """Views that the prior of that deviation counts as."""
-
-
-class Forecast(Record):
-    """The expected mean PSNR over the targets, and an interval that holds it in ``COVERAGE`` of all cases."""
-
-    db: float
-    low_db: float
-    high_db: float
 
 
 @dataclass(frozen=True)

@@ -7,102 +7,18 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.outlook import Expectation, Expectations
+from fvs_engine.plan.outlook import Expectations
+from fvs_engine.plan.plan_records import Mission, Stop, Term, VehicleTour
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
-from fvs_engine.records import Record
 
 Array = NDArray[np.float64]
 
 _HELPED = 3
 """Targets that a candidate helps most which are named."""
-_LAST_STOPS = 5
 MOST_TERMS = 2_000
 """Candidates of a mission that are explained."""
-
-
-class Term(Record):
-    """Why a candidate is, or is not, worth a visit.
-
-    ``gain``: by how much it alone would lower the mean variance, and ``gain_in_plan`` beside all other
-    planned views (of a planned one: what would be missing without it). ``variance`` is that of its own pose,
-    ``distance`` that from the nearest vehicle, ``chance`` the probability that it is registered (None: poses
-    are known). ``helps``: indices of the targets that gain most.
-    """
-
-    name: str
-    planned: bool
-    gain: float
-    gain_in_plan: float
-    variance: float
-    distance: float
-    chance: float | None
-    helps: tuple[int, ...]
-
-
-class Stop(Record):
-    """A planned view: ``distance`` from the stop before, ``travel`` since the start, and what it leaves."""
-
-    name: str
-    distance: float
-    travel: float
-    after: Expectation
-
-
-class VehicleTour(Record):
-    """The stops of one vehicle, and the length of its way, home included where that was asked for."""
-
-    start: tuple[float, float, float]
-    stops: tuple[Stop, ...]
-    length: float
-
-
-class Mission(Record):
-    """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
-
-    What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
-    the targets, in their order, before and after.
-    """
-
-    now: Expectation
-    end: Expectation
-    tours: tuple[VehicleTour, ...]
-    terms: tuple[Term, ...]
-    target_variances: tuple[tuple[float, float], ...]
-
-    @property
-    def stops(self) -> int:
-        """Planned views of all vehicles."""
-        return sum(len(tour.stops) for tour in self.tours)
-
-    @property
-    def length(self) -> float:
-        """The length of all tours."""
-        return sum(tour.length for tour in self.tours)
-
-    def sentence(self, unit: str = "units") -> str:
-        """The mission in a sentence for a pilot."""
-        count = _plural(self.stops, "more photograph")
-        flight = f"{count}, {self.length:.3g} {unit} of flight"
-        if self.end.forecast is None or self.now.forecast is None:
-            known = 1 - self.end.variance / self.now.variance if self.now.variance > 0 else 0.0
-            return f"{flight}: the mean variance falls by {known:.0%}."
-        text = f"{flight}, for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
-        order = self._by_travel()
-        last = min(_LAST_STOPS, len(order) - 1)
-        if last < 1:
-            return f"{text}."
-        before, after = order[-last - 1].after.forecast, order[-1].after.forecast
-        assert before is not None
-        assert after is not None
-        each = (after.db - before.db) / last
-        return f"{text}; " + (
-            f"the last {last} gain {each:.2g} dB each." if last > 1 else f"the last gains {each:.2g} dB."
-        )
-
-    def _by_travel(self) -> list[Stop]:
-        return sorted((stop for tour in self.tours for stop in tour.stops), key=lambda stop: stop.travel)
 
 
 def plan_mission(
@@ -197,7 +113,3 @@ def _terms(targets: Targets, chosen: Sequence[int], legs: Legs, vehicles: Sequen
         )
         for index, distance in zip(order.tolist(), distances.tolist(), strict=True)
     )
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

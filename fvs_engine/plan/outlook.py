@@ -4,32 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fvs_engine.plan.forecast import LEAST_PHOTOGRAPHS, Forecast, PsnrForecast, Seen
+from fvs_engine.plan.forecast import LEAST_PHOTOGRAPHS, PsnrForecast, Seen
+from fvs_engine.plan.plan_records import Expectation, Outlook
 from fvs_engine.plan.planner import plan_views
 from fvs_engine.plan.targets import Targets
-from fvs_engine.records import Record
-
-
-class Expectation(Record):
-    """The mean kriging variance over the targets, and the PSNR to expect of them.
-
-    ``forecast`` is None as long as too few photographs were seen.
-    """
-
-    variance: float
-    forecast: Forecast | None
-
-
-class Outlook(Record):
-    """What to expect ``now``, after the view that gains most in reach, and at the ``end`` of the best plan.
-
-    ``gain_db`` is what the next view adds; None without a forecast.
-    """
-
-    now: Expectation
-    after_next: Expectation
-    end: Expectation
-    gain_db: float | None
 
 
 class Expectations:

@@ -4,7 +4,7 @@ from typing import Literal
 
 from fvs_engine.candidates import RankedCandidate
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment
-from fvs_engine.plan.outlook import Outlook
+from fvs_engine.plan.plan_records import Outlook
 from fvs_engine.records import Record
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.plan.outlook import Outlook
+from fvs_engine.plan.plan_records import Outlook
 from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
 

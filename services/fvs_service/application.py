@@ -19,8 +19,10 @@ from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
 from fvs_service.jobs.work import work_of
+from fvs_service.plans.service import Plans
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
+from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.scenes.lease import Leases
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Settings
@@ -62,6 +64,7 @@ class Application:
     exclusions: Exclusions
     jobs: Jobs
     rankings: Rankings
+    plans: Plans
     deletions: Deletions
 
 
@@ -154,6 +157,7 @@ def open_application(
         try:
             jobs = Jobs(storage.database, storage.queue, limits)
             runners = make_runners(storage)
+            frames = SnapshotFrames(storage.database, storage.snapshots, limits.candidates_per_ranking)
             yield Application(
                 storage=storage,
                 runners=runners,
@@ -179,11 +183,12 @@ def open_application(
                 rankings=Rankings(
                     storage.database,
                     storage.blobs,
-                    storage.snapshots,
+                    frames,
                     runners,
                     limits,
                     lambda: _require_room_for_rankings(settings),
                 ),
+                plans=Plans(storage.database, frames, runners, limits),
                 deletions=Deletions(storage.database, settings.removal_grace_s),
             )
         finally:

@@ -64,8 +64,8 @@ Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 Timestamp = AwareDatetime
 
 
-def within(limit: str) -> BeforeValidator:
-    """Refuse lists longer than this one of ``Limits``, before any of their items is validated.
+def within(limit: str | int) -> BeforeValidator:
+    """Refuse lists longer than this one of ``Limits``, or number, before any of their items is validated.
 
     The limits are those of the validation's context; without it there is none. ``fail_fast`` belongs to
     it: else every invalid item of a list becomes an error.
@@ -73,7 +73,7 @@ def within(limit: str) -> BeforeValidator:
 
     def check(value: object, info: ValidationInfo) -> object:
         limits = (info.context or {}).get("limits")
-        most = None if limits is None else getattr(limits, limit)
+        most = limit if isinstance(limit, int) else None if limits is None else getattr(limits, limit)
         if most is not None and isinstance(value, list) and len(value) > most:
             raise ValueError(
                 f"there are {len(value)}, and {most} are allowed: split them into several requests"

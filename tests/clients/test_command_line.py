@@ -64,6 +64,29 @@ def test_the_way_from_photographs_to_a_ranking(
     assert snapshot_id in run("scenes", "list").stdout
 
 
+def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
+    assert "no model" in run("plan", scene_id, expect=3).stderr
+    snapshot_id = gateway.model(scene_id)
+    lines = run("plan", scene_id, "--count", "8", "--views", "3").stdout.splitlines()
+    assert lines[0].split()[:5] == ["vehicle", "stop", "id", "distance", "travel"]
+    assert [line.split()[:2] for line in lines[1:4]] == [["0", "1"], ["0", "2"], ["0", "3"]]
+    assert lines[-1].startswith("3 more photographs, ")
+    assert lines[-1].endswith(f"On {snapshot_id}.")
+    pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}
+    candidates, here, there = (tmp_path / name for name in ("candidates.json", "here.json", "there.json"))
+    row = [{"id": f"c{x}", "pose": pose | {"position": [x, -4.0, 0.5]}} for x in (1.0, 2.0, 7.0)]
+    candidates.write_text(json.dumps(row))
+    here.write_text(json.dumps(pose))
+    there.write_text(json.dumps(pose | {"position": [8.0, -4.0, 0.5]}))
+    given = ["--candidates", candidates, "--vehicle", here, "--vehicle", there]
+    document = json.loads(run("plan", scene_id, *given, "--views", 3, "--home", "--json").stdout)
+    flown = [[stop["id"] for stop in tour["stops"]] for tour in document["tours"]]
+    assert flown[1] == ["c7.0"]
+    assert set(flown[0]) == {"c1.0", "c2.0"}
+    assert "does not reach" in run("plan", scene_id, *given, "--distance", 0.5, expect=3).stderr
+    assert "not both" in run("plan", scene_id, *given, "--generator", "grid", expect=2).stderr
+
+
 def test_candidates_come_from_a_file(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
     gateway.model(scene_id)
     pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}

@@ -146,6 +146,32 @@ def _job_error() -> Any:
     )
 
 
+def test_flights_are_planned(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _refused(tenant.call("PlanViews", {}, scene_id=scene), "no-snapshot")
+        snapshot = _model(tenant, scene)
+        tenant.call("PlanViews", {}, scene_id=scene)
+        candidates = [{"id": f"c{y}", "pose": {**LOOK, "position": [0.0, y + 0.5, -4.0]}} for y in range(4)]
+        here = {"candidates": candidates, "vehicles": [LOOK, {**LOOK, "position": [0.0, 4.0, -4.0]}]}
+        planned = tenant.call(
+            "PlanViews",
+            {**here, "views": 3, "distance_m": 9.0, "home": True, "snapshot_id": snapshot},
+            scene_id=scene,
+        )
+        assert len(planned.result["tours"]) == 2
+        targets = [{"id": "door", "pose": {**LOOK, "position": [0.0, 3.0, -4.0]}}]
+        tenant.call("PlanViews", {**here, "targets": targets, "frame": "model"}, scene_id=scene)
+        _refused(tenant.call("PlanViews", {**here, "distance_m": 1e-3}, scene_id=scene), "invalid-request")
+        _refused(
+            tenant.call("PlanViews", {"generator": {"kind": "around-current"}}, scene_id=scene),
+            "invalid-request",
+        )
+        _refused(tenant.call("PlanViews", {"views": 0}, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
 def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         scene = tenant.scene()

@@ -29,13 +29,20 @@ import uvicorn
 from anyio.to_thread import run_sync
 from fastapi import FastAPI
 from fvs_service.application import Application, Storage
-from fvs_service.errors import UnavailableError
+from fvs_service.errors import UnavailableError, from_engine
 from fvs_service.gateway.connection import http_protocol
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.jobs.queue import take_job
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.logs import configure_logging
-from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, RenderView, SceneRunners
+from fvs_service.rankings.port import (
+    PlanViews,
+    RankedViews,
+    RankingSteps,
+    RankViews,
+    RenderView,
+    SceneRunners,
+)
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.model import Alignment
 from fvs_service.settings import Settings
@@ -48,6 +55,8 @@ from fvs_service.snapshots.model import (
 )
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.storage.tables import JobRow
+from fvs_service.worker.runner.model_states import ModelState
+from fvs_service.worker.runner.planning import plan_views
 from lasting_inspectors import share_inspectors
 from PIL import Image
 from postgresql_server import PostgresqlServer, programs
@@ -55,7 +64,10 @@ from sqlalchemy import select
 from starlette.testclient import TestClient
 
 from fvs_engine.candidates import CandidateScore
+from fvs_engine.errors import EngineError
 from fvs_engine.geometry import look_at, quaternion_from_matrix
+from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.registration import Observations
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
@@ -89,6 +101,10 @@ class ComputingRunners:
             yield (CandidateScore(one.name, one.score, one.status, one.coverage),)
         yield ranked
 
+    async def plan(self, request: PlanViews) -> Mission:
+        self._require_reachable()
+        return await run_sync(self._plan, request)
+
     async def render(self, request: RenderView) -> bytes:
         self._require_reachable()
         return await run_sync(self._render, request)
@@ -104,6 +120,17 @@ class ComputingRunners:
             gaussians=len(gaussians),
             candidates=rank(scores, request.distances),
         )
+
+    def _plan(self, request: PlanViews) -> Mission:
+        content = self._blobs.read(find_artifact(self._blobs, request.scene_id, request.snapshot_id, CAMERAS))
+        cameras = SnapshotCameras.model_validate_json(content)
+        gaussians = self._gaussians(request.scene_id, request.snapshot_id)
+        nothing = Observations(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+        state = ModelState(request.snapshot_id, gaussians, 0, cameras, 7, lambda: nothing)
+        try:
+            return plan_views(request, state)
+        except EngineError as error:
+            raise from_engine(error) from error
 
     def _render(self, request: RenderView) -> bytes:
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
@@ -200,8 +227,11 @@ class Gateway:
         headers: Mapping[str, str] | None = None,
         alignment: Alignment | None = None,
         seed: int | None = None,
+        *,
+        images: int = 6,
+        new_images_psnr_db: float | None = None,
     ) -> str:
-        """Run an update that makes a small model; returns its snapshot's id.
+        """Run an update that makes a small model of ``images``; returns its snapshot's id.
 
         Models with the same ``seed`` are equal; without one the model differs from all others of the scene.
         """
@@ -211,7 +241,7 @@ class Gateway:
         assert job is not None
         with _temporary_folder() as folder:
             number = 5 + self._snapshots_of(scene_id, headers) if seed is None else seed
-            made = small_model(folder, alignment or Alignment(), number)
+            made = small_model(folder, alignment or Alignment(), number, images, new_images_psnr_db)
             snapshot = storage.snapshots.commit(lease, job, "snapshot", made)
         storage.ledger.succeed(lease, job_id)
         storage.leases.release(lease)
@@ -222,8 +252,14 @@ class Gateway:
         return len(listed.json()["items"])
 
 
-def small_model(folder: Path, alignment: Alignment, seed: int = 5) -> NewSnapshot:
-    """Sixty coloured Gaussians around the origin, and six cameras at a distance of 4."""
+def small_model(
+    folder: Path,
+    alignment: Alignment,
+    seed: int = 5,
+    images: int = 6,
+    new_images_psnr_db: float | None = None,
+) -> NewSnapshot:
+    """Sixty coloured Gaussians around the origin, and cameras at a distance of 4, six in a ring."""
     generator = torch.Generator().manual_seed(seed)
     count = 60
     write_ply(
@@ -238,9 +274,10 @@ def small_model(folder: Path, alignment: Alignment, seed: int = 5) -> NewSnapsho
         ),
     )
     views = []
-    for number in range(6):
+    for number in range(images):
         angle = number * np.pi / 3
-        camera = look_at([4 * np.cos(angle), 4 * np.sin(angle), 1.0], [0, 0, 0], [0, 0, 1])
+        height = 1.0 + number // 6
+        camera = look_at([4 * np.cos(angle), 4 * np.sin(angle), height], [0, 0, 0], [0, 0, 1])
         views.append(
             SnapshotView(
                 image=f"sha256:{number:064x}",
@@ -260,7 +297,13 @@ def small_model(folder: Path, alignment: Alignment, seed: int = 5) -> NewSnapsho
     (folder / CAMERAS).write_text(cameras.model_dump_json())
     return NewSnapshot(
         metrics=SnapshotMetrics(
-            registered=6, unregistered=0, points=9, iterations=7, gaussians=60, sh_degree=0
+            registered=images,
+            unregistered=0,
+            points=9,
+            iterations=7,
+            gaussians=60,
+            sh_degree=0,
+            new_images_psnr_db=new_images_psnr_db,
         ),
         alignment=alignment,
         files={CAMERAS: folder / CAMERAS, GAUSSIANS: folder / GAUSSIANS},

@@ -15,6 +15,7 @@ _BODIES: dict[str, Any] = {
     "create_scene": {"name": "a"},
     "check_images": {"digests": [f"sha256:{'0' * 64}"]},
     "create_job": {"kind": "update"},
+    "create_plan": {"generator": {"kind": "orbit", "count": 3}},
     "create_ranking": {"generator": {"kind": "orbit", "count": 3}},
 }
 

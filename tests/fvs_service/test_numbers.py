@@ -49,6 +49,15 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0}},
         {**FULL, "generator": {"kind": "around-current", "count": 2}},
     ],
+    "/v1/scenes/{scene_id}/plans": [
+        {
+            **{"candidates": [{"id": "a", "pose": FRAME}], "targets": [{"id": "b", "pose": FRAME}]},
+            **{"vehicles": [FRAME], "views": 2, "distance_m": 1e4, "home": True},
+        },
+        {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "views": 2},
+        {"generator": {"kind": "orbit", "count": 2, "radius_m": 4.0, "height_m": 1.0}, "views": 2},
+        {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
+    ],
 }
 QUERIES: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}": [

@@ -55,7 +55,7 @@ def test_a_replayed_ranking_gives_the_same(gateway: Any, scene: str) -> None:
 
 
 def test_what_is_out_of_range_or_visited_is_not_rendered(gateway: Any, scene: str) -> None:
-    here = gateway.application.rankings._cameras(
+    here = gateway.application.rankings._frames.cameras(
         gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
     ).views[0]
     visited = {"position": list(here.position), "orientation_wxyz": list(here.orientation_wxyz)}

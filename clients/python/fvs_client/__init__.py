@@ -46,6 +46,7 @@ from fvs_client.errors import (
 from fvs_client.models.events import Event, EventKind
 from fvs_client.models.images import DigestAnswer, Image, ImageMetadata, Prior, Registration, Verdict
 from fvs_client.models.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
+from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -106,6 +107,7 @@ __all__ = [
     "CameraPrior",
     "Candidate",
     "CandidateStatus",
+    "CandidateTerms",
     "Capabilities",
     "Client",
     "ConflictError",
@@ -119,6 +121,7 @@ __all__ = [
     "EnuWorld",
     "Event",
     "EventKind",
+    "Expectation",
     "FieldError",
     "ForbiddenError",
     "FramePose",
@@ -152,6 +155,8 @@ __all__ = [
     "Outcome",
     "PayloadTooLargeError",
     "PinholeIntrinsics",
+    "Plan",
+    "PlanRequest",
     "Policy",
     "Pose",
     "Prior",
@@ -170,6 +175,8 @@ __all__ = [
     "SnapshotCameras",
     "SnapshotMetrics",
     "SnapshotView",
+    "Stop",
+    "Tour",
     "Trigger",
     "UnauthenticatedError",
     "UnavailableError",

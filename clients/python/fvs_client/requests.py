@@ -11,6 +11,7 @@ from urllib.parse import quote
 from fvs_client.models.base import Input
 from fvs_client.models.images import ImageMetadata
 from fvs_client.models.jobs import JobRequest
+from fvs_client.models.plans import PlanRequest
 from fvs_client.models.rankings import RankingRequest
 from fvs_client.models.scenes import SceneChange, SceneRequest
 
@@ -222,6 +223,12 @@ def create_ranking(
     request = _keyed(f"/v1/scenes/{_part(scene_id)}/rankings", ranking, idempotency_key)
     if streamed:
         request = replace(request, headers={**request.headers, "Accept": EVENT_STREAM})
+    return _computed(request, timeout_s)
+
+
+def create_plan(scene_id: str, plan: PlanRequest, timeout_s: float | None = None) -> Request:
+    """Plan a flight; the service computes it for at most ``timeout_s``."""
+    request = Request("POST", f"/v1/scenes/{_part(scene_id)}/plans", document=plan.document())
     return _computed(request, timeout_s)
 
 

@@ -52,6 +52,14 @@ GRID_LOOK_DOWN: GridLook
 RANKING_WARNING_CODE_UNSPECIFIED: RankingWarningCode
 RANKING_WARNING_CODE_ILL_CONDITIONED: RankingWarningCode
 
+class PlanViewsRequest(_message.Message):
+    __slots__ = ("scene_id", "plan")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    plan: PlanRequest
+    def __init__(self, scene_id: _Optional[str] = ..., plan: _Optional[_Union[PlanRequest, _Mapping]] = ...) -> None: ...
+
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -269,3 +277,113 @@ class RankingPart(_message.Message):
     candidates: _containers.RepeatedCompositeFieldContainer[ScoredCandidate]
     ranking: Ranking
     def __init__(self, candidates: _Optional[_Iterable[_Union[ScoredCandidate, _Mapping]]] = ..., ranking: _Optional[_Union[Ranking, _Mapping]] = ...) -> None: ...
+
+class PoseList(_message.Message):
+    __slots__ = ("items",)
+    ITEMS_FIELD_NUMBER: _ClassVar[int]
+    items: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
+    def __init__(self, items: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
+
+class PlanRequest(_message.Message):
+    __slots__ = ("candidates", "generator", "targets", "views", "distance_m", "home", "vehicles", "frame", "snapshot_id")
+    CANDIDATES_FIELD_NUMBER: _ClassVar[int]
+    GENERATOR_FIELD_NUMBER: _ClassVar[int]
+    TARGETS_FIELD_NUMBER: _ClassVar[int]
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    HOME_FIELD_NUMBER: _ClassVar[int]
+    VEHICLES_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    candidates: CandidateList
+    generator: Generator
+    targets: CandidateList
+    views: int
+    distance_m: float
+    home: bool
+    vehicles: PoseList
+    frame: _poses_pb2.PoseFrame
+    snapshot_id: str
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
+
+class Expectation(_message.Message):
+    __slots__ = ("variance", "psnr_db", "low_db", "high_db")
+    VARIANCE_FIELD_NUMBER: _ClassVar[int]
+    PSNR_DB_FIELD_NUMBER: _ClassVar[int]
+    LOW_DB_FIELD_NUMBER: _ClassVar[int]
+    HIGH_DB_FIELD_NUMBER: _ClassVar[int]
+    variance: float
+    psnr_db: float
+    low_db: float
+    high_db: float
+    def __init__(self, variance: _Optional[float] = ..., psnr_db: _Optional[float] = ..., low_db: _Optional[float] = ..., high_db: _Optional[float] = ...) -> None: ...
+
+class Stop(_message.Message):
+    __slots__ = ("id", "pose", "distance_m", "travel_m", "after")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    TRAVEL_M_FIELD_NUMBER: _ClassVar[int]
+    AFTER_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    pose: _poses_pb2.Pose
+    distance_m: float
+    travel_m: float
+    after: Expectation
+    def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., distance_m: _Optional[float] = ..., travel_m: _Optional[float] = ..., after: _Optional[_Union[Expectation, _Mapping]] = ...) -> None: ...
+
+class Tour(_message.Message):
+    __slots__ = ("vehicle", "stops", "length_m")
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    STOPS_FIELD_NUMBER: _ClassVar[int]
+    LENGTH_M_FIELD_NUMBER: _ClassVar[int]
+    vehicle: int
+    stops: _containers.RepeatedCompositeFieldContainer[Stop]
+    length_m: float
+    def __init__(self, vehicle: _Optional[int] = ..., stops: _Optional[_Iterable[_Union[Stop, _Mapping]]] = ..., length_m: _Optional[float] = ...) -> None: ...
+
+class CandidateTerms(_message.Message):
+    __slots__ = ("id", "planned", "gain", "gain_in_plan", "variance", "distance_m", "chance", "helps")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    PLANNED_FIELD_NUMBER: _ClassVar[int]
+    GAIN_FIELD_NUMBER: _ClassVar[int]
+    GAIN_IN_PLAN_FIELD_NUMBER: _ClassVar[int]
+    VARIANCE_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    CHANCE_FIELD_NUMBER: _ClassVar[int]
+    HELPS_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    planned: bool
+    gain: float
+    gain_in_plan: float
+    variance: float
+    distance_m: float
+    chance: float
+    helps: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, id: _Optional[str] = ..., planned: _Optional[bool] = ..., gain: _Optional[float] = ..., gain_in_plan: _Optional[float] = ..., variance: _Optional[float] = ..., distance_m: _Optional[float] = ..., chance: _Optional[float] = ..., helps: _Optional[_Iterable[str]] = ...) -> None: ...
+
+class Plan(_message.Message):
+    __slots__ = ("scene_id", "snapshot_id", "summary", "now", "end", "tours", "candidates", "photographed", "alignment", "origin", "warnings")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    SUMMARY_FIELD_NUMBER: _ClassVar[int]
+    NOW_FIELD_NUMBER: _ClassVar[int]
+    END_FIELD_NUMBER: _ClassVar[int]
+    TOURS_FIELD_NUMBER: _ClassVar[int]
+    CANDIDATES_FIELD_NUMBER: _ClassVar[int]
+    PHOTOGRAPHED_FIELD_NUMBER: _ClassVar[int]
+    ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_FIELD_NUMBER: _ClassVar[int]
+    WARNINGS_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    snapshot_id: str
+    summary: str
+    now: Expectation
+    end: Expectation
+    tours: _containers.RepeatedCompositeFieldContainer[Tour]
+    candidates: _containers.RepeatedCompositeFieldContainer[CandidateTerms]
+    photographed: _containers.RepeatedScalarFieldContainer[str]
+    alignment: _poses_pb2.Alignment
+    origin: _poses_pb2.Origin
+    warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
+    def __init__(self, scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ...) -> None: ...

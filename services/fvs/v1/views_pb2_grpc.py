@@ -27,7 +27,7 @@ if _version_not_supported:
 
 
 class ViewServiceStub:
-    """Ranks and renders candidates. Computation ends at the call's deadline.
+    """Ranks and renders candidates, and plans flights. Computation ends at the call's deadline.
     """
 
     def __init__(self, channel):
@@ -61,10 +61,15 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.CandidateRender.FromString,
                 _registered_method=True)
+        self.PlanViews = channel.unary_unary(
+                '/fvs.v1.ViewService/PlanViews',
+                request_serializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.Plan.FromString,
+                _registered_method=True)
 
 
 class ViewServiceServicer:
-    """Ranks and renders candidates. Computation ends at the call's deadline.
+    """Ranks and renders candidates, and plans flights. Computation ends at the call's deadline.
     """
 
     def RankViews(self, request, context):
@@ -102,6 +107,13 @@ class ViewServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def PlanViews(self, request, context):
+        """Plan which candidates to photograph next, in the order of a short flight; possible while a job runs.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_ViewServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -130,6 +142,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     request_deserializer=fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.CandidateRender.SerializeToString,
             ),
+            'PlanViews': grpc.unary_unary_rpc_method_handler(
+                    servicer.PlanViews,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.Plan.SerializeToString,
+            ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
             'fvs.v1.ViewService', rpc_method_handlers)
@@ -139,7 +156,7 @@ def add_ViewServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class ViewService:
-    """Ranks and renders candidates. Computation ends at the call's deadline.
+    """Ranks and renders candidates, and plans flights. Computation ends at the call's deadline.
     """
 
     @staticmethod
@@ -267,6 +284,33 @@ class ViewService:
             '/fvs.v1.ViewService/RenderCandidate',
             fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.CandidateRender.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def PlanViews(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/PlanViews',
+            fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.Plan.FromString,
             options,
             channel_credentials,
             insecure,

@@ -1,4 +1,4 @@
-"""The port to the runners: ranks and renders views with the model of a scene.
+"""The port to the runners: ranks, plans and renders views with the model of a scene.
 
 Views are in the model frame: only the gateway knows the world frame. The requests and results are also the
 messages of the runners' protocol, so poses are not converted on the way.
@@ -11,6 +11,7 @@ from typing import Literal, Protocol, TypeAlias
 from pydantic import Field
 
 from fvs_engine.candidates import CandidateScore, RankedCandidate
+from fvs_engine.plan.plan_records import Mission
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
 from fvs_service.rankings.packed_views import PackedViews
@@ -80,6 +81,34 @@ class RenderView(Question):
     image: ViewImage = ViewImage.RENDER
 
 
+class UpdateQuality(Record):
+    """The images (digests) that were new in a snapshot, and how well the one before rendered them.
+
+    ``psnr_db`` is None where there was none before.
+    """
+
+    images: tuple[str, ...]
+    psnr_db: float | None
+
+
+class PlanViews(Question):
+    """Plan a flight through some of ``views``, named by candidate id; all in the model frame and its unit.
+
+    ``targets`` are what the model must serve (empty: its images and the views), ``starts`` where vehicles
+    are (empty: one at the last image), ``budget``, ``distance`` and ``home`` as in the engine's ``Budget``.
+    ``updates`` are the scene's so far, the oldest first: they calibrate the forecast.
+    """
+
+    kind: Literal["plan"] = "plan"
+    views: PackedViews
+    targets: PackedViews = ()
+    starts: tuple[tuple[float, float, float], ...] = ()
+    budget: int
+    distance: float | None = None
+    home: bool = False
+    updates: tuple[UpdateQuality, ...] = ()
+
+
 class SceneRunners(Protocol):
     """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
@@ -107,6 +136,10 @@ class SceneRunners(Protocol):
 
     async def render(self, request: RenderView) -> bytes:
         """A PNG of the view."""
+        ...
+
+    async def plan(self, request: PlanViews) -> Mission:
+        """Plan a flight; nothing is rendered."""
         ...
 
     async def close(self) -> None:

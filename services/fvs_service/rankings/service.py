@@ -3,7 +3,6 @@
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -14,32 +13,30 @@ from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.geometry import RigidTransform
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
+from fvs_service.errors import InvalidRequestError, NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
-from fvs_service.rankings.generators import generate
 from fvs_service.rankings.model import RankedCandidate, Ranking, RankingPart, RankingRequest, ScoredCandidate
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
+from fvs_service.rankings.pose_frames import poses_in
 from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of, require_on_earth
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
 from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
-from fvs_service.snapshots.repository import find_snapshot, snapshot_of
-from fvs_service.snapshots.service import Snapshots
+from fvs_service.snapshots.repository import snapshot_of
 from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
-
-_CACHED_SNAPSHOTS = 64
 
 ReadRequest: TypeAlias = Callable[[], RankingRequest]
 """Gives a request; it is called in a thread, once the permission is checked."""
@@ -70,7 +67,7 @@ class Rankings:
         self,
         database: Database,
         blobs: Blobs,
-        snapshots: Snapshots,
+        frames: SnapshotFrames,
         runners: SceneRunners,
         limits: Limits,
         require_room: Callable[[], object] = lambda: None,
@@ -81,15 +78,7 @@ class Rankings:
         self._runners = runners
         self._limits = limits
         self._limit = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
-        # Snapshots never change, and many rankings use the same one.
-        self._snapshot = lru_cache(_CACHED_SNAPSHOTS)(self._find)
-        self._cameras = lru_cache(_CACHED_SNAPSHOTS)(
-            lambda snapshot_id: snapshots.cameras(self._snapshot(snapshot_id))
-        )
-        self._geometry = lru_cache(_CACHED_SNAPSHOTS)(self._geometry_of)
-        self._frame = lru_cache(_CACHED_SNAPSHOTS)(
-            lambda snapshot_id, origin: WorldFrame(origin, self._snapshot(snapshot_id).alignment)
-        )
+        self._frames = frames
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -180,30 +169,26 @@ class Rankings:
             if earlier is not None:
                 return earlier
             endpoint = find_endpoint(reader, scene_id)
-        if request.snapshot_id is not None:
-            with self._database.reading() as session:
-                snapshot_of(session, principal, request.snapshot_id)  # the cache may outlive it
-        snapshot_id = request.snapshot_id or scene.snapshot_id
-        if snapshot_id is None:
-            raise NoSnapshotError(
-                "The scene has no model yet, so nothing can be ranked.",
-                hint='Run an update (fvs-client update, a job {"kind": "update"}) and wait for its snapshot.',
-            )
-        snapshot = self._snapshot(snapshot_id)
-        if snapshot.scene_id != scene_id:
-            raise NotFoundError("There is no such snapshot.")
+        snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         request = request.complete
         self._require_method(request.method)
-        frame = self._frame(snapshot.id, scene.origin)
+        frame = self._frames.frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
-        geometry = self._geometry(snapshot.id)
+        geometry = self._frames.geometry(snapshot.id)
         current = (
             None
             if request.current_pose is None
             else frame.world_from_camera(request.current_pose).translation
         )
-        poses = self._poses(request, frame, geometry, current)
+        poses = self._frames.candidates(
+            request.candidates,
+            request.generator,
+            frame,
+            geometry,
+            current=current,
+            radius_m=request.radius_m,
+        )
         distances = _distances(poses, current)
         excluded = _excluded(poses, distances, geometry, request.radius_m)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
@@ -214,7 +199,7 @@ class Rankings:
             api_key=principal.key_id,
             timeout_s=timeout_s,
             method=request.method,
-            views=frame.views(scored, self._cameras(snapshot.id).camera.pinhole),
+            views=frame.views(scored, self._frames.cameras(snapshot.id).camera.pinhole),
             distances={name: distances[name] for name in scored if name in distances},
             budget=request.budget,
             seed=request.seed,
@@ -269,7 +254,7 @@ class Rankings:
             snapshot_of(session, principal, ranking.snapshot_id)
             endpoint = find_endpoint(session, scene.id)
         frame = WorldFrame(scene.origin, ranking.alignment)
-        camera = self._cameras(ranking.snapshot_id).camera.pinhole
+        camera = self._frames.cameras(ranking.snapshot_id).camera.pinhole
         (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
         question = RenderView(
             scene_id=scene.id,
@@ -304,54 +289,19 @@ class Rankings:
         """The ranking that an earlier request with the same idempotency key made."""
         return key.resource(reader, lambda made: repository.ranking_of(reader, principal, made))
 
-    def _poses(
-        self,
-        request: RankingRequest,
-        frame: WorldFrame,
-        geometry: SceneGeometry,
-        current: NDArray[np.float64] | None,
-    ) -> Mapping[str, RigidTransform]:
-        """The candidates' poses: id → world_from_camera."""
-        if request.generator is not None:
-            poses = generate(request.generator, geometry, current, request.radius_m)
-        else:
-            given = request.candidates or ()
-            cameras = frame.world_from_cameras([item.pose for item in given])
-            poses = {item.id: camera for item, camera in zip(given, cameras, strict=True)}
-        if len(poses) > self._limits.candidates_per_ranking:
-            raise InvalidRequestError(
-                f"There are {len(poses)} candidates; {self._limits.candidates_per_ranking} are allowed.",
-                hint="Split them into several rankings.",
-            )
-        require_on_earth(poses)
-        return poses
-
     def _require_method(self, method: str) -> None:
         if method not in self.methods:
             raise InvalidRequestError(
                 f"There is no method {method!r}.", hint=f"The methods are {', '.join(self.methods)}."
             )
 
-    def _geometry_of(self, snapshot_id: str) -> SceneGeometry:
-        return SceneGeometry.of(self._frame(snapshot_id, None), self._cameras(snapshot_id))
-
-    def _find(self, snapshot_id: str) -> Snapshot:
-        with self._database.reading() as session:
-            return find_snapshot(session, snapshot_id)
-
 
 def _poses_as_asked(prepared: _Prepared, names: Sequence[str]) -> tuple[FramePose | VehiclePose, ...]:
     """The poses of candidates in the frame that the request names, or in which it asks."""
-    request, frame = prepared.request, prepared.frame
-    given = {item.id: item.pose for item in request.candidates or ()}
-    if given and (request.frame is None or all(frame_of(pose) == request.frame for pose in given.values())):
-        return tuple(given[name] for name in names)
-    wanted = request.frame
-    if wanted is None and request.current_pose is not None:
-        wanted = frame_of(request.current_pose)
-    if wanted is None:
-        wanted = "geodetic" if frame.georeferenced else "world"
-    return frame.poses([prepared.poses[name] for name in names], wanted)
+    request = prepared.request
+    return poses_in(
+        prepared.frame, names, prepared.poses, request.candidates or (), request.frame, request.current_pose
+    )
 
 
 def _scored(prepared: _Prepared, scores: Sequence[engine.CandidateScore]) -> tuple[ScoredCandidate, ...]:

@@ -14,9 +14,10 @@ from pydantic import TypeAdapter
 
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.choices import Method
+from fvs_engine.plan.plan_records import Mission
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
-from fvs_service.rankings.port import RankedViews, RankingSteps, RankViews, RenderView
+from fvs_service.rankings.port import PlanViews, RankedViews, RankingSteps, RankViews, RenderView
 from fvs_service.tracing import Span
 from fvs_service.worker.protocol.async_connection import AsyncConnections, exchange, result_of
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
@@ -77,19 +78,24 @@ class LeasedRunners:
         with self._span(request, 1):
             return await self._ask(request, base64.b64decode)
 
+    async def plan(self, request: PlanViews) -> Mission:
+        """See ``SceneRunners``."""
+        with self._span(request, len(request.views)):
+            return await self._ask(request, Mission.model_validate)
+
     async def close(self) -> None:
         """See ``SceneRunners``."""
         self._connections.close()
         await asyncio.sleep(0)  # the event loop closes them in its next round
 
-    def _span(self, request: RankViews | RenderView, views: int) -> AbstractContextManager[Span]:
+    def _span(self, request: RankViews | RenderView | PlanViews, views: int) -> AbstractContextManager[Span]:
         return self._tracing.span(
             f"runner: {request.kind}",
             {"fvs.scene_id": request.scene_id, "fvs.snapshot_id": request.snapshot_id, "fvs.views": views},
             kind="CLIENT",
         )
 
-    async def _ask(self, request: RankViews | RenderView, parse: Callable[[Any], T]) -> T:
+    async def _ask(self, request: RankViews | RenderView | PlanViews, parse: Callable[[Any], T]) -> T:
         """The scene's runner's answer. Large messages are written and read in a thread, not on the loop."""
         until = time.monotonic() + request.timeout_s
         try:
@@ -104,7 +110,7 @@ class LeasedRunners:
         except RunnerError as error:
             raise error_of(error.failure) from error
 
-    async def _call(self, request: RankViews | RenderView, until: float) -> bytes:
+    async def _call(self, request: RankViews | RenderView | PlanViews, until: float) -> bytes:
         """The runner's response; asks again when the runner died or moved."""
         async with aclosing(self._addressed(request, until)) as addressed:
             async for endpoint, line in addressed:
@@ -123,7 +129,7 @@ class LeasedRunners:
                     return
 
     async def _addressed(
-        self, request: RankViews | RenderView, until: float
+        self, request: RankViews | RenderView | PlanViews, until: float
     ) -> AsyncGenerator[tuple[str, bytes], None]:
         """The endpoint of the scene's runner and the request as a line, again and again, until one answers.
 
@@ -157,7 +163,7 @@ class LeasedRunners:
         return None if holder is None else holder.endpoint
 
 
-async def _line(request: RankViews | RenderView, until: float) -> bytes:
+async def _line(request: RankViews | RenderView | PlanViews, until: float) -> bytes:
     """The request as it is sent, with the time that is left."""
     left = request.model_copy(update={"timeout_s": max(0.0, until - time.monotonic())})
     if isinstance(left, RenderView) or len(left.views) <= _FEW_VIEWS:

@@ -13,6 +13,7 @@ from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.images.model import DigestCheck
 from fvs_service.jobs.model import JobRequest
 from fvs_service.model import NumberedPage, Page
+from fvs_service.plans.model import PlanRequest
 from fvs_service.principal import Principal
 from fvs_service.rankings.model import RankingRequest
 from fvs_service.rankings.port import ViewImage
@@ -164,6 +165,12 @@ OPERATIONS: dict[str, Operation] = {
         ),
         ("ranking", RankingRequest),
         streamed=True,
+    ),
+    "PlanViews": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/plans",
+        lambda app, who, call: app.plans.create(who, call.scene_id, lambda: call.body, 60.0),
+        ("plan", PlanRequest),
     ),
     "GetRanking": Operation(
         "GET", "/v1/rankings/{ranking_id}", lambda app, who, call: app.rankings.get(who, call.ranking_id)

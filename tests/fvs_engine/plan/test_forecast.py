@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fvs_engine.plan.forecast import COVERAGE, PsnrForecast, Seen
+from fvs_engine.plan.forecast import PsnrForecast, Seen
+from fvs_engine.plan.plan_records import COVERAGE
 
 
 def photographs(count: int, seed: int, level: float = 33.0, slope: float = 24.0) -> list[Seen]:

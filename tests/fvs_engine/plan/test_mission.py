@@ -6,7 +6,8 @@ import pytest
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.mission import Mission, plan_mission
+from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.views import PinholeView
@@ -71,10 +72,10 @@ def test_the_sentence_is_for_a_pilot(targets: Targets) -> None:
     assert text.startswith("5 more photographs, ")
     assert " m of flight, for " in text
     assert text.endswith("dB each.")
-    assert mission(targets, views=1).sentence().startswith("1 more photograph, ")
+    assert mission(targets, views=1).sentence("units").startswith("1 more photograph, ")
     blind = plan_mission(targets, Budget(views=3), [ring(0)[0].centre])
     assert blind.end.forecast is None
-    assert "the mean variance falls by" in blind.sentence()
+    assert "the mean variance falls by" in blind.sentence("units")
 
 
 def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvs_engine.plan.forecast import Forecast
-from fvs_engine.plan.outlook import Expectation, Outlook
+from fvs_engine.plan.plan_records import Expectation, Forecast, Outlook
 from fvs_engine.plan.reach import Reach
 from fvs_engine.select.stopping import (
     Clock,

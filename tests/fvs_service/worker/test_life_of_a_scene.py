@@ -80,6 +80,18 @@ def test_every_method_ranks(service: Any, modelled: str) -> None:
         assert ranking["request"]["method"] == method
 
 
+def test_flights_are_planned_with_the_registered_points(service: Any, modelled: str) -> None:
+    asked = {"generator": {"kind": "orbit", "count": 12}, "views": 3, "distance_m": 1e3, "home": True}
+    answer = service.client.post(f"/v1/scenes/{modelled}/plans", json=asked)
+    assert answer.status_code == 200, answer.text
+    plan = answer.json()
+    assert 1 <= len(plan["tours"][0]["stops"]) <= 3
+    assert plan["end"]["variance"] < plan["now"]["variance"]
+    chances = {term["id"]: term["chance"] for term in plan["candidates"]}
+    assert all(0.0 <= chance <= 1.0 for chance in chances.values())
+    assert max(chances.values()) > 0.5  # some of the ring was photographed
+
+
 def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
     service: Any, courtyard_photographs: list[Path], tmp_path: Path
 ) -> None:

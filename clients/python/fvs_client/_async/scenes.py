@@ -12,6 +12,7 @@ from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
+from fvs_client.models.plans import Plan, PlanRequest
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
 from fvs_client.models.scenes import (
     AutomaticWorld,
@@ -104,10 +105,8 @@ class AsyncScene(AsyncResource, SceneData):
         are scored; raise in it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
         ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
-        if isinstance(candidates, Mapping):
-            candidates = (Candidate(id=name, pose=pose) for name, pose in candidates.items())
         ranking = RankingRequest(
-            candidates=None if candidates is None else tuple(candidates),
+            candidates=_candidates(candidates),
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
@@ -124,12 +123,54 @@ class AsyncScene(AsyncResource, SceneData):
         request = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s)
         return await self._session.fetch(AsyncRanking, request)
 
+    async def plan(
+        self,
+        candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
+        *,
+        generator: Generator | None = None,
+        targets: Mapping[str, Pose] | Iterable[Candidate] | None = None,
+        views: int = 10,
+        distance_m: float | None = None,
+        home: bool = False,
+        vehicles: Iterable[Pose] | None = None,
+        frame: PoseFrame | None = None,
+        snapshot_id: str | None = None,
+        timeout_s: float | None = None,
+    ) -> Plan:
+        """Plan which views to photograph next, in which order; answered at once, also while a job runs.
+
+        Of the ``candidates``, given as for ``rank``, at most ``views``, within ``distance_m`` for each of
+        the ``vehicles``, by default one at the last image; with ``home`` they fly back. ``targets`` are poses
+        that the model must serve, by default its images and the candidates. Raises ``NoSnapshotError`` when
+        the scene has no model, ``InvalidRequestError`` for what cannot be flown.
+        """
+        plan = PlanRequest(
+            candidates=_candidates(candidates),
+            generator=generator,
+            targets=_candidates(targets),
+            views=views,
+            distance_m=distance_m,
+            home=home,
+            vehicles=None if vehicles is None else tuple(vehicles),
+            frame=frame,
+            snapshot_id=snapshot_id,
+        )
+        return await self._session.fetch(Plan, requests.create_plan(self.id, plan, timeout_s))
+
     def events(self, after: int | None = 0) -> AsyncIterator[Event]:
         """The scene's events after number ``after`` (None: only new ones), until the scene is deleted.
 
         Resumes after a broken connection; no event is lost or repeated.
         """
         return follow(self._session, self.id, after)
+
+
+def _candidates(
+    given: Mapping[str, Pose] | Iterable[Candidate] | None,
+) -> tuple[Candidate, ...] | None:
+    if isinstance(given, Mapping):
+        return tuple(Candidate(id=name, pose=pose) for name, pose in given.items())
+    return None if given is None else tuple(given)
 
 
 class AsyncScenes:

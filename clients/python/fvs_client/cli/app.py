@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli import images, jobs, rankings, scenes, snapshots, status
+from fvs_client.cli import images, jobs, plans, rankings, scenes, snapshots, status
 from fvs_client.cli.options import JsonOption, SceneArgument
 from fvs_client.cli.session import Target, find_scene, service
 from fvs_client.connection import DEFAULT_URL
@@ -48,6 +48,7 @@ app.command("delete-images")(images.delete)
 app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)
+app.command("plan")(plans.plan)
 app.command("download")(snapshots.download)
 app.add_typer(snapshots.snapshots, name="snapshots")
 app.add_typer(rankings.rankings, name="rankings")

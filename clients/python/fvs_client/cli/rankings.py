@@ -1,51 +1,25 @@
 """``fvs-client rank``."""
 
-import json
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
-import pydantic
 import typer
 
-from fvs_client import FramePose, Ranking, VehiclePose
+from fvs_client import Ranking
 from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.poses import (
+    FrameName,
+    GeneratorName,
+    generator_of,
+    pose_text,
+    read_candidates,
+    read_pose,
+)
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
-from fvs_client.models.rankings import (
-    AroundCurrent,
-    Candidate,
-    Dataset,
-    Generator,
-    Grid,
-    Orbit,
-    Pose,
-)
 
 rankings = typer.Typer(help="Delete rankings.", no_args_is_help=True)
-
-T = TypeVar("T")
-
-_POSE_FORM = '{"position": [x, y, z], "orientation_wxyz": [w, x, y, z]}'
-_CANDIDATES_FORM = f'[{{"id": "left", "pose": {_POSE_FORM}}}, …]'
-
-
-class GeneratorName(StrEnum):
-    """Generators of candidates."""
-
-    ORBIT = "orbit"
-    GRID = "grid"
-    DATASET = "dataset"
-    AROUND_CURRENT = "around-current"
-
-
-class FrameName(StrEnum):
-    """Frames of poses."""
-
-    WORLD = "world"
-    MODEL = "model"
-    GEODETIC = "geodetic"
 
 
 def rank(
@@ -102,15 +76,11 @@ def rank(
         raise typer.BadParameter("Give --candidates or --generator, not both.")
     if radius is not None and current is None:
         raise typer.BadParameter("--radius needs --current.")
-    listed = (
-        None
-        if candidates is None
-        else _read(candidates, pydantic.TypeAdapter(list[Candidate]), _CANDIDATES_FORM)
-    )
-    current_pose = None if current is None else _read(current, pydantic.TypeAdapter(Pose), _POSE_FORM)
+    listed = read_candidates(candidates)
+    current_pose = None if current is None else read_pose(current)
     if listed is None and generator is None and count is not None:
         generator = GeneratorName.ORBIT
-    chosen = None if generator is None else _generator(generator, count)
+    chosen = None if generator is None else generator_of(generator, count)
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
         with ranking_progress(as_json=as_json) as on_scored:
@@ -161,7 +131,7 @@ def _print(ranking: Ranking) -> None:
                 "" if item.coverage is None else f"{item.coverage:.0%}",
                 "" if item.distance_m is None else f"{item.distance_m:.2f}",
                 item.status.value,
-                _pose(item.pose),
+                pose_text(item.pose),
             )
             for item in ranking.candidates
         ],
@@ -176,38 +146,6 @@ def _print(ranking: Ranking) -> None:
     )
     for warning in ranking.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
-
-
-def _pose(pose: FramePose | VehiclePose) -> str:
-    if isinstance(pose, VehiclePose):
-        return (
-            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
-            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
-        )
-    return " ".join(f"{part:.2f}" for part in pose.position)
-
-
-def _generator(name: GeneratorName, count: int | None) -> Generator:
-    match name:
-        case GeneratorName.ORBIT:
-            return Orbit() if count is None else Orbit(count=count)
-        case GeneratorName.AROUND_CURRENT:
-            return AroundCurrent() if count is None else AroundCurrent(count=count)
-        case GeneratorName.GRID:
-            return Grid()
-        case GeneratorName.DATASET:
-            return Dataset()
-
-
-def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
-    try:
-        return kind.validate_python(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        reason = str(error)
-        if isinstance(error, pydantic.ValidationError):
-            first = error.errors()[0]
-            reason = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
-        raise typer.BadParameter(f"{path}: {reason}. Write {form}.") from error
 
 
 def _save_renders(ranking: Ranking, folder: Path) -> None:

@@ -48,6 +48,7 @@ _TABLE = (
     ("DELETE", _SNAPSHOT, "SnapshotService.DeleteSnapshot"),
     ("GET", f"{_SNAPSHOT}/artifacts/{{name}}", "SnapshotService.DownloadArtifact"),
     ("POST", f"{_SCENE}/rankings", "ViewService.RankViews"),
+    ("POST", f"{_SCENE}/plans", "ViewService.PlanViews"),
     ("GET", _RANKING, "ViewService.GetRanking"),
     ("DELETE", _RANKING, "ViewService.DeleteRanking"),
     ("GET", f"{_RANKING}/candidates/{{candidate_id}}/{{image}}.png", "ViewService.RenderCandidate"),

@@ -20,6 +20,7 @@ from fvs_service.gateway.rest import (
     images,
     jobs,
     openapi,
+    plans,
     problems,
     rankings,
     scenes,
@@ -42,7 +43,7 @@ _PARSERS = 1
 """Threads that parse bodies: they hold the interpreter, and more would only keep the event loop from it."""
 
 
-_RESOURCES = (scenes, images, jobs, events, rankings, snapshots, capabilities)
+_RESOURCES = (scenes, images, jobs, events, rankings, plans, snapshots, capabilities)
 
 
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:

@@ -15,7 +15,7 @@ Send images, get a 3D model that grows with them, and rank the poses that could 
 1. `POST /v1/scenes` creates a scene.
 2. `PUT …/images/sha256:…` sends images.
 3. `POST …/jobs` with `{"kind": "update"}` updates the model; `GET …/events` streams its progress.
-4. `POST …/rankings` ranks poses.
+4. `POST …/rankings` ranks poses; `POST …/plans` plans a flight through some of them.
 
 Every error is a problem document (RFC 9457) with a stable `code`, a `hint`, and a `request_id`. Poses are
 `frame_from_camera` of an OpenCV camera (x right, y down, z forward); quaternions are unit, `w` first.

@@ -1,23 +1,23 @@
-"""Rankings over gRPC."""
+"""Rankings and plans over gRPC."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
-from typing import TypeAlias
+from typing import TypeVar
 
 from fvs.v1 import views_pb2 as pb
+from google.protobuf.message import Message
 
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.model import Model
+from fvs_service.plans.model import Plan, PlanRequest
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.model import Ranking, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
-from fvs_service.rankings.service import ReadRequest
 
-_RankRequest: TypeAlias = pb.RankViewsRequest | pb.StreamRankViewsRequest
-
+RequestT = TypeVar("RequestT", bound=Model)
 
 _SMALL_BYTES = 16_384
 """Larger requests are read one at a time."""
@@ -37,7 +37,7 @@ class ViewServicer:
 
     async def rank_views(self, call: Call, caller: Principal, request: pb.RankViewsRequest) -> Ranking:
         """Rank candidates for the next image."""
-        wanted = await self._unread(call, caller, request)
+        wanted = await self._unread(call, caller, request.scene_id, RankingRequest, request.ranking)
         metrics = call.gateway.metrics
         with metrics.rankings_open.track_inprogress():
             ranking = await self._app.rankings.create(
@@ -50,7 +50,7 @@ class ViewServicer:
         self, call: Call, caller: Principal, request: pb.StreamRankViewsRequest
     ) -> AsyncIterator[RankingPart]:
         """Rank candidates, and return them as they are scored."""
-        wanted = await self._unread(call, caller, request)
+        wanted = await self._unread(call, caller, request.scene_id, RankingRequest, request.ranking)
         metrics, key = call.gateway.metrics, idempotency_key(request)
         stream = self._app.rankings.stream(caller, request.scene_id, wanted, call.timeout_s(), key)
         with metrics.rankings_open.track_inprogress():
@@ -79,15 +79,23 @@ class ViewServicer:
             )
         return pb.CandidateRender(png=png)
 
-    async def _unread(self, call: Call, caller: Principal, request: _RankRequest) -> ReadRequest:
+    async def plan_views(self, call: Call, caller: Principal, request: pb.PlanViewsRequest) -> Plan:
+        """Plan which candidates to photograph next."""
+        wanted = await self._unread(call, caller, request.scene_id, PlanRequest, request.plan)
+        with call.gateway.metrics.rankings_open.track_inprogress():
+            return await self._app.plans.create(caller, request.scene_id, wanted, call.timeout_s())
+
+    async def _unread(
+        self, call: Call, caller: Principal, scene_id: str, kind: type[RequestT], request: Message
+    ) -> Callable[[], RequestT]:
         """The request, to be read in a thread that has checked the permission; a large one has been read."""
         limits = self._app.storage.settings.limits
 
-        def parsed() -> RankingRequest:
-            return read(RankingRequest, request.ranking, limits)
+        def parsed() -> RequestT:
+            return read(kind, request, limits)
 
-        def checked() -> RankingRequest:
-            self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
+        def checked() -> RequestT:
+            self._app.scenes.require(caller, Scope.OPERATE, scene_id)
             return parsed()
 
         if (size_bytes := request.ByteSize()) <= _SMALL_BYTES:

@@ -1,17 +1,21 @@
 """The snapshots of a scene's model that rank, loaded."""
 
+import shutil
 import tempfile
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from fvs_engine.plan.registration import Observations
+from fvs_engine.scene.observations import read_observations
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
-from fvs_service.snapshots.artifacts import CAMERAS, GAUSSIANS, METRICS, find_artifact
+from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, GAUSSIANS, METRICS, find_artifact
 from fvs_service.snapshots.model import SnapshotCameras, SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 
@@ -27,6 +31,8 @@ class ModelState:
     sh_degree: int
     cameras: SnapshotCameras
     iterations: int
+    read_observations: Callable[[], Observations]
+    """Reads the sparse points, which only plans need."""
 
     @cached_property
     def visited(self) -> tuple[PinholeView, ...]:
@@ -38,6 +44,11 @@ class ModelState:
                 self.cameras.views, self.cameras.model_from_cameras(), strict=True
             )
         )
+
+    @cached_property
+    def observations(self) -> Observations:
+        """The sparse points and who saw them."""
+        return self.read_observations()
 
 
 class ModelStates:
@@ -68,7 +79,22 @@ class ModelStates:
             self._blobs.export(find_artifact(self._blobs, self._scene_id, snapshot_id, GAUSSIANS), file)
             gaussians = read_ply(file).to(self._rasterizer.device)
         metrics = SnapshotMetrics.model_validate_json(self._read(snapshot_id, METRICS))
-        return ModelState(snapshot_id, gaussians, gaussians.sh_degree, cameras, metrics.iterations)
+        return ModelState(
+            snapshot_id,
+            gaussians,
+            gaussians.sh_degree,
+            cameras,
+            metrics.iterations,
+            lambda: self._observations(snapshot_id),
+        )
+
+    def _observations(self, snapshot_id: str) -> Observations:
+        with tempfile.TemporaryDirectory(prefix="fvs-") as folder:
+            file = Path(folder) / COLMAP
+            self._blobs.export(find_artifact(self._blobs, self._scene_id, snapshot_id, COLMAP), file)
+            shutil.unpack_archive(file, folder)
+            (model,) = Path(folder).rglob("points3D.bin")
+            return read_observations(model.parent)
 
     def _read(self, snapshot_id: str, name: str) -> bytes:
         return self._blobs.read(find_artifact(self._blobs, self._scene_id, snapshot_id, name))

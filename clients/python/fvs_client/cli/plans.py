@@ -1,0 +1,125 @@
+"""``fvs-client plan``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvs_client import Expectation, Plan
+from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.poses import (
+    FrameName,
+    GeneratorName,
+    generator_of,
+    pose_text,
+    read_candidates,
+    read_pose,
+)
+from fvs_client.cli.session import find_scene, service
+
+
+def plan(
+    context: typer.Context,
+    scene: SceneArgument,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
+    ] = None,
+    generator: Annotated[
+        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit.")
+    ] = None,
+    targets: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True, dir_okay=False, metavar="FILE", help="JSON: poses that the model must serve."
+        ),
+    ] = None,
+    views: Annotated[int, typer.Option(min=1, max=500, metavar="N", help="How many photographs.")] = 10,
+    distance: Annotated[
+        float | None, typer.Option(min=0, max=2e7, metavar="M", help="How far each vehicle flies, at most.")
+    ] = None,
+    home: Annotated[bool, typer.Option("--home", help="Vehicles fly back to where they are.")] = False,
+    vehicle: Annotated[
+        list[Path] | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="JSON: the pose of a vehicle; once for each.",
+            show_default="the last image",
+        ),
+    ] = None,
+    frame: Annotated[
+        FrameName | None,
+        typer.Option(
+            help="Frame of the poses in the result.", show_default="as asked; geodetic if georeferenced"
+        ),
+    ] = None,
+    snapshot: Annotated[
+        str | None, typer.Option(metavar="ID", help="Snapshot to plan for.", show_default="the latest")
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(min=0, max=31_536_000, metavar="S", help="Wait at most S seconds.", show_default="180"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan the views to photograph next, in the order of a short flight, and what they bring."""
+    if candidates is not None and generator is not None:
+        raise typer.BadParameter("Give --candidates or --generator, not both.")
+    if candidates is None and generator is None and count is not None:
+        generator = GeneratorName.ORBIT
+    listed, served = read_candidates(candidates), read_candidates(targets)
+    vehicles = [read_pose(path) for path in vehicle] if vehicle else None
+    with service(context, as_json=as_json) as client:
+        made = find_scene(client, scene).plan(
+            listed,
+            generator=None if generator is None else generator_of(generator, count),
+            targets=served,
+            views=views,
+            distance_m=distance,
+            home=home,
+            vehicles=vehicles,
+            frame=None if frame is None else frame.value,
+            snapshot_id=snapshot,
+            timeout_s=timeout,
+        )
+    if as_json:
+        print_json(made.model_dump(mode="json"))
+    else:
+        _print(made)
+
+
+def _print(made: Plan) -> None:
+    chances = {terms.id: terms.chance for terms in made.candidates}
+    print_table(
+        ("vehicle", "stop", "id", "distance", "travel", "registered", "expected", "pose"),
+        [
+            (
+                str(tour.vehicle),
+                str(number),
+                stop.id,
+                f"{stop.distance_m:.2f}",
+                f"{stop.travel_m:.2f}",
+                "" if (chance := chances.get(stop.id)) is None else f"{chance:.0%}",
+                _expected(stop.after),
+                pose_text(stop.pose),
+            )
+            for tour in made.tours
+            for number, stop in enumerate(tour.stops, start=1)
+        ],
+        right_aligned=("vehicle", "stop", "distance", "travel", "registered", "expected"),
+    )
+    typer.echo(f"{made.summary} On {made.snapshot_id}.")
+    for warning in made.warnings:
+        typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
+
+
+def _expected(expectation: Expectation) -> str:
+    if expectation.psnr_db is None:
+        return f"variance {expectation.variance:.3f}"
+    return f"{expectation.psnr_db:.1f} dB"

@@ -1,0 +1,102 @@
+"""Plans: which candidates to photograph next, in which order, and what they bring."""
+
+from pydantic import Field
+
+from fvs_client.models.base import Answer, Input
+from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingWarning
+from fvs_client.models.scenes import Alignment, Origin
+
+
+class PlanRequest(Input):
+    """Settings of a plan. Lengths are in units of the scene's world: metres when georeferenced."""
+
+    candidates: tuple[Candidate, ...] | None = None
+    generator: Generator | None = None
+    targets: tuple[Candidate, ...] | None = None
+    views: int = 10
+    distance_m: float | None = None
+    home: bool = False
+    vehicles: tuple[Pose, ...] | None = None
+    frame: PoseFrame | None = None
+    snapshot_id: str | None = None
+
+
+class Expectation(Answer):
+    """How well the targets are known, and the PSNR to expect of their renders."""
+
+    variance: float
+    """Mean kriging variance of the targets: 1 where no image is near, towards 0 among many."""
+    psnr_db: float | None
+    """Expected mean PSNR; None until three updates have measured their new images."""
+    low_db: float | None
+    """With `high_db`: an interval that holds the mean PSNR in four of five cases."""
+    high_db: float | None
+
+
+class Stop(Answer):
+    """A candidate to photograph, with its distance from the stop before, and that of the whole way."""
+
+    id: str
+    pose: Pose
+    """Pose in the frame of the plan's poses."""
+    distance_m: float
+    travel_m: float
+    after: Expectation
+    """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+
+
+class Tour(Answer):
+    """The flight of one vehicle, which is the `vehicle`-th of the request, from 0."""
+
+    vehicle: int
+    stops: tuple[Stop, ...]
+    length_m: float
+    """Length of the flight, home included where that was asked for."""
+
+
+class CandidateTerms(Answer):
+    """Why a candidate is, or is not, in the plan."""
+
+    id: str
+    planned: bool
+    gain: float
+    """By how much it alone would lower the mean variance of the targets."""
+    gain_in_plan: float
+    """By how much it lowers the mean variance beside all other planned candidates."""
+    variance: float
+    """Kriging variance of its own pose."""
+    distance_m: float
+    """Distance from the nearest vehicle."""
+    chance: float | None
+    """Probability that its photograph can be registered now."""
+    helps: tuple[str, ...] = Field(default=())
+    """The targets that it helps most: ids of targets and candidates, and digests of images."""
+
+
+class Plan(Answer):
+    """A plan. It is not kept: asking again takes a fraction of a second."""
+
+    scene_id: str
+    snapshot_id: str
+    summary: str
+    """The plan in a sentence."""
+    now: Expectation
+    end: Expectation
+    tours: tuple[Tour, ...]
+    """One for each vehicle, in their order; a vehicle that is not needed has no stops."""
+    candidates: tuple[CandidateTerms, ...]
+    """The planned ones, and others in the order of what they would add; at most 200."""
+    photographed: tuple[str, ...] = ()
+    """Ids of candidates that were left out because an image was taken there."""
+    alignment: Alignment
+    """The alignment of the model with the world."""
+    origin: Origin | None = None
+    """The ENU origin that geodetic poses refer to; None in scenes that are not georeferenced."""
+    warnings: tuple[RankingWarning, ...] = ()
+    """Limits of the use of the plan."""
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """All stops, in the order of travel."""
+        stops = (stop for tour in self.tours for stop in tour.stops)
+        return tuple(sorted(stops, key=lambda stop: stop.travel_m))

@@ -1,0 +1,124 @@
+"""Records of plans: what is planned, and what to expect. Imports nothing heavy."""
+
+from fvs_engine.records import Record
+
+COVERAGE = 0.8
+"""Of the interval that a forecast gives."""
+_LAST_STOPS = 5
+
+
+class Forecast(Record):
+    """The expected mean PSNR over the targets, and an interval that holds it in ``COVERAGE`` of all cases."""
+
+    db: float
+    low_db: float
+    high_db: float
+
+
+class Expectation(Record):
+    """The mean kriging variance over the targets, and the PSNR to expect of them.
+
+    ``forecast`` is None as long as too few photographs were seen.
+    """
+
+    variance: float
+    forecast: Forecast | None
+
+
+class Outlook(Record):
+    """What to expect ``now``, after the view that gains most in reach, and at the ``end`` of the best plan.
+
+    ``gain_db`` is what the next view adds; None without a forecast.
+    """
+
+    now: Expectation
+    after_next: Expectation
+    end: Expectation
+    gain_db: float | None
+
+
+class Term(Record):
+    """Why a candidate is, or is not, worth a visit.
+
+    ``gain``: by how much it alone would lower the mean variance, and ``gain_in_plan`` beside all other
+    planned views (of a planned one: what would be missing without it). ``variance`` is that of its own pose,
+    ``distance`` that from the nearest vehicle, ``chance`` the probability that it is registered (None: poses
+    are known). ``helps``: indices of the targets that gain most.
+    """
+
+    name: str
+    planned: bool
+    gain: float
+    gain_in_plan: float
+    variance: float
+    distance: float
+    chance: float | None
+    helps: tuple[int, ...]
+
+
+class Stop(Record):
+    """A planned view: ``distance`` from the stop before, ``travel`` since the start, and what it leaves."""
+
+    name: str
+    distance: float
+    travel: float
+    after: Expectation
+
+
+class VehicleTour(Record):
+    """The stops of one vehicle, and the length of its way, home included where that was asked for."""
+
+    start: tuple[float, float, float]
+    stops: tuple[Stop, ...]
+    length: float
+
+
+class Mission(Record):
+    """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
+
+    What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
+    the targets, in their order, before and after.
+    """
+
+    now: Expectation
+    end: Expectation
+    tours: tuple[VehicleTour, ...]
+    terms: tuple[Term, ...]
+    target_variances: tuple[tuple[float, float], ...]
+
+    @property
+    def stops(self) -> int:
+        """Planned views of all vehicles."""
+        return sum(len(tour.stops) for tour in self.tours)
+
+    @property
+    def length(self) -> float:
+        """The length of all tours."""
+        return sum(tour.length for tour in self.tours)
+
+    def sentence(self, unit: str, scale: float = 1.0) -> str:
+        """The mission in a sentence for a pilot; ``scale``: units per unit of the model frame."""
+        count = _plural(self.stops, "more photograph")
+        flight = f"{count}, {self.length * scale:.3g} {unit} of flight"
+        if self.end.forecast is None or self.now.forecast is None:
+            known = 1 - self.end.variance / self.now.variance if self.now.variance > 0 else 0.0
+            return f"{flight}: the mean variance falls by {known:.0%}."
+        text = f"{flight}, for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
+        order = self._by_travel()
+        last = min(_LAST_STOPS, len(order) - 1)
+        if last < 1:
+            return f"{text}."
+        before, after = order[-last - 1].after.forecast, order[-1].after.forecast
+        assert before is not None
+        assert after is not None
+        each = (after.db - before.db) / last
+        return f"{text}; " + (
+            f"the last {last} gain {each:.2g} dB each." if last > 1 else f"the last gains {each:.2g} dB."
+        )
+
+    def _by_travel(self) -> list[Stop]:
+        return sorted((stop for tour in self.tours for stop in tour.stops), key=lambda stop: stop.travel)
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,1 @@
+"""Plans of flights: which candidates to photograph next, in which order, and what they bring."""

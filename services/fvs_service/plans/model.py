@@ -1,0 +1,167 @@
+"""Requests for plans, and plans."""
+
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from fvs_engine.plan.plan_records import Expectation as EngineExpectation
+from fvs_service.model import WHOLE, Count, Model, Number, within
+from fvs_service.quantities import Length
+from fvs_service.rankings.model import CandidateRequest, Dataset, Grid, Orbit
+from fvs_service.rankings.warnings import RankingWarning
+from fvs_service.scenes.model import Alignment, Origin
+from fvs_service.scenes.poses import FramePose, Pose, PoseFrame, VehiclePose
+
+_MOST_VEHICLES = 20
+
+PlanGenerator = Annotated[Orbit | Grid | Dataset, Field(discriminator="kind")]
+_Candidates = Annotated[
+    tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
+]
+_Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
+
+
+class PlanRequest(Model):
+    """Candidates to plan with: `candidates`, or those of a `generator`; by default an orbit.
+
+    Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
+            "examples": [
+                {"generator": {"kind": "orbit", "count": 48}, "views": 8},
+                {
+                    "generator": {"kind": "grid", "columns": 10, "rows": 10},
+                    "views": 20,
+                    "distance_m": 120.0,
+                    "home": True,
+                },
+            ],
+        }
+    )
+
+    candidates: _Candidates | None = None
+    generator: PlanGenerator | None = None
+    targets: _Candidates | None = None
+    """Poses that the model must serve well; by default those of the registered images and the candidates."""
+    views: Annotated[int, Field(strict=True, ge=1, le=500), WHOLE] = 10
+    """How many photographs, at most, of all vehicles together."""
+    distance_m: Length | None = None
+    """How far each vehicle flies, at most; by default as far as it takes."""
+    home: bool = False
+    """Whether each vehicle flies back to where it is now, which counts."""
+    vehicles: _Vehicles | None = None
+    """Where the vehicles are; by default one vehicle at the last registered image."""
+    frame: PoseFrame | None = None
+    """The frame of the poses in the answer; by default as in a ranking."""
+    snapshot_id: str | None = None
+    """The snapshot to plan for; by default the newest."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.candidates is not None and self.generator is not None:
+            raise ValueError("give either candidates or a generator, not both")
+        for poses, what in ((self.candidates, "candidates"), (self.targets, "targets")):
+            seen: set[str] = set()
+            for pose in poses or ():
+                if pose.id in seen:
+                    raise ValueError(f"two {what} have the id {pose.id}")
+                seen.add(pose.id)
+        return self
+
+    @property
+    def in_model(self) -> bool:
+        """Whether all its poses are given, and come back, in the model frame."""
+        given = [item.pose for item in (*(self.candidates or ()), *(self.targets or ()))]
+        poses = (*given, *(self.vehicles or ()))
+        in_model = all(isinstance(pose, FramePose) and pose.frame == "model" for pose in poses)
+        return self.candidates is not None and self.frame in (None, "model") and in_model
+
+
+class Expectation(Model):
+    """How well the targets are known, and the PSNR to expect of their renders."""
+
+    variance: Number
+    """The mean kriging variance of the targets: 1 where no image is near, towards 0 among many."""
+    psnr_db: Number | None
+    """The expected mean PSNR; null until three updates have measured their new images."""
+    low_db: Number | None
+    """With `high_db`: an interval that holds the mean PSNR in four of five cases."""
+    high_db: Number | None
+
+    @classmethod
+    def of(cls, expectation: EngineExpectation) -> Self:
+        """The engine's expectation."""
+        forecast = expectation.forecast
+        if forecast is None:
+            return cls(variance=expectation.variance, psnr_db=None, low_db=None, high_db=None)
+        return cls(
+            variance=expectation.variance,
+            psnr_db=forecast.db,
+            low_db=forecast.low_db,
+            high_db=forecast.high_db,
+        )
+
+
+class Stop(Model):
+    """A candidate to photograph, with its distance from the stop before, and that of the whole way."""
+
+    id: str
+    pose: FramePose | VehiclePose
+    distance_m: Number
+    travel_m: Number
+    after: Expectation
+    """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+
+
+class Tour(Model):
+    """The flight of one vehicle, which is the `vehicle`-th of the request, from 0."""
+
+    vehicle: Count
+    stops: tuple[Stop, ...]
+    length_m: Number
+    """The length of the flight, home included where that was asked for."""
+
+
+class CandidateTerms(Model):
+    """Why a candidate is, or is not, in the plan."""
+
+    id: str
+    planned: bool
+    gain: Number
+    """By how much it alone would lower the mean variance of the targets."""
+    gain_in_plan: Number
+    """By how much it lowers the mean variance beside all other planned candidates."""
+    variance: Number
+    """The kriging variance of its own pose."""
+    distance_m: Number
+    """The distance from the nearest vehicle."""
+    chance: Number | None
+    """The probability that its photograph can be registered now."""
+    helps: tuple[str, ...]
+    """The targets that it helps most: ids of targets and candidates, and digests of images."""
+
+
+class Plan(Model):
+    """A plan. It is not kept: asking again takes a fraction of a second."""
+
+    scene_id: str
+    snapshot_id: str
+    summary: str
+    """The plan in a sentence."""
+    now: Expectation
+    end: Expectation
+    tours: tuple[Tour, ...]
+    """One for each vehicle, in their order; a vehicle that is not needed has no stops."""
+    candidates: tuple[CandidateTerms, ...]
+    """The planned ones, and others in the order of what they would add; at most 200."""
+    photographed: tuple[str, ...]
+    """Ids of candidates that were left out because an image was taken there."""
+    alignment: Alignment
+    """The alignment of the model with the world."""
+    origin: Origin | None = None
+    """The ENU origin that geodetic poses refer to; null in scenes that are not georeferenced."""
+    warnings: tuple[RankingWarning, ...] = ()
+    """Limits of the use of the plan."""

@@ -1,0 +1,184 @@
+"""Plans of flights. They never wait for a job: the scene's runner makes them while it trains."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from anyio.to_thread import run_sync
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.plan.plan_records import Mission
+from fvs_service.concurrency import ConcurrencyLimit
+from fvs_service.errors import InvalidRequestError
+from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings.model import Orbit
+from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
+from fvs_service.rankings.pose_frames import poses_in
+from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
+from fvs_service.rankings.warnings import warnings_of
+from fvs_service.scenes.lease import find_endpoint
+from fvs_service.scenes.poses import WorldFrame, require_on_earth
+from fvs_service.scenes.repository import SceneHead, scene_head_of
+from fvs_service.settings import Limits
+from fvs_service.snapshots.model import Snapshot
+from fvs_service.snapshots.repository import snapshots_of_scene
+from fvs_service.storage.database import Database
+
+_MOST_UPDATES = 50
+"""The first snapshots of a scene that calibrate the forecast."""
+_MOST_TERMS = 200
+
+ReadRequest: TypeAlias = Callable[[], PlanRequest]
+"""Gives a request; it is called in a thread, once the permission is checked."""
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What is known of a plan before the runner makes it."""
+
+    request: PlanRequest
+    scene: SceneHead
+    snapshot: Snapshot
+    frame: WorldFrame
+    poses: Mapping[str, RigidTransform]
+    photographed: frozenset[str]
+    targets: tuple[str, ...]
+    question: PlanViews
+
+
+class Plans:
+    """Plans flights through candidates."""
+
+    def __init__(
+        self, database: Database, frames: SnapshotFrames, runners: SceneRunners, limits: Limits
+    ) -> None:
+        self._database = database
+        self._frames = frames
+        self._runners = runners
+        self._limit = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
+
+    async def create(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> Plan:
+        """Plan with the newest model of a scene, or with one of its snapshots.
+
+        Cancelling it gives up waiting. Raises ``InvalidRequestError`` for what cannot be flown, and
+        ``DeadlineError`` when it takes longer than ``timeout_s``.
+        """
+        with self._limit.slot(principal.tenant_id):
+            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s)
+            mission = await self._runners.plan(prepared.question)
+            return await run_sync(_answer, prepared, mission)
+
+    def _prepare(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> _Prepared:
+        """What to ask the runner."""
+        principal.require(Scope.OPERATE, scene_id)
+        with self._database.querying() as reader:
+            scene = scene_head_of(reader, principal, scene_id)
+            request = read()
+            endpoint = find_endpoint(reader, scene_id)
+        snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
+        frame = self._frames.frame(snapshot.id, scene.origin)
+        geometry = self._frames.geometry(snapshot.id)
+        cameras = self._frames.cameras(snapshot.id)
+        generator = request.generator
+        if generator is None and request.candidates is None:
+            generator = Orbit(kind="orbit")
+        poses = self._frames.candidates(request.candidates, generator, frame, geometry)
+        photographed = geometry.visited(poses)
+        left = {name: pose for name, pose in poses.items() if name not in photographed}
+        if not left:
+            raise InvalidRequestError(
+                f"All {len(poses)} candidates were photographed already.", hint="Give other candidates."
+            )
+        served = by_id(request.targets or (), frame)
+        vehicles = frame.world_from_cameras(request.vehicles or ())
+        starts = {f"vehicle {number}": pose for number, pose in enumerate(vehicles)}
+        require_on_earth({**served, **starts})
+        camera = cameras.camera.pinhole
+        scale = frame.world_from_model.scale
+        images = tuple(view.image for view in cameras.views)
+        question = PlanViews(
+            scene_id=scene.id,
+            endpoint=endpoint,
+            snapshot_id=snapshot.id,
+            api_key=principal.key_id,
+            timeout_s=timeout_s,
+            views=frame.views(left, camera),
+            targets=frame.views(served, camera),
+            starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, camera)),
+            budget=request.views,
+            distance=None if request.distance_m is None else request.distance_m / scale,
+            home=request.home,
+            updates=self._updates(scene_id),
+        )
+        targets = tuple(served) or (*images, *left)
+        return _Prepared(request, scene, snapshot, frame, left, photographed, targets, question)
+
+    def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
+        """The images that each snapshot of a scene added, and the quality that it measured on them."""
+        with self._database.reading() as session:
+            snapshots = snapshots_of_scene(session, scene_id, None, _MOST_UPDATES)
+        known: set[str] = set()
+        found = []
+        for snapshot in snapshots:
+            images = [view.image for view in self._frames.cameras(snapshot.id).views]
+            new = tuple(image for image in images if image not in known)
+            found.append(UpdateQuality(images=new, psnr_db=snapshot.metrics.new_images_psnr_db))
+            known.update(new)
+        return tuple(found)
+
+
+def _answer(prepared: _Prepared, mission: Mission) -> Plan:
+    """The engine's mission, with poses and lengths of the world frame."""
+    request, frame, snapshot = prepared.request, prepared.frame, prepared.snapshot
+    scale = frame.world_from_model.scale
+    names = [stop.name for tour in mission.tours for stop in tour.stops]
+    current = request.vehicles[0] if request.vehicles else None
+    shown = poses_in(frame, names, prepared.poses, request.candidates or (), request.frame, current)
+    pose_of = dict(zip(names, shown, strict=True))
+    tours = tuple(
+        Tour(
+            vehicle=number,
+            stops=tuple(
+                Stop(
+                    id=stop.name,
+                    pose=pose_of[stop.name],
+                    distance_m=stop.distance * scale,
+                    travel_m=stop.travel * scale,
+                    after=Expectation.of(stop.after),
+                )
+                for stop in tour.stops
+            ),
+            length_m=tour.length * scale,
+        )
+        for number, tour in enumerate(mission.tours)
+    )
+    return Plan(
+        scene_id=prepared.scene.id,
+        snapshot_id=snapshot.id,
+        summary=mission.sentence("m" if frame.aligned else "units", scale),
+        now=Expectation.of(mission.now),
+        end=Expectation.of(mission.end),
+        tours=tours,
+        candidates=_terms(mission, prepared.targets, scale),
+        photographed=tuple(sorted(prepared.photographed)),
+        alignment=snapshot.alignment,
+        origin=prepared.scene.origin if frame.georeferenced else None,
+        warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
+    )
+
+
+def _terms(mission: Mission, targets: Sequence[str], scale: float) -> tuple[CandidateTerms, ...]:
+    return tuple(
+        CandidateTerms(
+            id=term.name,
+            planned=term.planned,
+            gain=term.gain,
+            gain_in_plan=term.gain_in_plan,
+            variance=term.variance,
+            distance_m=term.distance * scale,
+            chance=term.chance,
+            helps=tuple(targets[index] for index in term.helps),
+        )
+        for term in mission.terms[:_MOST_TERMS]
+    )

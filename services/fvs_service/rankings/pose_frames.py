@@ -1,0 +1,31 @@
+"""The frame of the poses in an answer."""
+
+from collections.abc import Mapping, Sequence
+
+from fvs_engine.geometry import RigidTransform
+from fvs_service.rankings.model import CandidateRequest
+from fvs_service.scenes.poses import FramePose, PoseFrame, VehiclePose, WorldFrame, frame_of
+
+
+def poses_in(
+    frame: WorldFrame,
+    names: Sequence[str],
+    poses: Mapping[str, RigidTransform],
+    given: Sequence[CandidateRequest],
+    wanted: PoseFrame | None,
+    current: FramePose | VehiclePose | None,
+) -> tuple[FramePose | VehiclePose, ...]:
+    """The poses ``names`` of candidates, in the frame that a request ``wanted``, or in which it asks.
+
+    ``poses`` are world_from_camera by id. Without a wanted frame the poses come back as they were ``given``;
+    generated ones in the frame of the ``current`` pose, else geodetic in a georeferenced scene, else in the
+    world frame.
+    """
+    as_given = {item.id: item.pose for item in given}
+    if as_given and (wanted is None or all(frame_of(pose) == wanted for pose in as_given.values())):
+        return tuple(as_given[name] for name in names)
+    if wanted is None and current is not None:
+        wanted = frame_of(current)
+    if wanted is None:
+        wanted = "geodetic" if frame.georeferenced else "world"
+    return frame.poses([poses[name] for name in names], wanted)

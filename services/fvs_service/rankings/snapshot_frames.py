@@ -1,0 +1,112 @@
+"""What rankings and plans ask about a snapshot again and again: its cameras, geometry and frames."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import RigidTransform
+from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
+from fvs_service.principal import Principal
+from fvs_service.rankings.generators import generate
+from fvs_service.rankings.model import CandidateRequest, Generator
+from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.scenes.model import Origin
+from fvs_service.scenes.poses import WorldFrame, require_on_earth
+from fvs_service.scenes.repository import SceneHead
+from fvs_service.snapshots.model import Snapshot, SnapshotCameras
+from fvs_service.snapshots.repository import find_snapshot, snapshot_of
+from fvs_service.snapshots.service import Snapshots
+from fvs_service.storage.database import Database
+
+_CACHED_SNAPSHOTS = 64
+
+
+class SnapshotFrames:
+    """Cameras, geometry and frames of snapshots, cached: a snapshot never changes, and many questions use it.
+
+    ``most_candidates`` is the largest number of candidates in a question.
+    """
+
+    def __init__(self, database: Database, snapshots: Snapshots, most_candidates: int) -> None:
+        self._database = database
+        self._most_candidates = most_candidates
+        self._snapshot = lru_cache(_CACHED_SNAPSHOTS)(self._find)
+        self._cameras = lru_cache(_CACHED_SNAPSHOTS)(
+            lambda snapshot_id: snapshots.cameras(self._snapshot(snapshot_id))
+        )
+        self._geometry = lru_cache(_CACHED_SNAPSHOTS)(self._geometry_of)
+        self._frame = lru_cache(_CACHED_SNAPSHOTS)(
+            lambda snapshot_id, origin: WorldFrame(origin, self._snapshot(snapshot_id).alignment)
+        )
+
+    def snapshot(self, principal: Principal, scene: SceneHead, snapshot_id: str | None) -> Snapshot:
+        """The named snapshot of a scene, or its newest; raises ``NotFoundError``, ``NoSnapshotError``."""
+        if snapshot_id is not None:
+            with self._database.reading() as session:
+                snapshot_of(session, principal, snapshot_id)  # the cache may outlive it
+        wanted = snapshot_id or scene.snapshot_id
+        if wanted is None:
+            raise NoSnapshotError(
+                "The scene has no model yet, so nothing can be ranked.",
+                hint='Run an update (fvs-client update, a job {"kind": "update"}) and wait for its snapshot.',
+            )
+        snapshot: Snapshot = self._snapshot(wanted)
+        if snapshot.scene_id != scene.id:
+            raise NotFoundError("There is no such snapshot.")
+        return snapshot
+
+    def cameras(self, snapshot_id: str) -> SnapshotCameras:
+        """The cameras of a snapshot."""
+        cameras: SnapshotCameras = self._cameras(snapshot_id)
+        return cameras
+
+    def geometry(self, snapshot_id: str) -> SceneGeometry:
+        """The geometry of a snapshot in the world frame."""
+        geometry: SceneGeometry = self._geometry(snapshot_id)
+        return geometry
+
+    def frame(self, snapshot_id: str, origin: Origin | None) -> WorldFrame:
+        """The world frame of a snapshot."""
+        frame: WorldFrame = self._frame(snapshot_id, origin)
+        return frame
+
+    def candidates(
+        self,
+        given: tuple[CandidateRequest, ...] | None,
+        generator: Generator | None,
+        frame: WorldFrame,
+        geometry: SceneGeometry,
+        *,
+        current: NDArray[np.float64] | None = None,
+        radius_m: float | None = None,
+    ) -> Mapping[str, RigidTransform]:
+        """The poses of candidates, given or generated: id → world_from_camera.
+
+        Raises ``InvalidRequestError`` for too many, and for poses that are too far away.
+        """
+        if generator is not None:
+            poses = generate(generator, geometry, current, radius_m)
+        else:
+            poses = by_id(given or (), frame)
+        if len(poses) > self._most_candidates:
+            raise InvalidRequestError(
+                f"There are {len(poses)} candidates; {self._most_candidates} are allowed.",
+                hint="Split them into several rankings.",
+            )
+        require_on_earth(poses)
+        return poses
+
+    def _geometry_of(self, snapshot_id: str) -> SceneGeometry:
+        return SceneGeometry.of(self.frame(snapshot_id, None), self.cameras(snapshot_id))
+
+    def _find(self, snapshot_id: str) -> Snapshot:
+        with self._database.reading() as session:
+            return find_snapshot(session, snapshot_id)
+
+
+def by_id(given: tuple[CandidateRequest, ...], frame: WorldFrame) -> dict[str, RigidTransform]:
+    """The poses of requests: id → world_from_camera."""
+    cameras = frame.world_from_cameras([item.pose for item in given])
+    return {item.id: camera for item, camera in zip(given, cameras, strict=True)}

@@ -1,0 +1,41 @@
+"""Plans flights with a state of the model."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fvs_engine.plan.distances import view_points
+from fvs_engine.plan.forecast import Seen
+from fvs_engine.plan.kriging import variances
+from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.targets import Targets
+from fvs_engine.plan.tours import Budget
+from fvs_engine.views import PinholeView
+from fvs_service.rankings.port import PlanViews, UpdateQuality
+from fvs_service.worker.runner.model_states import ModelState
+
+
+def plan_views(request: PlanViews, state: ModelState) -> Mission:
+    """Plan a flight; raises ``InvalidInputError`` for what cannot be flown."""
+    targets = Targets(state.visited, request.views, request.targets, state.observations)
+    starts = [np.array(start) for start in request.starts] or [state.visited[-1].centre]
+    by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
+    seen = _seen(request.updates, by_image, targets.spread)
+    return plan_mission(targets, Budget(request.budget, request.distance, request.home), starts, seen)
+
+
+def _seen(updates: Sequence[UpdateQuality], by_image: dict[str, PinholeView], spread: float) -> list[Seen]:
+    """The mean PSNR of each update's new images before they were learnt, and their mean variance then.
+
+    By their present poses: those of the time are gone, and the model frame stays the same.
+    """
+    known: list[PinholeView] = []
+    found = []
+    for update in updates:
+        new = [by_image[image] for image in update.images if image in by_image]
+        if update.psnr_db is not None and new and known:
+            at = variances(view_points(new, spread), view_points(known, spread))
+            found.append(Seen(float(at.mean()), update.psnr_db))
+        known += new
+    return found

@@ -1,0 +1,152 @@
+"""Plans over REST: flights through candidates, and what cannot be flown."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+
+
+def _plan(gateway: Any, scene: str, **request: Any) -> Any:
+    return gateway.client.post(f"/v1/scenes/{scene}/plans", json=request)
+
+
+def _at(x: float, y: float = 0.0, z: float = -4.0) -> dict[str, Any]:
+    return {**LOOK, "position": [x, y, z]}
+
+
+def _row(count: int) -> list[dict[str, Any]]:
+    return [{"id": f"c{number}", "pose": _at(0.5 + number)} for number in range(count)]
+
+
+@pytest.fixture(scope="module")
+def scene(gateway: Any) -> str:
+    scene = gateway.scene()
+    gateway.model(scene)
+    return scene
+
+
+def test_a_flight_through_an_orbit(gateway: Any, scene: str) -> None:
+    answer = _plan(gateway, scene, generator={"kind": "orbit", "count": 12}, views=4)
+    assert answer.status_code == 200, answer.text
+    plan = answer.json()
+    (tour,) = plan["tours"]
+    assert len(tour["stops"]) == 4
+    assert plan["summary"].startswith("4 more photographs, ")
+    assert tour["length_m"] == pytest.approx(sum(stop["distance_m"] for stop in tour["stops"]))
+    variances = [plan["now"]["variance"], *(stop["after"]["variance"] for stop in tour["stops"])]
+    assert variances == sorted(variances, reverse=True)
+    assert plan["end"] == tour["stops"][-1]["after"]
+    planned = {term["id"] for term in plan["candidates"] if term["planned"]}
+    assert planned == {stop["id"] for stop in tour["stops"]}
+    assert [term["planned"] for term in plan["candidates"]][:5] == [True] * 4 + [False]
+    places = [stop["pose"]["position"] for stop in tour["stops"]]
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.tolist() == pytest.approx([stop["distance_m"] for stop in tour["stops"][1:]])
+
+
+def test_a_plan_without_anything_is_an_orbit_from_the_last_image(gateway: Any, scene: str) -> None:
+    plan = _plan(gateway, scene).json()
+    assert len(plan["tours"][0]["stops"]) == 10
+    assert plan["tours"][0]["stops"][0]["id"].startswith("orbit-")
+    assert plan["now"]["psnr_db"] is None  # no update has measured anything
+
+
+def test_vehicles_distance_and_home(gateway: Any, scene: str) -> None:
+    candidates = _row(8)
+    request = {"candidates": candidates, "views": 8, "vehicles": [_at(0.0), _at(9.0)]}
+    both = _plan(gateway, scene, **request).json()["tours"]
+    assert [tour["vehicle"] for tour in both] == [0, 1]
+    assert {stop["id"] for tour in both for stop in tour["stops"]} == {item["id"] for item in candidates}
+    assert both[0]["stops"][0]["id"] == "c0"
+    assert both[1]["stops"][0]["id"] == "c7"
+    near = _plan(gateway, scene, **request, distance_m=4.0, home=True).json()["tours"]
+    assert all(0 < tour["length_m"] <= 4.0 * 1.001 for tour in near)
+
+
+def test_targets_say_what_the_model_is_for(gateway: Any, scene: str) -> None:
+    targets = [{"id": "door", "pose": _at(6.4)}, {"id": "gate", "pose": _at(6.6)}]
+    plan = _plan(gateway, scene, candidates=_row(8), views=1, targets=targets, vehicles=[_at(0.0)]).json()
+    assert plan["tours"][0]["stops"][0]["id"] == "c6"
+    assert set(plan["candidates"][0]["helps"]) == {"door", "gate"}
+
+
+def test_candidates_that_were_photographed_are_left_out(gateway: Any, scene: str) -> None:
+    here = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
+    view = gateway.application.plans._frames.cameras(here).views[0]
+    taken = {
+        "id": "taken",
+        "pose": {
+            "frame": "model",
+            "position": list(view.position),
+            "orientation_wxyz": list(view.orientation_wxyz),
+        },
+    }
+    plan = _plan(gateway, scene, candidates=[taken, *_row(2)], views=3).json()
+    assert plan["photographed"] == ["taken"]
+    assert {term["id"] for term in plan["candidates"]} == {"c0", "c1"}
+    nothing = _plan(gateway, scene, candidates=[taken])
+    assert nothing.status_code == 422
+    assert "photographed already" in nothing.json()["detail"]
+
+
+def test_updates_that_measured_their_new_images_make_a_forecast(gateway: Any) -> None:
+    scene = gateway.scene()
+    for images, psnr_db in ((6, None), (8, 18.0), (9, 19.0), (11, 20.0)):
+        gateway.model(scene, images=images, new_images_psnr_db=psnr_db)
+    plan = _plan(gateway, scene, views=3).json()
+    assert plan["now"]["low_db"] < plan["now"]["psnr_db"] < plan["now"]["high_db"]
+    assert plan["end"]["psnr_db"] > plan["now"]["psnr_db"]
+    assert " dB instead of " in plan["summary"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"candidates": _row(3), "distance_m": 0.01, "vehicles": [_at(0.0)]}, "nearest is 0.5 away"),
+        ({"candidates": [_row(1)[0], _row(1)[0]]}, "two candidates have the id c0"),
+        ({"candidates": []}, "at least 1"),
+        ({"candidates": _row(1), "generator": {"kind": "orbit"}}, "not both"),
+        ({"views": 0}, "greater than or equal to 1"),
+        ({"views": 10_000}, "less than or equal to 500"),
+        ({"vehicles": []}, "at least 1"),
+        ({"vehicles": [_at(0.0)] * 21}, "20 are allowed"),
+        ({"distance_m": -1.0}, "greater than or equal to"),
+        ({"generator": {"kind": "around-current"}}, "around-current"),
+        ({"candidates": [{"id": "far", "pose": _at(1e12)}]}, "2"),
+        ({"snapshot_id": "snp_none"}, ""),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(
+    gateway: Any, scene: str, request_: dict[str, Any], words: str
+) -> None:
+    answer = _plan(gateway, scene, **request_)
+    assert answer.status_code in (404, 422), answer.text
+    problem = answer.json()
+    assert words in answer.text
+    assert problem["code"]
+
+
+def test_two_thousand_candidates_are_planned(gateway: Any, scene: str) -> None:
+    draw = np.random.default_rng(0)
+    many = [
+        {"id": f"m{number}", "pose": _at(*draw.uniform(-5.0, 5.0, 3).tolist())} for number in range(2_000)
+    ]
+    plan = _plan(gateway, scene, candidates=many, views=20).json()
+    assert len(plan["tours"][0]["stops"]) == 20
+    assert len(plan["candidates"]) == 200
+    refused = _plan(gateway, scene, candidates=[*many, {"id": "one more", "pose": LOOK}])
+    assert refused.status_code == 422
+
+
+def test_a_scene_without_a_model_and_without_a_runner(gateway: Any, scene: str) -> None:
+    empty = gateway.scene()
+    assert _plan(gateway, empty).json()["code"] == "no-snapshot"
+    gateway.runners.reachable = False
+    try:
+        away = _plan(gateway, scene)
+        assert away.status_code == 503
+        assert away.headers["retry-after"] == "3"
+    finally:
+        gateway.runners.reachable = True
