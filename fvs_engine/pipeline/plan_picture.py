@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _COLOR_MAP = "viridis_r"
 _DPI = 140
 _TOURS = ("#D1495B", "#00798C", "#EDAE49", "#6A4C93", "#30638E")
+_WIDTH_IN, _MARGINS_IN = 11.6, 1.6
+_HEIGHTS_IN = (3.6, 8.0)
 _MOST_NUMBERS = 60
 """Stops of a tour that are numbered; more would hide each other."""
 
@@ -40,7 +42,8 @@ def draw_plan(
     """
     centres = np.stack([view.centre for view in targets])
     above = TopView(centres, np.stack([view.camera_from_model.rotation for view in targets]))
-    figure = Figure(figsize=(11.6, 5.8), layout="constrained")
+    width, height = np.ptp(above.project(centres), axis=0)
+    figure = Figure(figsize=(_WIDTH_IN, _height_in(width, height)), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     variances = np.array(mission.target_variances)
     shades = Normalize(0.0, max(1e-6, float(variances.max())))
@@ -65,6 +68,12 @@ def draw_plan(
     write_bytes_atomically(path, png.getvalue())
 
 
+def _height_in(width: float, height: float) -> float:
+    """The height of a picture with two maps of this extent beside each other."""
+    panel = _WIDTH_IN / 2.4 * height / max(width, 1e-9)
+    return float(np.clip(panel + _MARGINS_IN, *_HEIGHTS_IN))
+
+
 def _draw_tour(
     axes: Axes,
     tour: VehicleTour,
@@ -76,6 +85,8 @@ def _draw_tour(
     way = [np.array(tour.start), *(candidates[stop.name].centre for stop in tour.stops)]
     x, y = above.project(np.stack(way)).T
     axes.plot(x, y, color=color, linewidth=1.4, zorder=4, label=f"{label} ({len(tour.stops)})")
+    if tour.stops and tour.length > tour.stops[-1].travel * (1 + 1e-6):  # home
+        axes.plot(x[[-1, 0]], y[[-1, 0]], color=color, linewidth=1.0, linestyle=":", zorder=4)
     axes.scatter(x[:1], y[:1], s=60, facecolors="white", edgecolors=color, linewidths=1.6, zorder=5)
     axes.scatter(x[1:], y[1:], s=30, color=color, edgecolors="white", linewidths=0.6, zorder=6)
     for number, place in enumerate(zip(x[1:], y[1:], strict=True), start=1):
