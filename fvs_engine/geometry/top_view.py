@@ -20,7 +20,8 @@ class TopView:
     def __init__(self, centres: Array, rotations: Array) -> None:
         up = -rotations[:, 1].mean(axis=0)
         self._middle = centres.mean(axis=0)
-        _, _, axes = np.linalg.svd(centres - self._middle, full_matrices=True)
+        offsets = centres - self._middle
+        _, _, axes = np.linalg.svd(offsets.T @ offsets)  # of 3 × 3, whatever the number of centres
         if np.linalg.norm(up) < _MIN_UPRIGHT:
             up = axes[2] if rotations[:, 2].mean(axis=0) @ axes[2] < 0 else -axes[2]
         up = up / np.linalg.norm(up)

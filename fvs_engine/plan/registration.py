@@ -27,6 +27,7 @@ _HALF, _SLOPE = 38.0, 2.4
 """Of the logistic curve: familiar points with an even chance; its steepness per unit of their logarithm."""
 _MOST_POINTS = 4_000
 _MOST_PRODUCTS = 20_000_000
+_AT_ONCE = 2_000_000
 _RELEVANT = 0.01
 
 
@@ -54,13 +55,12 @@ class Familiarity:
         self._centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
         number = np.full(len(observations.points), -1)
         number[used] = np.arange(len(used))
-        numbers = number[observations.observed_point]
-        order = np.argsort(numbers, kind="stable")
-        order = order[numbers[order] >= 0]
-        seen_from, numbers = observations.seen_from[order], numbers[order]
-        seen = [self._seen(view, seen_from, numbers) for view in candidates]
-        self._weights = np.array(seen).reshape(len(candidates), len(used))
-        self.counts = self._weights.sum(axis=1) / self._share
+        seen_points = _SeenPoints(self._points, number[observations.observed_point], observations.seen_from)
+        self._weights = np.zeros((len(candidates), len(used)), dtype=np.float32)
+        for weights, view in zip(self._weights, candidates, strict=True):
+            inside = _in_frame(view, self._points)
+            weights[inside] = seen_points.weights(inside, view.centre)
+        self.counts = self._weights.sum(axis=1, dtype=np.float64) / self._share
         """Familiar points in the frame of every candidate [n]."""
         self._bridge = cache(self._uncached_bridge)
 
@@ -73,9 +73,9 @@ class Familiarity:
             return np.asarray(self.counts == self.counts.max())
         mask = np.asarray(self.counts >= ENOUGH)
         left = set(plan)
-        while ready := {index for index in left if mask[index]}:
+        while not mask.all() and (ready := {index for index in left if mask[index]}):
             for index in ready:
-                mask = mask | (self._bridge(index) >= ENOUGH)
+                mask = mask | self._bridge(index)
             left -= ready
         return mask
 
@@ -83,43 +83,74 @@ class Familiarity:
         """Of being registered now, for every candidate [n]."""
         return np.asarray(1.0 / (1.0 + (_HALF / np.maximum(self.counts, 1e-9)) ** _SLOPE))
 
-    def _seen(self, view: PinholeView, seen_from: Array, numbers: NDArray[np.int64]) -> Array:
-        """The weight [P] of every point for a view; 0 outside of its frame."""
-        weights = np.zeros(len(self._points))
-        camera = view.camera
-        pose = view.camera_from_model
-        x, y, z = pose.rotation @ self._points.T + pose.translation[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-            inside = (z > 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
-        kept = inside[numbers]
-        observed = numbers[kept]
-        if len(observed):
-            angles = _weights(self._points[observed], seen_from[kept], view.centre)
-            np.maximum.at(weights, observed, angles)
-        return weights
-
-    def _uncached_bridge(self, index: int) -> Array:
-        """Points of every candidate [n] that are familiar once the candidate ``index`` was registered."""
+    def _uncached_bridge(self, index: int) -> Mask:
+        """Which candidates [n] are familiar enough once the candidate ``index`` was registered."""
         visible = np.flatnonzero(self._weights[index] > _RELEVANT)
-        now = self._weights[:, visible]
-        near = _weights(self._points[visible], self._centres[index], self._centres[:, None])
-        # Only in the frame of a view, and only what the planned view adds to what is familiar anyway.
-        gained = np.where(now > 0, np.maximum(self._weights[index][visible] * near - now, 0.0), 0.0)
-        return np.asarray((self._weights.sum(axis=1) + gained.sum(axis=1)) / self._share)
+        points, likely = self._points[visible], self._weights[index][visible]
+        directions, lengths = _directions(points, self._centres[index])
+        enough = self.counts >= ENOUGH
+        unknown = np.flatnonzero(~enough)
+        for part in np.array_split(unknown, -(-len(unknown) * max(1, len(visible)) // _AT_ONCE) or 1):
+            now = self._weights[np.ix_(part, visible)]
+            offsets = (points * directions).sum(axis=1) - self._centres[part] @ directions.T
+            squares = (points**2).sum(axis=1) - 2 * self._centres[part] @ points.T
+            others = np.sqrt(np.maximum(squares + (self._centres[part] ** 2).sum(axis=1)[:, None], 1e-24))
+            near = _weight(np.where(_comparable(lengths, others), offsets / others, -1.0))
+            # Only in the frame of a view, and only what the planned view adds to what is familiar anyway.
+            gained = np.where(now > 0, np.maximum(likely * near - now, 0.0), 0.0).sum(axis=1)
+            enough[part] = self.counts[part] + gained / self._share >= ENOUGH
+        return np.asarray(enough)
 
 
-def _weights(points: Array, seen_from: Array, centre: Array) -> Array:
-    """exp(−(angle / ANGLE_RAD)²) between the directions to points; 0 where the distances differ too much.
+class _SeenPoints:
+    """Points [P, 3] with the directions and distances from which they were seen."""
 
-    ``points`` [P, 3], ``seen_from`` and ``centre`` broadcast; the result lacks their last axis.
-    """
-    first, second = points - seen_from, points - centre
-    lengths, others = np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)
-    cosines = np.einsum("...i,...i->...", first, second) / np.maximum(lengths * others, 1e-12)
-    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
-    comparable = (lengths <= MOST_DISTANCE_RATIO * others) & (others <= MOST_DISTANCE_RATIO * lengths)
-    return np.asarray(np.where(comparable, np.exp(-((angles / ANGLE_RAD) ** 2)), 0.0))
+    def __init__(self, points: Array, observed_point: NDArray[np.int64], seen_from: Array) -> None:
+        order = np.argsort(observed_point, kind="stable")
+        order = order[observed_point[order] >= 0]
+        self._points = points
+        self._observed = observed_point[order]
+        self._directions, self._lengths = _directions(points[self._observed], seen_from[order])
+
+    def weights(self, inside: Mask, centre: Array) -> Array:
+        """The weights of the points ``inside`` [P] a frame, as seen from ``centre`` [3]."""
+        found = np.zeros(len(self._points))
+        kept = np.flatnonzero(inside[self._observed])
+        if len(kept):
+            observed = self._observed[kept]
+            starts = np.flatnonzero(np.diff(observed, prepend=-1))
+            directions, lengths = np.zeros((len(inside), 3)), np.zeros(len(inside))
+            directions[inside], lengths[inside] = _directions(self._points[inside], centre)
+            cosines = np.einsum("oi,oi->o", self._directions[kept], directions[observed])
+            cosines[~_comparable(self._lengths[kept], lengths[observed])] = -1.0
+            found[observed[starts]] = _weight(np.maximum.reduceat(cosines, starts))
+        return found[inside]
+
+
+def _in_frame(view: PinholeView, points: Array) -> Mask:
+    camera, pose = view.camera, view.camera_from_model
+    x, y, z = pose.rotation @ points.T + pose.translation[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+    return np.asarray((z > 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height))
+
+
+def _directions(points: Array, seen_from: Array) -> tuple[Array, Array]:
+    """Unit vectors [P, 3] to points, and their distances [P]."""
+    offsets = points - seen_from
+    lengths = np.sqrt(np.einsum("pi,pi->p", offsets, offsets))
+    return offsets / np.maximum(lengths, 1e-12)[:, None], lengths
+
+
+def _weight(cosines: Array) -> Array:
+    """exp(−(angle / ANGLE_RAD)²) of two directions to a point."""
+    return np.asarray(np.exp(-((np.arccos(np.clip(cosines, -1.0, 1.0)) / ANGLE_RAD) ** 2)))
+
+
+def _comparable(lengths: Array, others: Array) -> Mask:
+    """Whether two distances to a point differ so little that its features look alike."""
+    near = lengths <= MOST_DISTANCE_RATIO * others
+    return np.asarray(near & (others <= MOST_DISTANCE_RATIO * lengths))
 
 
 def _share(count: int, most: int) -> tuple[NDArray[np.int64], float]:

@@ -69,3 +69,12 @@ def test_without_candidates_or_points_nothing_is_familiar():
     assert Familiarity(seen_from(0.0), []).enough().tolist() == []
     nothing = Observations(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     assert Familiarity(nothing, [at(0.0)]).counts.tolist() == [0.0]
+
+
+def test_bridges_are_the_same_in_parts(monkeypatch):
+    candidates = [at(float(angle)) for angle in range(12, 120, 4)]
+    whole = Familiarity(seen_from(0.0, count=400), candidates).enough([0, 1, 2])
+    monkeypatch.setattr("fvs_engine.plan.registration._AT_ONCE", 500)
+    parts = Familiarity(seen_from(0.0, count=400), candidates).enough([0, 1, 2])
+    assert whole.sum() > 2
+    assert parts.tolist() == whole.tolist()
