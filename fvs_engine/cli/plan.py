@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.cli.options import MAX_VIEWS, JsonOption
+from fvs_engine.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from fvs_engine.pipeline.plan import PlanResult
 
 MAX_VEHICLES = 20
+MOST_VIEWS = 200
+"""A plan of so many takes half a minute; a longer flight is planned again on the way."""
 
 
 def _position(text: str) -> tuple[float, float, float]:
@@ -27,7 +29,7 @@ def plan(
     *,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")],
     views: Annotated[
-        int, typer.Option(min=1, max=MAX_VIEWS, metavar="N", help="How many photographs, at most.")
+        int, typer.Option(min=1, max=MOST_VIEWS, metavar="N", help="How many photographs, at most.")
     ] = 10,
     distance: Annotated[
         float | None,

@@ -18,6 +18,7 @@ from fvs_engine.plan.route import Legs, shortest_route
 Array = NDArray[np.float64]
 
 _ROUNDS = 4
+_MOST_LEVELINGS = 100
 _EXCHANGED = 3
 """Views of another tour for which one is exchanged."""
 _LEAST_GAIN = 1e-9
@@ -109,17 +110,13 @@ class _Tours:
         return tuple(index for tour in self.tours for index in tour.views)
 
     def share(self, views: Sequence[int]) -> None:
-        """Share out views, so that the longest tour is short: each to the tour that it lengthens least."""
-        left = set(views)
-        while left:
-            options = [
-                (tour.length, vehicle, index, tour)
-                for index in sorted(left)
-                for vehicle, tour in enumerate(self._with(index))
-            ]
-            _, vehicle, index, tour = min(options, key=lambda option: option[:3])
-            self._replace(vehicle, tour)
-            left.remove(index)
+        """Share out views, so that the longest tour is short: always the one that a tour is shortest with."""
+        left = np.array(sorted(views), dtype=np.int64)
+        while len(left):
+            lengths = np.stack([tour.length + self._insertions(v, left) for v, tour in enumerate(self.tours)])
+            vehicle, place = np.unravel_index(int(np.argmin(lengths)), lengths.shape)
+            self._insert(int(vehicle), int(left[place]))
+            left = np.delete(left, place)
         self._level()
 
     def fill(self, power: float) -> None:
@@ -136,8 +133,7 @@ class _Tours:
             if not len(worth) or worth.max() == -np.inf:
                 return
             best = int(np.argmax(worth))
-            vehicle = int(vehicles[best])
-            self._replace(vehicle, self._with(int(candidates[best]))[vehicle])
+            self._insert(int(vehicles[best]), int(candidates[best]))
 
     def exchange(self, power: float) -> None:
         """Replace views by others while that lowers the variance, and fill the distance that is left."""
@@ -161,7 +157,7 @@ class _Tours:
             gains = np.where(np.isfinite(added), self._variance.gains(rest)[candidates], -np.inf)
             if len(gains) and gains.max() > -np.inf:
                 best = int(np.argmax(gains))
-                self._replace(int(vehicles[best]), self._with(int(candidates[best]))[int(vehicles[best])])
+                self._insert(int(vehicles[best]), int(candidates[best]))
                 self.fill(power)
         if self._variance.variance_after(self.chosen) >= after - _LEAST_GAIN:
             self.tours = kept
@@ -173,32 +169,39 @@ class _Tours:
         """
         best = np.full(len(candidates), np.inf)
         whose = np.zeros(len(candidates), dtype=np.int64)
-        for vehicle, (start, tour) in enumerate(zip(self._starts, self.tours, strict=True)):
-            way = np.array([start, *tour.views, *([start] if self._budget.home else [])])
-            lengths = self._legs.between(way, candidates)
-            along = (
-                np.diagonal(self._legs.between(way[:-1], way[1:]))[:, None]
-                if len(way) > 1
-                else np.zeros((0, 1))
-            )
-            between = lengths[:-1] + lengths[1:] - along
-            options = between if self._budget.home else np.concatenate([between, lengths[-1:]])
-            added = options.min(axis=0, initial=np.inf)
+        for vehicle, tour in enumerate(self.tours):
+            added = self._insertions(vehicle, candidates)
             if self._budget.distance is not None:
-                added = np.where(
-                    tour.length + added <= self._budget.distance * (1 + _TOLERANCE), added, np.inf
-                )
+                most = self._budget.distance * (1 + _TOLERANCE)
+                added = np.where(tour.length + added <= most, added, np.inf)
             better = added < best
             best, whose = np.where(better, added, best), np.where(better, vehicle, whose)
         return best, whose
 
-    def _with(self, index: int) -> list[Tour]:
-        """Every vehicle's tour with one view more."""
-        return [self._routed(vehicle, [*tour.views, index]) for vehicle, tour in enumerate(self.tours)]
+    def _insertions(self, vehicle: int, candidates: NDArray[np.int64]) -> Array:
+        """By how much each of ``candidates`` lengthens a tour at its best place."""
+        start, tour = self._starts[vehicle], self.tours[vehicle]
+        way = np.array([start, *tour.views, *([start] if self._budget.home else [])])
+        lengths = self._legs.between(way, candidates)
+        along = np.array(
+            [self._legs.between(way[i : i + 1], way[i + 1 : i + 2])[0, 0] for i in range(len(way) - 1)]
+        )
+        options = (
+            lengths[:-1] + lengths[1:] - along[:, None] if len(way) > 1 else np.empty((0, len(candidates)))
+        )
+        if not self._budget.home:
+            options = np.concatenate([options, lengths[-1:]])
+        return np.asarray(options.min(axis=0))
+
+    def _insert(self, vehicle: int, index: int) -> None:
+        self._replace(vehicle, self._routed(vehicle, [*self.tours[vehicle].views, index]))
 
     def _level(self) -> None:
         """Give views of the longest tour to others, or exchange them, while the longest one gets shorter."""
-        while (shorter := self._leveled()) is not None:
+        for _ in range(_MOST_LEVELINGS):
+            shorter = self._leveled()
+            if shorter is None:
+                return
             self.tours = shorter
 
     def _leveled(self) -> tuple[Tour, ...] | None:

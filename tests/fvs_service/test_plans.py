@@ -109,7 +109,7 @@ def test_updates_that_measured_their_new_images_make_a_forecast(gateway: Any) ->
         ({"candidates": []}, "at least 1"),
         ({"candidates": _row(1), "generator": {"kind": "orbit"}}, "not both"),
         ({"views": 0}, "greater than or equal to 1"),
-        ({"views": 10_000}, "less than or equal to 500"),
+        ({"views": 10_000}, "less than or equal to 100"),
         ({"vehicles": []}, "at least 1"),
         ({"vehicles": [_at(0.0)] * 21}, "20 are allowed"),
         ({"distance_m": -1.0}, "greater than or equal to"),

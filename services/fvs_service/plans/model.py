@@ -46,7 +46,7 @@ class PlanRequest(Model):
     generator: PlanGenerator | None = None
     targets: _Candidates | None = None
     """Poses that the model must serve well; by default those of the registered images and the candidates."""
-    views: Annotated[int, Field(strict=True, ge=1, le=500), WHOLE] = 10
+    views: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 10
     """How many photographs, at most, of all vehicles together."""
     distance_m: Length | None = None
     """How far each vehicle flies, at most; by default as far as it takes."""

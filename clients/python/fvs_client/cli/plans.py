@@ -38,7 +38,7 @@ def plan(
             exists=True, dir_okay=False, metavar="FILE", help="JSON: poses that the model must serve."
         ),
     ] = None,
-    views: Annotated[int, typer.Option(min=1, max=500, metavar="N", help="How many photographs.")] = 10,
+    views: Annotated[int, typer.Option(min=1, max=100, metavar="N", help="How many photographs.")] = 10,
     distance: Annotated[
         float | None, typer.Option(min=0, max=2e7, metavar="M", help="How far each vehicle flies, at most.")
     ] = None,
