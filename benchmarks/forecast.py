@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from growth import quality_db
 from measurement import report
+from view_sets import with_points
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -139,12 +140,14 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
 
-    dataset, rasterizer = open_dataset(options.dataset, options.colmap), create_rasterizer(options.backend)
+    rasterizer = create_rasterizer(options.backend)
     rows: list[dict[str, Any]] = []
-    for method in options.methods:
-        for seed in options.seeds:
-            rows += steps(dataset, method, seed, options, rasterizer)
-            print(method, seed, rows[-1], flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = with_points(open_dataset(options.dataset, options.colmap), Path(folder))
+        for method in options.methods:
+            for seed in options.seeds:
+                rows += steps(dataset, method, seed, options, rasterizer)
+                print(method, seed, rows[-1], flush=True)
     report(
         f"forecasts, {options.long_side} px, {rasterizer.name}", errors(rows, options.counts), options.json
     )
