@@ -137,6 +137,11 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
             f"{result.stop.message} Travel {result.travel:.4g}; all views in order of capture: "
             f"{result.travel_of_capture:.4g}.\n"
         )
+        if (forecast := result.expected.forecast) is not None:
+            stdout.write(
+                f"Expected PSNR over all views that could be visited: {forecast.db:.1f} dB, "
+                f"{forecast.low_db:.1f} to {forecast.high_db:.1f} in four of five cases.\n"
+            )
         for name in ("result.json", "trajectory.png", "point_cloud.ply"):
             stdout.write(f"{folder / name}\n")
 

@@ -18,6 +18,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.output import locked_output, open_outside
 from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.records import Record
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
@@ -46,6 +47,7 @@ class SelectionResult(Record):
     """``result.json``: what was visited, in order, and why the selection ended.
 
     ``travel_of_capture`` is the path length through all views that could be visited, in order of capture.
+    ``expected``: of the quick model's renders of all views that could be visited.
     ``worst_rms``: of the alignments between dataset and model, in the dataset's unit. ``iterations`` and
     ``gaussians`` are those of the full model.
     """
@@ -60,6 +62,7 @@ class SelectionResult(Record):
     nearest: int | None
     travel: float
     travel_of_capture: float
+    expected: Expectation
     worst_rms: float
     iterations: int
     gaussians: int
@@ -151,6 +154,7 @@ def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> Selecti
         nearest=loop.reach.nearest,
         travel=loop.travel,
         travel_of_capture=path_length([centres[name] for name in loop.pool]),
+        expected=loop.expected(),
         worst_rms=max((record.alignment.rms for record in loop.records), default=0.0),
         iterations=model.iterations,
         gaussians=len(model.gaussians),

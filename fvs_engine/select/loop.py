@@ -15,7 +15,8 @@ from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.outlook import look_ahead
+from fvs_engine.plan.outlook import Expectations, look_ahead
+from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
@@ -208,6 +209,11 @@ class SelectionLoop:
         self._pending = None
         monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
         return record
+
+    def expected(self) -> Expectation:
+        """What to expect of the renders of all views that may be visited, by the quick model."""
+        targets = self.context(self.unvisited, self.align()).planning()
+        return Expectations(self._seen).at(targets.variance.variance)
 
     def align(self) -> DatasetAlignment:
         """Align the dataset with the model; raises ``InvalidInputError`` when they contradict each other."""

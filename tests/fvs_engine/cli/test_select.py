@@ -113,6 +113,9 @@ def assert_kills_change_nothing(
     clean.pop("seconds")
     killed.pop("seconds")
     assert killed.pop("worst_rms") == pytest.approx(clean.pop("worst_rms"), rel=1e-9)
+    expected = [result.pop("expected") for result in (clean, killed)]
+    assert expected[1]["variance"] == pytest.approx(expected[0]["variance"], rel=1e-9)
+    assert expected[1]["forecast"] == pytest.approx(expected[0]["forecast"], rel=1e-6)
     assert killed == clean
     for step in sorted((folder / "clean" / "steps").iterdir()):
         rankings = [
