@@ -23,6 +23,8 @@ MOST_DISTANCE_RATIO = 2.0
 """Ratio of two distances to a point beyond which its features differ too much in size."""
 ENOUGH = 62.0
 """Familiar points of a view that is registered in nine of ten cases."""
+_LEAST, _SHARE_OF_MOST = 30.0, 0.6
+"""In scenes of few points views nearly as familiar as any are enough; below 30 none was registered."""
 _HALF, _SLOPE = 38.0, 2.4
 """Of the logistic curve: familiar points with an even chance; its steepness per unit of their logarithm."""
 _MOST_POINTS = 4_000
@@ -62,6 +64,8 @@ class Familiarity:
             weights[inside] = seen_points.weights(inside, view.centre)
         self.counts = self._weights.sum(axis=1, dtype=np.float64) / self._share
         """Familiar points in the frame of every candidate [n]."""
+        self._most = float(self.counts.max(initial=0.0))
+        self._enough = min(ENOUGH, max(_LEAST, _SHARE_OF_MOST * self._most))
         self._bridge = cache(self._uncached_bridge)
 
     def enough(self, plan: Sequence[int] = ()) -> Mask:
@@ -69,9 +73,9 @@ class Familiarity:
 
         Where none is, the most familiar one, so that there is always a way on.
         """
-        if len(self.counts) and self.counts.max() < ENOUGH:
-            return np.asarray(self.counts == self.counts.max())
-        mask = np.asarray(self.counts >= ENOUGH)
+        if self._most < self._enough:
+            return np.asarray(self.counts == self._most)
+        mask = np.asarray(self.counts >= self._enough)
         left = set(plan)
         while not mask.all() and (ready := {index for index in left if mask[index]}):
             for index in ready:
@@ -88,7 +92,7 @@ class Familiarity:
         visible = np.flatnonzero(self._weights[index] > _RELEVANT)
         points, likely = self._points[visible], self._weights[index][visible]
         directions, lengths = _directions(points, self._centres[index])
-        enough = self.counts >= ENOUGH
+        enough = self.counts >= self._enough
         unknown = np.flatnonzero(~enough)
         for part in np.array_split(unknown, -(-len(unknown) * max(1, len(visible)) // _AT_ONCE) or 1):
             now = self._weights[np.ix_(part, visible)]
@@ -98,7 +102,7 @@ class Familiarity:
             near = _weight(np.where(_comparable(lengths, others), offsets / others, -1.0))
             # Only in the frame of a view, and only what the planned view adds to what is familiar anyway.
             gained = np.where(now > 0, np.maximum(likely * near - now, 0.0), 0.0).sum(axis=1)
-            enough[part] = self.counts[part] + gained / self._share >= ENOUGH
+            enough[part] = self.counts[part] + gained / self._share >= self._enough
         return np.asarray(enough)
 
 

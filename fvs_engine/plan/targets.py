@@ -54,9 +54,12 @@ class Targets:
         return self.familiarity.enough(plan)
 
     def registrable(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
-        """Those of ``candidates`` that are likely to be registered; all of them where none is."""
-        mask = self.admissible([])
-        return tuple(view for view in candidates if mask[self.index[view.name]]) or tuple(candidates)
+        """Those of ``candidates`` that are likely to be registered; the likeliest where none is."""
+        if self.familiarity is None:
+            return tuple(candidates)
+        mask, counts = self.admissible([]), self.familiarity.counts
+        likely = tuple(view for view in candidates if mask[self.index[view.name]])
+        return likely or (max(candidates, key=lambda view: float(counts[self.index[view.name]])),)
 
     def own_variances(self) -> Array:
         """The kriging variance of every later view [n]."""

@@ -55,8 +55,14 @@ def test_a_planned_view_is_a_bridge_to_those_beyond_it_if_it_can_be_registered_i
 
 def test_where_nothing_is_familiar_enough_the_most_familiar_is_left():
     familiarity = Familiarity(seen_from(0.0), [at(60.0), at(30.0), at(90.0)])
-    assert familiarity.counts.max() < ENOUGH
+    assert familiarity.counts.max() < 30
     assert familiarity.enough().tolist() == [False, True, False]
+
+
+def test_in_a_scene_of_few_points_views_that_are_nearly_as_familiar_as_any_are_enough():
+    familiarity = Familiarity(seen_from(0.0, count=50), [at(2.0), at(8.0), at(20.0)])
+    assert 30 < familiarity.counts[1] < familiarity.counts[0] < ENOUGH
+    assert familiarity.enough().tolist() == [True, True, False]
 
 
 def test_of_many_points_an_even_share_stands_for_all():

@@ -77,6 +77,9 @@ def test_with_estimated_poses_only_familiar_views_are_planned(context, ring):
     targets = here.planning()
     assert [view.name for view in targets.registrable(candidates)] == ["020"]
     assert targets.registrable(candidates[1:]) == candidates[1:]  # nothing better
+    far = ring(150, 170, 190)
+    beyond = context(visited, far, budget=2, observations=observations).planning()
+    assert [view.name for view in beyond.registrable(far)] == ["150"]  # the likeliest
 
 
 def test_a_spent_budget_counts_as_one_view(context, ring):
