@@ -27,8 +27,8 @@ _MODEL_SHARE = 0.1
 _BIAS_SD_DB = 2.5
 """Of what chosen views have in common against all: they are no fair sample, and more of them do not help.
 
-On *fox* forecasts were off by 2.7 dB on average, too low with ``median-frequency``, too high with ``farthest``
-(docs/adr/0031)."""
+On *fox* forecasts were off by 2.7 dB on average, too low with ``median-frequency`` and too high with
+``farthest`` (docs/adr/0031)."""
 _PRIOR_WEIGHT = 4.0
 """Views that the prior of that deviation counts as."""
 
