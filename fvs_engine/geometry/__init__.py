@@ -7,6 +7,7 @@ from fvs_engine.geometry.alignment.similarity import (
     umeyama,
 )
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
+from fvs_engine.geometry.level import level_axes
 from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at, look_at_from_each
 from fvs_engine.geometry.paths import interpolate, smooth_path
 from fvs_engine.geometry.rotations import (
@@ -29,6 +30,7 @@ __all__ = [
     "alignment_report",
     "angle_between",
     "interpolate",
+    "level_axes",
     "look_at",
     "look_at_from_each",
     "matrix_from_quaternion",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.geometry import RigidTransform, angle_between
+from fvs_engine.geometry import RigidTransform, angle_between, level_axes
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.snapshots.model import SnapshotCameras
 
@@ -42,7 +42,7 @@ class SceneGeometry:
         """The geometry of a snapshot in a world frame."""
         world_from_model = frame.world_from_model
         up = np.array([0.0, 0.0, 1.0]) if frame.aligned else np.array(cameras.up)
-        level = _level_axes(up)
+        level = level_axes(up)
         low, high = np.array(cameras.lower), np.array(cameras.upper)
         corners = np.array([[(low, high)[bit >> axis & 1][axis] for axis in range(3)] for bit in range(8)])
         box = world_from_model.apply(corners) @ level
@@ -94,12 +94,3 @@ class SceneGeometry:
                 for index in indices
             )
         )
-
-
-def _level_axes(up: Array) -> Array:
-    """The columns x, y and up of a right-handed basis; with z up they are east, north and up."""
-    z = up / np.linalg.norm(up)
-    start = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
-    x = start - z * (start @ z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,96 @@
+"""Flight: legs around matter and no-fly zones, by way of other places where there is no straight one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.plan.clearance import FreeSpace
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MOST_PLACES = 10_000
+_MOST_SEGMENTS = 50_000
+"""Straight legs that are examined: all of up to 300 places."""
+_LEAST_NEIGHBOURS = 8
+_MOST_HELD = 10_000_000
+"""Lengths of ways that are held: 120 MB with the places before the last."""
+
+
+class FreeLegs:
+    """``Legs`` over ``places`` [N, 3] of candidates and starts, through free space.
+
+    A leg is straight where ``space`` lets it, else the shortest way through other places, infinite where
+    there is none. Of up to 300 places all pairs are examined. Of more, each place's nearest ones and as many drawn
+    evenly from all, so that ways cross gaps between groups: 50,000 pairs together, or 8 for each place. A
+    straight leg that was not examined may then be replaced by a way that is a little longer; what is returned
+    can always be flown. A place too near to matter, or in a zone, has no way.
+
+    Ways are computed from one place to all when first asked for, and the last ones are kept (120 MB).
+    Raises ``InvalidInputError`` for more than ``MOST_PLACES``.
+    """
+
+    def __init__(self, places: Array, space: FreeSpace) -> None:
+        from scipy.sparse import csr_array  # slow to import
+
+        points = np.asarray(places, dtype=np.float64).reshape(-1, 3)
+        if len(points) > MOST_PLACES:
+            raise InvalidInputError(
+                f"Ways can be planned between {MOST_PLACES:,} places, not {len(points):,}.",
+                hint="Give fewer candidates.",
+            )
+        first, second = _pairs(points)
+        joined = space.joins(points[first], points[second])
+        first, second = first[joined], second[joined]
+        lengths = np.linalg.norm(points[first] - points[second], axis=1)
+        # The graph has no edges of length 0, which a sparse matrix would drop.
+        lengths = np.maximum(lengths, np.finfo(np.float64).tiny)
+        self._graph = csr_array((lengths, (first, second)), shape=(len(points), len(points)))
+        self._rows: dict[int, tuple[Array, NDArray[np.int32]]] = {}
+
+    def between(self, places: Indices, others: Indices) -> Array:
+        """See ``Legs``."""
+        if len(set(np.asarray(others).tolist())) < len(set(np.asarray(places).tolist())):
+            return self.between(others, places).T
+        rows = [self._from(int(place))[0][others] for place in places]
+        return np.array(rows).reshape(len(places), len(others))
+
+    def way(self, place: int, other: int) -> tuple[int, ...] | None:
+        """The places between two on the shortest way, in order: () for a straight leg, None without a way."""
+        lengths, before = self._from(place)
+        if not np.isfinite(lengths[other]):
+            return None
+        way: list[int] = []
+        while other != place:
+            other = int(before[other])
+            way.append(other)
+        return tuple(reversed(way[:-1]))
+
+    def _from(self, place: int) -> tuple[Array, NDArray[np.int32]]:
+        """From a place to all: the lengths, and the place before each."""
+        from scipy.sparse.csgraph import dijkstra  # slow to import
+
+        if place not in self._rows:
+            lengths, before = dijkstra(self._graph, directed=False, indices=place, return_predecessors=True)
+            while self._rows and (len(self._rows) + 1) * len(lengths) > _MOST_HELD:
+                del self._rows[next(iter(self._rows))]
+            self._rows[place] = lengths, before
+        return self._rows[place]
+
+
+def _pairs(points: Array) -> tuple[Indices, Indices]:
+    """The pairs of places that are examined, each once, the lower index first."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    count = len(points)
+    if count * (count - 1) // 2 <= _MOST_SEGMENTS:
+        first, second = np.triu_indices(count, 1)
+        return first.astype(np.int64), second.astype(np.int64)
+    each = max(_LEAST_NEIGHBOURS, _MOST_SEGMENTS // count) // 2
+    _, nearest = cKDTree(points).query(points, k=each + 1)
+    drawn = np.random.default_rng(0).integers(count, size=(count, each))
+    others = np.concatenate([nearest, drawn], axis=1)
+    first = np.repeat(np.arange(count), others.shape[1])
+    pairs = np.sort(np.column_stack([first, others.ravel()]), axis=1)
+    pairs = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    return pairs[:, 0], pairs[:, 1]
