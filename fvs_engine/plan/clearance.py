@@ -13,9 +13,17 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SOLID_OPACITY = 0.3
-"""Opacity from which a Gaussian is matter."""
+"""Opacity from which a Gaussian is matter.
+
+Measured on two models of *fox* (38,000 and 20,000 Gaussians) with a safety distance of 2 % of the cameras'
+spread. From a camera to 80 % of the distance of a point that it saw the way is certainly free; to 110 % it
+leads through matter. With 0.3, 98.6 and 98.8 % of the first were free and 100 and 99.9 % of the second were
+blocked. With 0.1, floaters left only 87 and 90 % free; with 0.7, 2 and 4 % led through surfaces. With 0.3 all
+cameras were clear and saw the next one."""
 RADIUS_SCALES = 1.0
-"""Radius of a Gaussian's matter in its largest scale (standard deviation)."""
+"""Radius of a Gaussian's matter in its largest scale (standard deviation).
+
+With 2, only 55 % of the ways that are free for certain were so, and 4 % of the cameras stood in matter."""
 _CLASSES = 4
 """Classes of radii that are searched on their own; the radii of one differ by a factor of 2 at most."""
 _RESOLUTION = 0.1
@@ -132,12 +140,12 @@ class Matter:
         intervals: tuple[NDArray[np.int64], Array, Array],
         safety: float,
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """The parts of intervals that the free distance at their middles leaves; clears ``mask`` where blocked."""
+        """What free distances at the middles leave of intervals; takes blocked segments from ``mask``."""
         of, low, high = intervals
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         share = (middle / np.maximum(lengths[of], 1e-300))[:, None]
         positions = points[of] + share * (others[of] - points[of])
-        free = half.copy()
+        free = np.full(len(of), np.inf)
         for balls in self._within(safety):
             free = np.minimum(free, balls.free(positions, half))
         mask[of[free <= 0.0]] = False

@@ -21,10 +21,10 @@ class FreeLegs:
     """``Legs`` over ``places`` [N, 3] of candidates and starts, through free space.
 
     A leg is straight where ``space`` lets it, else the shortest way through other places, infinite where
-    there is none. Of up to 300 places all pairs are examined. Of more, each place's nearest ones and as many drawn
-    evenly from all, so that ways cross gaps between groups: 50,000 pairs together, or 8 for each place. A
-    straight leg that was not examined may then be replaced by a way that is a little longer; what is returned
-    can always be flown. A place too near to matter, or in a zone, has no way.
+    there is none. Of up to 300 places all pairs are examined. Of more, each place's nearest ones and as many
+    drawn evenly from all, so that ways cross gaps between groups: 50,000 pairs together, or 8 for each place.
+    A straight leg that was not examined may then be replaced by a way that is a little longer; what is
+    returned can always be flown. A place too near to matter, or in a zone, has no way.
 
     Ways are computed from one place to all when first asked for, and the last ones are kept (120 MB).
     Raises ``InvalidInputError`` for more than ``MOST_PLACES``.

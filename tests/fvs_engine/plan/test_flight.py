@@ -1,0 +1,123 @@
+"""Flight around obstacles, against all ways that there are."""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.plan.clearance import FreeSpace, Matter
+from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.flight import MOST_PLACES, FreeLegs
+from fvs_engine.plan.route import StraightLegs, shortest_route
+from fvs_engine.plan.volumes import Box, Cylinder
+
+FENCE = Box(centre=(0.0, 0.0, 0.0), size=(0.2, 100.0, 100.0))
+
+
+def all_of(count):
+    return np.arange(count)
+
+
+def test_without_obstacles_legs_are_straight():
+    places = np.random.default_rng(0).normal(size=(50, 3))
+    legs = FreeLegs(places, FreeSpace())
+    straight = StraightLegs(places).between(all_of(50), all_of(50))
+    assert legs.between(all_of(50), all_of(50)) == pytest.approx(straight)
+    assert legs.way(3, 4) == () == legs.way(3, 3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ways_around_obstacles_are_the_shortest_of_all(seed):
+    draw = np.random.default_rng(seed)
+    places = draw.uniform(-2.0, 2.0, size=(6, 3))
+    matter = Matter(draw.uniform(-1.0, 1.0, size=(5, 3)), np.full(5, 0.3))
+    space = FreeSpace(matter, 0.1, [Cylinder(base=(1.0, 1.0, -3.0), radius=0.4, height=6.0)])
+    legs = FreeLegs(places, space)
+    found = legs.between(all_of(6), all_of(6))
+    assert found == pytest.approx(found.T)
+    for a, b in itertools.permutations(range(6), 2):
+        best = np.inf
+        others = [index for index in range(6) if index not in (a, b)]
+        for size in range(5):
+            for through in itertools.permutations(others, size):
+                way = places[[a, *through, b]]
+                if space.joins(way[:-1], way[1:]).all():
+                    best = min(best, path_length(way))
+        assert found[a, b] == pytest.approx(best)
+        way = legs.way(a, b)
+        if way is None:
+            assert best == np.inf
+        else:
+            flown = places[[a, *way, b]]
+            assert space.joins(flown[:-1], flown[1:]).all()
+            assert path_length(flown) == pytest.approx(best)
+
+
+def test_a_fence_leaves_no_way_across():
+    places = np.array([[-1.0, 0, 0], [-2.0, 1, 0], [1.0, 0, 0], [0.0, 0, 0]])
+    legs = FreeLegs(places, FreeSpace(no_fly=[FENCE]))
+    assert np.isfinite(legs.between(np.array([0]), np.array([0, 1]))).all()
+    assert (legs.between(np.array([0]), np.array([2, 3])) == np.inf).all()
+    assert legs.way(0, 2) is None
+
+
+def test_a_route_can_be_flown():
+    """Around a pillar: the ring's opposite places have no straight leg."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    ring = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    space = FreeSpace(no_fly=[Cylinder(base=(0.0, 0.0, -1.0), radius=0.6, height=2.0)])
+    legs = FreeLegs(ring, space)
+    assert legs.way(0, 6) not in {None, ()}
+    order, length = shortest_route(legs, 0, [3, 6, 9])
+    assert np.isfinite(length)
+    for a, b in itertools.pairwise([0, *order]):
+        way = ring[[a, *legs.way(a, b), b]]
+        assert space.joins(way[:-1], way[1:]).all()
+
+
+def test_places_in_one_place_are_joined():
+    legs = FreeLegs(np.zeros((3, 3)), FreeSpace())
+    assert legs.between(all_of(3), all_of(3)) == pytest.approx(np.zeros((3, 3)))
+    assert legs.way(0, 2) == ()
+
+
+def test_groups_far_apart_are_joined():
+    draw = np.random.default_rng(0)
+    places = np.concatenate([draw.normal(size=(400, 3)), draw.normal(size=(400, 3)) + 1000.0])
+    legs = FreeLegs(places, FreeSpace())
+    found = legs.between(all_of(800)[:1], all_of(800))
+    straight = StraightLegs(places).between(all_of(800)[:1], all_of(800))
+    assert np.isfinite(found).all()
+    assert (found >= straight - 1e-9).all()
+    assert (found[0, 400:] <= 1.01 * straight[0, 400:]).all()
+
+
+def test_two_thousand_places_take_seconds_and_little_memory():
+    draw = np.random.default_rng(0)
+    places = draw.uniform(-3.0, 3.0, size=(2_000, 3))
+    surface = draw.normal(size=(20_000, 3))
+    matter = Matter(surface / np.linalg.norm(surface, axis=1, keepdims=True), np.full(20_000, 0.02))
+    begun = time.process_time()
+    legs = FreeLegs(places, FreeSpace(matter, 0.1))
+    free = matter.clear(places, 0.1) & (np.linalg.norm(places, axis=1) > 1.0)
+    outside = np.flatnonzero(free)
+    found = legs.between(outside[:20], outside)
+    assert time.process_time() - begun < 10.0
+    assert np.isfinite(found).all()
+    straight = StraightLegs(places).between(outside[:20], outside)
+    visible = np.array(
+        [
+            matter.sees(np.broadcast_to(places[i], (len(outside), 3)), places[outside], 0.1)
+            for i in outside[:20]
+        ]
+    )
+    assert (found >= straight - 1e-9).all()
+    assert np.mean(found[visible & (straight > 0)] / straight[visible & (straight > 0)]) < 1.1
+
+
+def test_too_many_places_are_refused():
+    with pytest.raises(InvalidInputError, match="10,000 places") as caught:
+        FreeLegs(np.zeros((MOST_PLACES + 1, 3)), FreeSpace())
+    assert caught.value.hint
