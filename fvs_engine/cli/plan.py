@@ -55,6 +55,24 @@ def plan(
         Path | None,
         typer.Option(metavar="FILE", help="Poses that the model must serve, in the same format."),
     ] = None,
+    volume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="JSON: generate candidates in a volume: box, cylinder, prism, shell, corridor.",
+        ),
+    ] = None,
+    count: Annotated[
+        int, typer.Option(min=1, max=2_000, metavar="N", help="Candidates to generate in the volume.")
+    ] = 300,
+    safety: Annotated[
+        float | None,
+        typer.Option(min=0, max=1e9, metavar="D", help="Keep so far from matter, also on the way."),
+    ] = None,
+    no_fly: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="JSON: a volume to avoid; once for each.", show_default=False),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/plan")
     ] = None,
@@ -68,10 +86,13 @@ def plan(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
+    if candidates is not None and volume is not None:
+        raise typer.BadParameter("Give --candidates or --volume, not both.")
     starts = [_position(text) for text in start or []]
+    free = volume is not None or safety is not None or bool(no_fly)
 
     def job(monitor: "Monitor", warn: "Warn") -> "tuple[PlanResult, Path]":  # noqa: ARG001
-        from fvs_engine.pipeline.plan import plan_next_views
+        from fvs_engine.pipeline.plan import Flight, plan_next_views
         from fvs_engine.plan.tours import Budget
 
         return plan_next_views(
@@ -81,6 +102,7 @@ def plan(
             targets_file=targets,
             starts=starts,
             vehicles=vehicles,
+            flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count) if free else None,
             out=out,
         )
 

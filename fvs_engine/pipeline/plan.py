@@ -1,29 +1,50 @@
 """Plan of the views to photograph next, for a reconstruction in an output folder."""
 
+import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AwareDatetime, Field
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.json_input import read_json
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
+from fvs_engine.plan.clearance import FreeSpace, Matter
+from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
+from fvs_engine.plan.generate import candidates_in
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
+from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
 from fvs_engine.scene.observations import read_observations
 from fvs_engine.views import PinholeView
 
 Position = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What vehicles keep to: ``safety``, their distance from matter, and ``no_fly``, files of volumes.
+
+    ``volume``: a file with a volume in which ``count`` candidates are generated. All in units of the model.
+    """
+
+    safety: float = 0.0
+    no_fly: tuple[Path, ...] = ()
+    volume: Path | None = None
+    count: int = 300
 
 
 class PlannedPose(Record):
@@ -53,6 +74,7 @@ def plan_next_views(
     targets_file: Path | None = None,
     starts: Sequence[Position] = (),
     vehicles: int = 1,
+    flight: Flight | None = None,
     out: Path | None = None,
 ) -> tuple[PlanResult, Path]:
     """Plan views among the candidates of a file; write plan.json and plan.png.
@@ -61,11 +83,18 @@ def plan_next_views(
     the same format, by default all views of the model and the candidates. Vehicles are at ``starts``, in the
     model frame, or as many as ``vehicles`` at the last photograph. The held-out views calibrate the forecast.
 
+    With a ``flight`` candidates may come from a volume, and vehicles keep clear of matter and no-fly zones.
+
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
     ``read_candidates`` and ``plan_mission`` raise, and ``StorageError``.
     """
     model = open_model(root)
-    later = candidates_of(model, candidates_file)
+    space = _free_space(model, flight) if flight is not None else None
+    if flight is not None and space is not None and flight.volume is not None:
+        volume = read_volume(flight.volume)
+        later = candidates_in(volume, flight.count, model.camera, up=_up(model), space=space)
+    else:
+        later = candidates_of(model, candidates_file)
     served = read_candidates(targets_file, model.views, model.aliases) if targets_file else ()
     if not served:
         served = (*model.views, *(view for view in later if view not in model.views))
@@ -74,7 +103,8 @@ def plan_next_views(
     observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
     targets = Targets(model.training_views, later, served, observations)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
-    mission = plan_mission(targets, budget, places, _seen(model))
+    legs = FreeLegs(np.concatenate([targets.centres, places]), space) if space is not None else None
+    mission = plan_mission(targets, budget, places, _seen(model), legs)
     poses = {view.name: view for view in later}
     planned = [stop.name for tour in mission.tours for stop in tour.stops]
     result = PlanResult(
@@ -89,6 +119,31 @@ def plan_next_views(
     write_record(folder / "plan.json", result)
     draw_plan(folder / "plan.png", mission, model.training_views, served, poses, title=result.summary)
     return result, folder
+
+
+def read_volume(path: Path) -> AnyVolume:
+    """The volume in a JSON file; raises ``InvalidInputError``, naming the file."""
+    try:
+        return volume_from_json(json.dumps(read_json(path)))
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
+
+
+def _free_space(model: TrainedModel, flight: Flight) -> FreeSpace:
+    """Where vehicles may be, by the model's opaque Gaussians."""
+    gaussians = model.gaussians
+    matter = Matter.of_model(
+        gaussians.means.numpy(),
+        gaussians.log_scales.exp().numpy(),
+        gaussians.opacity_logits.sigmoid().numpy(),
+    )
+    return FreeSpace(matter, flight.safety, tuple(map(read_volume, flight.no_fly)))
+
+
+def _up(model: TrainedModel) -> NDArray[np.float64]:
+    """The direction [3] that is up in most photographs."""
+    rotations = np.stack([view.camera_from_model.rotation for view in model.training_views])
+    return np.asarray(-rotations[:, 1].mean(axis=0))
 
 
 def _estimated(model: TrainedModel) -> bool:

@@ -67,8 +67,11 @@ def plan_mission(
                         distance=float(travel - before),
                         travel=float(travel),
                         after=after[index],
+                        via=tuple(tuple(places[on].tolist()) for on in legs.way(last, index) or ()),
                     )
-                    for index, travel, before in zip(tour.views, along, (0.0, *along), strict=False)
+                    for index, travel, before, last in zip(
+                        tour.views, along, (0.0, *along), (start, *tour.views), strict=False
+                    )
                 ),
                 length=tour.length,
             )

@@ -57,12 +57,16 @@ class Term(Record):
 
 
 class Stop(Record):
-    """A planned view: ``distance`` from the stop before, ``travel`` since the start, and what it leaves."""
+    """A planned view: ``distance`` from the stop before, ``travel`` since the start, and what it leaves.
+
+    ``via``: positions to pass on the way to it, where something is in the straight line.
+    """
 
     name: str
     distance: float
     travel: float
     after: Expectation
+    via: tuple[tuple[float, float, float], ...] = ()
 
 
 class VehicleTour(Record):

@@ -28,6 +28,10 @@ class Legs(Protocol):
         """The lengths [len(places), len(others)]; infinite where there is no way."""
         ...
 
+    def way(self, place: int, other: int) -> tuple[int, ...] | None:
+        """The places between two of them on the way; None where there is no way."""
+        ...
+
 
 class StraightLegs:
     """Straight lines between ``places`` [N, 3]."""
@@ -39,6 +43,10 @@ class StraightLegs:
         """See ``Legs``."""
         apart = self._places[places][:, None] - self._places[others][None]
         return np.asarray(np.linalg.norm(apart, axis=-1))
+
+    def way(self, place: int, other: int) -> tuple[int, ...]:  # noqa: ARG002 - straight
+        """See ``Legs``."""
+        return ()
 
 
 def shortest_route(
