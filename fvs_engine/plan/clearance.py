@@ -195,7 +195,7 @@ class _Balls:
 
         self._largest = float(radii.max())
         lifted = np.sqrt(np.maximum(self._largest**2 - radii**2, 0.0))
-        # Split in the middle: half the time of balanced trees, for building and for surfaces' searches.
+        # Split in the middle: sight lines around a surface take half the time that balanced trees take.
         self._tree = cKDTree(np.column_stack([centres, lifted]), balanced_tree=False, compact_nodes=False)
 
     def free(self, points: Array, most: Array | float) -> Array:
