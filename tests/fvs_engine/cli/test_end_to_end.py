@@ -351,6 +351,33 @@ def test_a_plan_for_two_vehicles_within_a_distance(
     assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["mission"]["tours"])
 
 
+def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, _ = first_run
+    centres = np.array([camera.projection_center() for camera in _images(out)])
+    middle, extent = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
+    volume, zone = tmp_path / "volume.json", tmp_path / "zone.json"
+    volume.write_text(
+        json.dumps({"kind": "cylinder", "base": middle.tolist(), "radius": extent, "height": extent})
+    )
+    options = ["--volume", volume, "--count", 40, "--views", 3, "--out", tmp_path / "plan", "--json"]
+    run = fvs("plan", out, *options)
+    assert run.status == 0, run.stderr
+    poses = run.document["poses"]
+    assert all(pose["name"].startswith("cylinder-") for pose in poses)
+    offsets = np.array([pose["position"] for pose in poses]) - middle
+    assert np.linalg.norm(offsets[:, :2], axis=1).max() <= extent * 1.001
+    zone.write_text(json.dumps({"kind": "cylinder", "base": middle.tolist(), "radius": 9e3, "height": 9e3}))
+    refused = fvs("plan", out, *options, "--no-fly", zone)
+    assert refused.status == EXIT_CODES["invalid-input"]
+    zone.write_text('{"kind": "cylinder"}')
+    assert "zone.json: The volume cannot be used" in fvs("plan", out, *options, "--no-fly", zone).stderr
+    buried = fvs("plan", out, "--safety", 1e6)
+    assert "Something is in the way" in buried.stderr
+    assert "not both" in fvs("plan", out, "--volume", volume, "--candidates", volume).stderr
+
+
 def test_plans_that_cannot_be_made_say_what_to_change(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
 ) -> None:
