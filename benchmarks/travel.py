@@ -22,6 +22,7 @@ from view_sets import chosen, with_points
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.route import StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
@@ -100,7 +101,8 @@ def rows(
         if method in ("median-frequency", "spectral-median", "coverage", "fisher", "d-optimal"):
             ways[method] = by_renders(dataset, settings, method, options.views, seed, rasterizer)
         else:
-            ways[method] = list(chosen(views, initial, method, options.views, seed, None, rasterizer)[0])
+            anywhere = Reach(nearest=len(views))
+            ways[method] = list(chosen(views, initial, method, options.views, seed, anywhere, rasterizer)[0])
     unit = path_length([views[name].centre for name in ways["farthest"][INITIAL - 1 :]])
     found: list[dict[str, Any]] = []
     for quarter in QUARTERS:

@@ -1,13 +1,13 @@
 """Quality of sets of views that were chosen by their poses alone, each trained from scratch.
 
     python benchmarks/view_sets.py DATASET [--colmap MODEL] [--selectors random farthest kriging]
-        [--counts 10 20] [--seeds 0 1 2 3 4 5] [--initial 4] [--nearest 5] [--training-seeds 0]
+        [--counts 10 20] [--seeds 0 1 2 3 4 5] [--initial 4] [--nearest 5 | --radius] [--training-seeds 0]
         [--hold-out every-8th random] [--long-side 256] [--max-gaussians 25000] [--json view_sets.json]
 
-Known poses. From initial views that the seed draws (far apart, or side by side with --nearest), a selector
-goes on until the count is reached, and the full model of the set is trained. PSNR over the held-out views and
-over all views that were not visited; travel in the dataset's unit, by the order of choice. The second table
-has the differences to ``farthest``, paired by seed, with 95 % intervals.
+Known poses. From initial views that the seed draws (far apart; side by side with --nearest and --radius), a
+selector goes on until the count is reached, and the full model of the set is trained. PSNR over the held-out
+views and over all views that were not visited; travel in the dataset's unit, by the order of choice. The
+second table has the differences to ``farthest``, paired by seed, with 95 % intervals.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from scipy.stats import t as student_t
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
-from fvs_engine.plan.reach import Reach
+from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
@@ -80,12 +80,11 @@ def chosen(
     method: str,
     count: int,
     seed: int,
-    nearest: int | None,
+    reach: Reach,
     rasterizer: Rasterizer,
 ) -> tuple[tuple[str, ...], float]:
     """The names of ``count`` views, and the seconds of a choice."""
     selector, visited = create_selector(method), list(initial)
-    reach = Reach(nearest=nearest or len(views))
     centres = {name: view.centre for name, view in views.items()}
     began = time.process_time()
     while len(visited) < count:
@@ -113,7 +112,11 @@ def rows(
 ) -> list[dict[str, Any]]:
     """One row per selector, count and training seed."""
     pool, held_out = parts(dataset, way, seed)
-    choice = "consecutive" if options.nearest else "farthest"
+    choice = "consecutive" if options.nearest or options.radius else "farthest"
+    if options.radius:
+        reach = Reach(radius=default_radius(np.stack([view.centre for view in dataset.views])))
+    else:
+        reach = Reach(nearest=options.nearest or len(pool))
     initial = initial_views([dataset.by_name[name] for name in pool], options.initial, choice, seed)
     found: list[dict[str, Any]] = []
     for count in options.counts:
@@ -131,7 +134,7 @@ def rows(
                     scene = GrowingScene.open(Path(folder), dataset, settings, rasterizer, Monitor())
                     views = scene.localise(dataset.names, Monitor())
                     poses = {name: views[name] for name in pool}
-                    names, seconds = chosen(poses, initial, method, count, seed, options.nearest, rasterizer)
+                    names, seconds = chosen(poses, initial, method, count, seed, reach, rasterizer)
                     scene.add(names, Monitor())
                     model = scene.train("full", Monitor())
                     unvisited = [views[name] for name in dataset.names if name not in names]
@@ -196,7 +199,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4, 5])
     parser.add_argument("--training-seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--initial", type=int, default=4)
-    parser.add_argument("--nearest", type=int)
+    limits = parser.add_mutually_exclusive_group()
+    limits.add_argument("--nearest", type=int)
+    limits.add_argument("--radius", action="store_true", help="the paper's: views within 8 median spacings")
     parser.add_argument("--hold-out", nargs="+", choices=["every-8th", "random"], default=["every-8th"])
     parser.add_argument("--long-side", type=int, default=256)
     parser.add_argument("--max-gaussians", type=int, default=25_000)

@@ -13,6 +13,8 @@ class CandidateStatus(StrEnum):
     RANKED = "ranked"
     VISITED = "visited"
     """An image was taken from this pose already."""
+    TAKEN = "taken"
+    """Another vehicle flies there, or a photograph from there is on its way."""
     OUT_OF_RANGE = "out-of-range"
     """Farther from the current pose than the radius."""
     OUT_OF_MODEL = "out-of-model"
@@ -27,13 +29,14 @@ class CandidateScore:
 
     ``score`` is finite, and None exactly when the candidate is out of the model. ``coverage`` in [0, 1] is
     the mean alpha of the view: the share of it that the model fills; None where nothing was rendered.
-    Raises ``InvalidInputError`` otherwise.
+    ``estimated``: the score was predicted, not measured. Raises ``InvalidInputError`` otherwise.
     """
 
     name: str
     score: float | None
     status: CandidateStatus
     coverage: float | None
+    estimated: bool = False
 
     def __post_init__(self) -> None:
         if (self.score is None) != (self.status is CandidateStatus.OUT_OF_MODEL):
@@ -53,6 +56,7 @@ class RankedCandidate:
     ``rank`` counts from 1; None for candidates that cannot be compared (see ``status``). ``score``: lower
     ranks first; None when it was not scored. ``coverage`` in [0, 1]: None when it was not rendered.
     ``distance``: how far the camera travels, in the caller's unit; None when it is not known.
+    ``estimated``: the score was predicted, not measured.
     """
 
     rank: int | None
@@ -61,3 +65,4 @@ class RankedCandidate:
     status: CandidateStatus
     coverage: float | None
     distance: float | None = None
+    estimated: bool = False

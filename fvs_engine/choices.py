@@ -17,8 +17,13 @@ Poses = Literal["sfm", "known"]
 InitialChoice = Literal["first", "consecutive", "farthest"]
 """The initial views of a selection, see ``fvs_engine.select.initial_views``."""
 
+RankingMethod = Literal["median-frequency", "median-frequency-fast", "median-frequency-estimate"]
+"""Scorers of ``fvs rank``, see ``fvs_engine.score``; all of them are selectors, too."""
+
 Method = Literal[
     "median-frequency",
+    "median-frequency-fast",
+    "median-frequency-estimate",
     "random",
     "uniform",
     "farthest",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.choices import CameraModel, Quality, ViewGroup
+from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import (
@@ -25,6 +25,7 @@ from fvs_engine.cli.options import (
 from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
+from fvs_engine.cli.simulate_vehicle import simulate_vehicle
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -166,6 +167,10 @@ def rank(
         int | None,
         typer.Option(min=1, max=MAX_VIEWS, metavar="K", help="Show only the first K.", show_default="all"),
     ] = None,
+    method: Annotated[
+        RankingMethod,
+        typer.Option(help="…-fast: only the first K (or 10) scores are exact. …-estimate: none is."),
+    ] = "median-frequency",
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
@@ -184,7 +189,9 @@ def rank(
         run.limit_threads()
         from fvs_engine.pipeline.rank import rank_candidates
 
-        return rank_candidates(folder, candidates, out=out, top=top, backend=run.backend, monitor=monitor)
+        return rank_candidates(
+            folder, candidates, out=out, top=top, method=method, backend=run.backend, monitor=monitor
+        )
 
     report.show_ranking(*run_job(job, machine=run.as_json), top=top, machine=run.as_json)
 
@@ -241,6 +248,7 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
 app.command()(plan)
 app.command()(select)
 app.command()(simulate)
+app.command("simulate-vehicle")(simulate_vehicle)
 app.command()(evaluate)
 for entry_point in importlib.metadata.entry_points(group=COMMANDS):
     entry_point.load()(app)

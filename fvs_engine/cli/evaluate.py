@@ -67,6 +67,16 @@ def evaluate(
             min=2, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view and measure on these."
         ),
     ] = 8,
+    trainings: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=100,
+            metavar="N",
+            help="Train so many models of each final set of views, and count their mean.",
+            show_default="1",
+        ),
+    ] = None,
     calibrate: Annotated[
         bool,
         typer.Option("--calibrate", help="Also compare every selector's scores with the true errors."),
@@ -90,7 +100,9 @@ def evaluate(
         from fvs_engine.evaluate.protocol import protocol_from_preset
         from fvs_engine.pipeline.evaluate import evaluate_selectors
 
-        protocol = protocol_from_preset(preset, view_counts=counts, test_every=test_every, **loop.given())
+        protocol = protocol_from_preset(
+            preset, view_counts=counts, test_every=test_every, trainings=trainings, **loop.given()
+        )
         return evaluate_selectors(
             source.dataset,
             out,

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
     from fvs_engine.pipeline.plan import PlanResult
+    from fvs_engine.plan.generate import Aim
 
 MAX_VEHICLES = 20
 MOST_VIEWS = 200
@@ -23,6 +24,19 @@ def _position(text: str) -> tuple[float, float, float]:
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} is not X,Y,Z") from error
     return x, y, z
+
+
+def _aim(text: str | None, *, level: bool) -> "Aim":
+    from fvs_engine.plan.generate import Aim
+
+    if text is None or text == "middle":
+        return Aim("middle", level)
+    if text == "nearest":
+        return Aim("nearest", level)
+    try:
+        return Aim(_position(text), level)
+    except typer.BadParameter as error:
+        raise typer.BadParameter(f"{text!r} is not middle, nearest or X,Y,Z") from error
 
 
 def plan(
@@ -65,6 +79,16 @@ def plan(
     count: Annotated[
         int, typer.Option(min=1, max=2_000, metavar="N", help="Candidates to generate in the volume.")
     ] = 300,
+    aim: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="Where they look: the middle of the model, its nearest part, or a point: "
+            "middle, nearest or X,Y,Z.",
+            show_default="middle",
+        ),
+    ] = None,
+    level: Annotated[bool, typer.Option("--level", help="They look there with a level camera.")] = False,
     safety: Annotated[
         float | None,
         typer.Option(min=0, max=1e9, metavar="D", help="Keep so far from matter, also on the way."),
@@ -88,6 +112,9 @@ def plan(
 
     if candidates is not None and volume is not None:
         raise typer.BadParameter("Give --candidates or --volume, not both.")
+    if volume is None and (aim is not None or level):
+        raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
+    aimed = _aim(aim, level=level)
     starts = [_position(text) for text in start or []]
     free = volume is not None or safety is not None or bool(no_fly)
 
@@ -102,7 +129,7 @@ def plan(
             targets_file=targets,
             starts=starts,
             vehicles=vehicles,
-            flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count) if free else None,
+            flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count, aimed) if free else None,
             out=out,
         )
 

@@ -46,6 +46,7 @@ _LABELS = {
     "train": "Training",
     "evaluate": "Rendering held-out views",
     "select": "Selecting views",
+    "estimate": "Estimating candidates",
     "score": "Scoring candidates",
     "contact-sheet": "Writing the contact sheet",
     "render": "Rendering",

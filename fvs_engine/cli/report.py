@@ -69,7 +69,7 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
         table.add_row(
             "" if candidate.rank is None else str(candidate.rank),
             Text(candidate.name),
-            "" if candidate.score is None else f"{candidate.score:.3f}",
+            "" if candidate.score is None else f"{'≈ ' * candidate.estimated}{candidate.score:.3f}",
             "" if candidate.coverage is None else f"{candidate.coverage:.0%}",
             candidate.status.value,
         )

@@ -3,17 +3,15 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from scipy.stats import spearmanr
 
 from fvs_engine.candidates import CandidateStatus
-from fvs_engine.evaluate.held_out import aligned_views, rendered
+from fvs_engine.evaluate.held_out import aligned_views, psnr_at
 from fvs_engine.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
-from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.torch_threads import torch_threads_for
 
 STAGE = "calibrate"
@@ -37,9 +35,7 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
     with torch_threads_for(scene.rasterizer.device):
         for view in aligned_views(loop, names):
             monitor.check()
-            psnr_db[view.name] = psnr(
-                rendered(loop.model, view, scene.rasterizer), view.image.astype(np.float32) / 255
-            )
+            psnr_db[view.name] = psnr_at(loop.model, view, scene.rasterizer)
         context = loop.context(names, loop.align())
         for done, method in enumerate(methods, start=1):
             scores = create_selector(method).score(context, monitor)

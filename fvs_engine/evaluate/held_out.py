@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvs_engine.evaluate.results import Evaluation, ViewQuality
+from fvs_engine.evaluate.results import Evaluation, Repeat, ViewQuality
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.scene_model import SceneModel
@@ -21,7 +21,13 @@ STAGE = "evaluate"
 Lpips = Callable[[ArrayLike, ArrayLike], float]
 
 
-def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) -> Evaluation:
+_SEEDS_APART = 1_000
+"""Between the seeds of trainings of the same views: runs have small ones."""
+
+
+def evaluate(
+    loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None, trainings: int = 1
+) -> Evaluation:
     """Evaluate the full model, trained first if it is not there, on the held-out photographs.
 
     Stage ``evaluate``, after those of training.
@@ -29,6 +35,9 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
     With known poses their cameras are those of the dataset. With estimated ones each photograph is localised
     in the current model by its own features, so that the measure is of the model and not of the alignment;
     one that cannot be localised gets the dataset's camera, moved by the alignment.
+
+    The unvisited views are rendered, too. With more than one of ``trainings`` other models of the same views
+    are trained, and measured by their PSNR.
     """
     scene = loop.scene
     model = scene.train("full", monitor)
@@ -41,6 +50,19 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
             monitor.check()
             qualities.append(_quality(model, view, scene.rasterizer, lpips))
             monitor.report(STAGE, done, len(views))
+        unvisited_db = _unvisited_db(loop, model, monitor)
+        repeats = []
+        for number in range(1, trainings):
+            seed = scene.settings.seed + _SEEDS_APART * number
+            other = scene.train_again(seed, monitor)
+            at_held_out = (psnr_at(other, view, scene.rasterizer) for view in views)
+            repeats.append(
+                Repeat(
+                    seed=seed,
+                    psnr_db=float(np.mean(list(at_held_out))),
+                    unvisited_db=_unvisited_db(loop, other, monitor),
+                )
+            )
     mean_lpips = None
     if lpips is not None:
         mean_lpips = float(np.mean([quality.lpips for quality in qualities]))
@@ -55,7 +77,18 @@ def evaluate(loop: SelectionLoop, monitor: Monitor, lpips: Lpips | None = None) 
         lpips=mean_lpips,
         aligned_only=missing,
         views=tuple(qualities),
+        unvisited_db=unvisited_db,
+        repeats=tuple(repeats),
     )
+
+
+def _unvisited_db(loop: SelectionLoop, model: SceneModel, monitor: Monitor) -> float | None:
+    """Mean PSNR over the unvisited views, at the dataset's poses; None without any."""
+    found = []
+    for view in aligned_views(loop, loop.unvisited):
+        monitor.check()
+        found.append(psnr_at(model, view, loop.scene.rasterizer))
+    return float(np.mean(found)) if found else None
 
 
 def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[TrainingView]:
@@ -76,6 +109,11 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
 def rendered(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> NDArray[np.float32]:
     """The model rendered at a view, on black: [H, W, 3] in [0, 1]."""
     return render_color(model.gaussians, view, rasterizer, sh_degree=model.sh_degree)
+
+
+def psnr_at(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> float:
+    """PSNR of the model's render of a view against its photograph."""
+    return psnr(rendered(model, view, rasterizer), view.image.astype(np.float32) / 255)
 
 
 def _quality(

@@ -51,6 +51,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
     differs = "training and random choices differ"
     if protocol.initial_choice != "first":
         differs = f"initial views, {differs}"
+    repeated = f"; {protocol.trainings} models of the last views" if protocol.trainings > 1 else ""
     facts = (
         ("preset", protocol.name),
         ("initial views", initial),
@@ -61,8 +62,9 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
             "training",
             f"{protocol.iterations_per_view} iterations per view, at least {protocol.initial_iterations}, "
             "from coarse to fine; quick models, which choose, a share of it; "
-            f"at most {protocol.max_gaussians:,} Gaussians of degree 0",
+            f"at most {protocol.max_gaussians:,} Gaussians of degree 0{repeated}",
         ),
+        ("PSNR, unvisited", "of the test views, and of the views that may still be visited"),
         (
             "seeds",
             f"{', '.join(map(str, seeds))}: {differs}",
@@ -142,9 +144,16 @@ def _gain_over(baseline: str) -> Callable[[Row], Estimate | None]:
     return lambda row: row.gains.get(baseline)
 
 
+def _unvisited_over(baseline: str) -> Callable[[Row], Estimate | None]:
+    return lambda row: row.unvisited_gains.get(baseline)
+
+
 _COLUMNS: tuple[_Column, ...] = (
     ("PSNR dB", lambda row: row.psnr_db, ".2f"),
     *((f"dB over {baseline}", _gain_over(baseline), "+.2f") for baseline in BASELINES),
+    ("unvisited dB", lambda row: row.unvisited_db, ".2f"),
+    *((f"unvisited, over {baseline}", _unvisited_over(baseline), "+.2f") for baseline in BASELINES),
+    ("SD of trainings, dB", lambda row: row.training_sd_db, ".2f"),
     ("SSIM", lambda row: row.ssim, ".3f"),
     ("LPIPS", lambda row: row.lpips, ".3f"),
     ("travel", lambda row: row.travel, ".2f"),
@@ -153,4 +162,10 @@ _COLUMNS: tuple[_Column, ...] = (
     ("test views only aligned", lambda row: row.aligned_only, ".1f"),
     ("worst alignment RMS", lambda row: row.worst_rms, ".4f"),
 )
-_BEST: dict[str, Callable[..., float]] = {"PSNR dB": max, "SSIM": max, "LPIPS": min, "travel": min}
+_BEST: dict[str, Callable[..., float]] = {
+    "PSNR dB": max,
+    "unvisited dB": max,
+    "SSIM": max,
+    "LPIPS": min,
+    "travel": min,
+}

@@ -37,8 +37,11 @@ Style = tuple[str, str]
 
 
 def styles(methods: Sequence[str]) -> dict[str, Style]:
-    """Colour and mark of each method, by its index in the list."""
-    return {method: (_COLORS[i % len(_COLORS)], _MARKS[i % len(_MARKS)]) for i, method in enumerate(methods)}
+    """Colour and mark of each method, by its index in the list; no two methods share both."""
+    return {
+        method: (_COLORS[i % len(_COLORS)], _MARKS[(i + i // len(_COLORS)) % len(_MARKS)])
+        for i, method in enumerate(methods)
+    }
 
 
 def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> None:

@@ -24,8 +24,10 @@ class Protocol(Record):
     spread of its cameras in each coordinate, ``orientation_noise_deg`` about each axis. With ``registrable``
     views are chosen only among those that are likely to be registered.
     The full model, which is measured, has ``iterations_per_view`` iterations for every view, at least
-    ``initial_iterations``; views are chosen by a quick one (``SceneSettings``). ``time_limit_s`` ends a run
-    early, which the report mentions.
+    ``initial_iterations``; views are chosen by a quick one (``SceneSettings``). Of the views at the end of a
+    run as many full models as ``trainings`` are trained, each by a seed of its own, and their means count:
+    that separates the choice of views from the luck of training. ``time_limit_s`` ends a run early, which the
+    report mentions.
 
     What the seed changes: which views are given (not with ``first``), the choices of selectors that draw at
     random, the noise of priors, and the order of views and the splits of Gaussians in training. Nothing else,
@@ -50,6 +52,7 @@ class Protocol(Record):
     max_gaussians: int = Field(default=300_000, ge=1)
     time_limit_s: float | None = Field(default=None, gt=0)
     registrable: bool = True
+    trainings: int = Field(default=1, ge=1, le=100)
 
     @model_validator(mode="after")
     def _counts_rise_from_the_initial_views(self) -> Self:

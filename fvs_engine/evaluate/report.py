@@ -10,11 +10,17 @@ from fvs_engine.records import Record
 BASELINES = ("farthest", "random")
 """The selectors that others are compared with: farthest-point sampling and random choice."""
 
+_Value = Callable[[Evaluation], float | None]
+_BySeed = dict[str, dict[int, float]]
+"""A number by method and seed."""
+
 
 class Row(Record):
     """One selector after ``visited`` views, over the seeds whose runs got that far.
 
-    ``gains``: its PSNR less a baseline's, seed by seed. ``selection_s``: per choice, up to here; None when
+    ``gains``: its PSNR less a baseline's, seed by seed, and ``unvisited_gains`` the same over the views that
+    may still be visited. ``training_sd_db``: between models of the same views; None where each has one model.
+    ``selection_s``: per choice, up to here; None when
     nothing was chosen yet. ``aligned_only``: number of test views whose pose is only that of the
     alignment, and ``worst_rms``: of the alignment in the whole run; None for known poses.
     """
@@ -25,6 +31,9 @@ class Row(Record):
     ssim: Estimate
     lpips: Estimate | None
     gains: dict[str, Estimate]
+    unvisited_db: Estimate | None
+    unvisited_gains: dict[str, Estimate]
+    training_sd_db: Estimate | None
     travel: Estimate
     selection_s: Estimate | None
     registered: Estimate
@@ -95,24 +104,44 @@ def _rows(runs: Sequence[Run]) -> tuple[Row, ...]:
     rows = []
     for visited in sorted({evaluation.visited for run in runs for evaluation in run.evaluations}):
         reached = [(run, evaluation) for run in runs if (evaluation := run.at(visited)) is not None]
-        psnr_by_seed: dict[str, dict[int, float]] = {}
-        for run, evaluation in reached:
-            psnr_by_seed.setdefault(run.method, {})[run.seed] = evaluation.psnr_db
+        held_out, unvisited = (
+            _by_seed(reached, value) for value in (lambda e: e.mean_psnr_db, lambda e: e.mean_unvisited_db)
+        )
         found = [
-            _row(method, visited, [pair for pair in reached if pair[0].method == method], psnr_by_seed)
-            for method in psnr_by_seed
+            _row(method, visited, [pair for pair in reached if pair[0].method == method], held_out, unvisited)
+            for method in held_out
         ]
         rows += sorted(found, key=lambda row: (-row.psnr_db.mean, row.method))
     return tuple(rows)
+
+
+def _by_seed(reached: Sequence[tuple[Run, Evaluation]], value: _Value) -> _BySeed:
+    found: _BySeed = {}
+    for run, evaluation in reached:
+        number = value(evaluation)
+        if number is not None:
+            found.setdefault(run.method, {})[run.seed] = number
+    return found
+
+
+def _gains(method: str, by_seed: _BySeed) -> dict[str, Estimate]:
+    """The differences to the baselines, as far as they share seeds."""
+    return {
+        baseline: gain
+        for baseline in BASELINES
+        if baseline != method and method in by_seed and baseline in by_seed
+        if (gain := paired_difference(by_seed[method], by_seed[baseline])) is not None
+    }
 
 
 def _row(
     method: str,
     visited: int,
     reached: Sequence[tuple[Run, Evaluation]],
-    psnr_by_seed: dict[str, dict[int, float]],
+    held_out: _BySeed,
+    unvisited: _BySeed,
 ) -> Row:
-    def over_seeds(value: Callable[[Evaluation], float | None]) -> Estimate | None:
+    def over_seeds(value: _Value) -> Estimate | None:
         values = [value(evaluation) for _, evaluation in reached]
         known = [number for number in values if number is not None]
         return estimate(known) if len(known) == len(values) else None
@@ -120,21 +149,18 @@ def _row(
     def required(value: Callable[[Evaluation], float]) -> Estimate:
         return estimate([value(evaluation) for _, evaluation in reached])
 
-    gains = {
-        baseline: gain
-        for baseline in BASELINES
-        if baseline != method and baseline in psnr_by_seed
-        if (gain := paired_difference(psnr_by_seed[method], psnr_by_seed[baseline])) is not None
-    }
     rms = [run.worst_rms for run, _ in reached if run.worst_rms is not None]
     choices = [run.selection_s[: visited - run.initial] for run, _ in reached]
     return Row(
         method=method,
         visited=visited,
-        psnr_db=required(lambda e: e.psnr_db),
+        psnr_db=required(lambda e: e.mean_psnr_db),
         ssim=required(lambda e: e.ssim),
         lpips=over_seeds(lambda e: e.lpips),
-        gains=gains,
+        gains=_gains(method, held_out),
+        unvisited_db=over_seeds(lambda e: e.mean_unvisited_db),
+        unvisited_gains=_gains(method, unvisited),
+        training_sd_db=over_seeds(lambda e: e.training_sd_db),
         travel=required(lambda e: e.travel),
         selection_s=estimate([sum(c) / len(c) for c in choices]) if all(choices) else None,
         registered=required(lambda e: e.registered),

@@ -1,6 +1,7 @@
 """Records of a run of one selector, from which the tables are made."""
 
 from pathlib import Path
+from statistics import mean, stdev
 
 from fvs_engine.files.record import RecordT, read_record
 from fvs_engine.records import Record
@@ -15,12 +16,23 @@ class ViewQuality(Record):
     lpips: float | None
 
 
+class Repeat(Record):
+    """Another model of the same views, trained by another seed: mean PSNR as in ``Evaluation``."""
+
+    seed: int
+    psnr_db: float
+    unvisited_db: float | None
+
+
 class Evaluation(Record):
     """The model after ``visited`` views, on the test views.
 
     ``registered`` of the visited views have a camera in the model. ``travel`` is the length of the path
     through all visited views, in the dataset's unit. ``aligned_only`` test views could not be localised in
     the model, so their cameras are those of the dataset, moved by the alignment (poses ``sfm``).
+
+    ``unvisited_db``: mean PSNR of the views that may still be visited, at the dataset's poses, moved by the
+    alignment where poses are estimated; None where none is left. ``repeats``: other models of the same views.
     """
 
     visited: int
@@ -33,6 +45,25 @@ class Evaluation(Record):
     lpips: float | None
     aligned_only: tuple[str, ...]
     views: tuple[ViewQuality, ...]
+    unvisited_db: float | None = None
+    repeats: tuple[Repeat, ...] = ()
+
+    @property
+    def mean_psnr_db(self) -> float:
+        """Mean PSNR on the test views, over all models of these views."""
+        return mean((self.psnr_db, *(repeat.psnr_db for repeat in self.repeats)))
+
+    @property
+    def mean_unvisited_db(self) -> float | None:
+        """The same on the unvisited views; None where it is not known of all models."""
+        values = [self.unvisited_db, *(repeat.unvisited_db for repeat in self.repeats)]
+        known = [value for value in values if value is not None]
+        return mean(known) if len(known) == len(values) else None
+
+    @property
+    def training_sd_db(self) -> float | None:
+        """Standard deviation of the PSNR on the test views over models of these views; None of one model."""
+        return stdev((self.psnr_db, *(r.psnr_db for r in self.repeats))) if self.repeats else None
 
 
 class RankCorrelation(Record):

@@ -142,28 +142,30 @@ def execute(
     while True:
         visited = len(loop.visited)
         if visited in setup.protocol.view_counts:
-            evaluation = _evaluate(setup, plan, loop, monitor)
+            trainings = setup.protocol.trainings if visited == setup.protocol.budget else 1
+            evaluation = _evaluate(setup, plan, loop, monitor, trainings)
         on_step(visited, evaluation)
         outcome = loop.step(monitor)
         if isinstance(outcome, StopReason):
             break
-    if len(loop.visited) not in setup.protocol.view_counts:
-        _evaluate(setup, plan, loop, monitor)
+    _evaluate(setup, plan, loop, monitor, setup.protocol.trainings)
     run = _result(setup.protocol, plan, loop, outcome)
     write_record(plan.result_path, run)
     return run
 
 
-def _evaluate(setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor) -> Evaluation:
-    """Evaluate and calibrate the current model, unless that was done before."""
+def _evaluate(
+    setup: Setup, plan: RunPlan, loop: SelectionLoop, monitor: Monitor, trainings: int
+) -> Evaluation:
+    """Evaluate and calibrate the current model, unless that was done before with so many trainings."""
     visited = len(loop.visited)
     path = plan.folder / f"evaluation-{visited:04d}.json"
     evaluation = read_result(path, Evaluation)
-    if evaluation is None:
+    if evaluation is None or 1 + len(evaluation.repeats) < trainings:
         if plan.calibrated:  # first, so that no evaluation is ever without it
             calibration = calibrate(loop, plan.calibrated, monitor)
             write_record(plan.folder / f"calibration-{visited:04d}.json", calibration)
-        evaluation = evaluate(loop, monitor, setup.lpips)
+        evaluation = evaluate(loop, monitor, setup.lpips, trainings)
         write_record(path, evaluation)
     return evaluation
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,17 +18,19 @@ from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
-from fvs_engine.plan.clearance import FreeSpace, Matter
+from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.generate import candidates_in
+from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
+from fvs_engine.scene.matter import matter_of
 from fvs_engine.scene.observations import read_observations
+from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
 
 Position = tuple[float, float, float]
@@ -38,13 +40,15 @@ Position = tuple[float, float, float]
 class Flight:
     """What vehicles keep to: ``safety``, their distance from matter, and ``no_fly``, files of volumes.
 
-    ``volume``: a file with a volume in which ``count`` candidates are generated. All in units of the model.
+    ``volume``: a file with a volume in which ``count`` candidates are generated, which look where ``aim``
+    says. All in units of the model.
     """
 
     safety: float = 0.0
     no_fly: tuple[Path, ...] = ()
     volume: Path | None = None
     count: int = 300
+    aim: Aim = field(default_factory=Aim)
 
 
 class PlannedPose(Record):
@@ -92,7 +96,7 @@ def plan_next_views(
     space = _free_space(model, flight) if flight is not None else None
     if flight is not None and space is not None and flight.volume is not None:
         volume = read_volume(flight.volume)
-        later = candidates_in(volume, flight.count, model.camera, up=_up(model), space=space)
+        later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
     else:
         later = candidates_of(model, candidates_file)
     served = read_candidates(targets_file, model.views, model.aliases) if targets_file else ()
@@ -104,7 +108,9 @@ def plan_next_views(
     targets = Targets(model.training_views, later, served, observations)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
     legs = FreeLegs(np.concatenate([targets.centres, places]), space) if space is not None else None
-    mission = plan_mission(targets, budget, places, _seen(model), legs)
+    mission = with_appearance(
+        plan_mission(targets, budget, places, _seen(model), legs), later, model.gaussians
+    )
     poses = {view.name: view for view in later}
     planned = [stop.name for tour in mission.tours for stop in tour.stops]
     result = PlanResult(
@@ -131,13 +137,7 @@ def read_volume(path: Path) -> AnyVolume:
 
 def _free_space(model: TrainedModel, flight: Flight) -> FreeSpace:
     """Where vehicles may be, by the model's opaque Gaussians."""
-    gaussians = model.gaussians
-    matter = Matter.of_model(
-        gaussians.means.numpy(),
-        gaussians.log_scales.exp().numpy(),
-        gaussians.opacity_logits.sigmoid().numpy(),
-    )
-    return FreeSpace(matter, flight.safety, tuple(map(read_volume, flight.no_fly)))
+    return FreeSpace(matter_of(model.gaussians), flight.safety, tuple(map(read_volume, flight.no_fly)))
 
 
 def _up(model: TrainedModel) -> NDArray[np.float64]:

@@ -84,9 +84,14 @@ def _draw_tour(
 ) -> None:
     way = [np.array(tour.start), *(candidates[stop.name].centre for stop in tour.stops)]
     x, y = above.project(np.stack(way)).T
-    axes.plot(x, y, color=color, linewidth=1.4, zorder=4, label=f"{label} ({len(tour.stops)})")
+    flown = [way[0]]
+    for stop, centre in zip(tour.stops, way[1:], strict=True):
+        flown += [*map(np.array, stop.via), centre]
+    lines = above.project(np.stack(flown)).T
+    axes.plot(*lines, color=color, linewidth=1.4, zorder=4, label=f"{label} ({len(tour.stops)})")
     if tour.stops and tour.length > tour.stops[-1].travel * (1 + 1e-6):  # home
-        axes.plot(x[[-1, 0]], y[[-1, 0]], color=color, linewidth=1.0, linestyle=":", zorder=4)
+        home = above.project(np.stack([way[-1], *map(np.array, tour.via_home), way[0]])).T
+        axes.plot(*home, color=color, linewidth=1.0, linestyle=":", zorder=4)
     axes.scatter(x[:1], y[:1], s=60, facecolors="white", edgecolors=color, linewidths=1.6, zorder=5)
     axes.scatter(x[1:], y[1:], s=30, color=color, edgecolors="white", linewidths=0.6, zorder=6)
     for number, place in enumerate(zip(x[1:], y[1:], strict=True), start=1):

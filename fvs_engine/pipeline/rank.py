@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import AwareDatetime, Field
 
 from fvs_engine.candidates import RankedCandidate
+from fvs_engine.choices import RankingMethod
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
@@ -15,7 +16,7 @@ from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import open_model
 from fvs_engine.records import Record
-from fvs_engine.score import MedianFrequency, rank
+from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer, rank
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
@@ -54,13 +55,15 @@ def rank_candidates(
     *,
     out: Path | None = None,
     top: int | None = None,
+    method: RankingMethod = "median-frequency",
     backend: str = "auto",
     monitor: Monitor | None = None,
 ) -> tuple[Ranking, Path]:
     """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
-    The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``. Returns the ranking and the folder
+    The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``; so many are exact by the ``method``
+    ``median-frequency-fast``. Returns the ranking and the folder
     written: ``out``, or ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be
     used or a folder without a model, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
     """
@@ -69,7 +72,7 @@ def rank_candidates(
     candidates = candidates_of(model, candidates_file)
     rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
-    scorer = MedianFrequency()
+    scorer = _scorer(method, top)
     with torch_threads_for(rasterizer.device):
         ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
     by_name = {candidate.name: candidate for candidate in candidates}
@@ -93,6 +96,16 @@ def rank_candidates(
         monitor.report("contact-sheet", done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
+
+
+def _scorer(method: RankingMethod, top: int | None) -> Scorer:
+    match method:
+        case "median-frequency":
+            return MedianFrequency()
+        case "median-frequency-fast":
+            return MedianFrequencyFast() if top is None else MedianFrequencyFast(first=top)
+        case "median-frequency-estimate":
+            return MedianFrequencyEstimate()
 
 
 def _ranked_pose(ranked: RankedCandidate, view: PinholeView) -> RankedPose:

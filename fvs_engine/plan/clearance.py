@@ -31,6 +31,8 @@ _RESOLUTION = 0.1
 _LEAST_RESOLUTION = 1e-3
 """The same in lengths of the leg, where that is longer."""
 _MOST_INTERVALS = 100_000
+_MOST_SEARCHED = 4
+"""Safety distances for which matter stays ready to be searched: a service is asked for many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +164,8 @@ class Matter:
         if not 0.0 <= safety < np.inf:
             raise InvalidInputError(f"A safety distance must be at least 0 and finite, not {safety}.")
         if safety not in self._searched:
+            while len(self._searched) >= _MOST_SEARCHED:
+                del self._searched[next(iter(self._searched))]
             grown = self.radii + safety
             largest = grown.max(initial=0.0)
             steps = np.full(len(self), _CLASSES - 1)

@@ -1,5 +1,8 @@
 """Flight: legs around matter and no-fly zones, by way of other places where there is no straight one."""
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,30 +26,25 @@ class FreeLegs:
     A leg is straight where ``space`` lets it, else the shortest way through other places, infinite where
     there is none. Of up to 300 places all pairs are examined. Of more, each place's nearest ones and as many
     drawn evenly from all, so that ways cross gaps between groups: 50,000 pairs together, or 8 for each place.
-    A straight leg that was not examined may then be replaced by a way that is a little longer; what is
-    returned can always be flown. A place too near to matter, or in a zone, has no way.
+    A straight leg that was not examined may then be replaced by a way that is a little longer, until
+    ``straighten`` examines it; what is returned can always be flown. A place too near to matter, or in a
+    zone, has no way.
 
     Ways are computed from one place to all when first asked for, and the last ones are kept (120 MB).
     Raises ``InvalidInputError`` for more than ``MOST_PLACES``.
     """
 
     def __init__(self, places: Array, space: FreeSpace) -> None:
-        from scipy.sparse import csr_array  # slow to import
-
         points = np.asarray(places, dtype=np.float64).reshape(-1, 3)
         if len(points) > MOST_PLACES:
             raise InvalidInputError(
                 f"Ways can be planned between {MOST_PLACES:,} places, not {len(points):,}.",
                 hint="Give fewer candidates.",
             )
-        first, second = _pairs(points)
-        joined = space.joins(points[first], points[second])
-        first, second = first[joined], second[joined]
-        lengths = np.linalg.norm(points[first] - points[second], axis=1)
-        # The graph has no edges of length 0, which a sparse matrix would drop.
-        lengths = np.maximum(lengths, np.finfo(np.float64).tiny)
-        self._graph = csr_array((lengths, (first, second)), shape=(len(points), len(points)))
+        self._points, self._space = points, space
+        self._joined: Indices = np.zeros((0, 2), dtype=np.int64)
         self._rows: dict[int, tuple[Array, NDArray[np.int32]]] = {}
+        self._join(_pairs(points))
 
     def between(self, places: Indices, others: Indices) -> Array:
         """See ``Legs``."""
@@ -66,6 +64,28 @@ class FreeLegs:
             way.append(other)
         return tuple(reversed(way[:-1]))
 
+    def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
+        """Examine all pairs of places along these ways: a straight leg may lead past some of them."""
+        ways = [(one, *(self.way(one, other) or ()), other) for one, other in flown]
+        # Neighbours on a way are joined already.
+        apart = [pair for way in ways for pair in itertools.combinations(way, 2) if len(way) > 2]
+        if apart:
+            self._join(np.unique(np.sort(np.array(apart, dtype=np.int64), axis=1), axis=0))
+
+    def _join(self, pairs: Indices) -> None:
+        """Add those of ``pairs`` [N, 2], the lower index first, between which a straight leg can be flown."""
+        from scipy.sparse import csr_array  # slow to import
+
+        points = self._points
+        free = self._space.joins(points[pairs[:, 0]], points[pairs[:, 1]])
+        self._joined = np.unique(np.concatenate([self._joined, pairs[free]]), axis=0)
+        first, second = self._joined.T
+        lengths = np.linalg.norm(points[first] - points[second], axis=1)
+        # The graph has no edges of length 0, which a sparse matrix would drop.
+        lengths = np.maximum(lengths, np.finfo(np.float64).tiny)
+        self._graph = csr_array((lengths, (first, second)), shape=(len(points), len(points)))
+        self._rows.clear()
+
     def _from(self, place: int) -> tuple[Array, NDArray[np.int32]]:
         """From a place to all: the lengths, and the place before each."""
         from scipy.sparse.csgraph import dijkstra  # slow to import
@@ -78,19 +98,18 @@ class FreeLegs:
         return self._rows[place]
 
 
-def _pairs(points: Array) -> tuple[Indices, Indices]:
-    """The pairs of places that are examined, each once, the lower index first."""
+def _pairs(points: Array) -> Indices:
+    """The pairs [N, 2] of places that are examined, each once, the lower index first."""
     from scipy.spatial import cKDTree  # slow to import
 
     count = len(points)
     if count * (count - 1) // 2 <= _MOST_SEGMENTS:
         first, second = np.triu_indices(count, 1)
-        return first.astype(np.int64), second.astype(np.int64)
+        return np.column_stack([first, second]).astype(np.int64)
     each = max(_LEAST_NEIGHBOURS, _MOST_SEGMENTS // count) // 2
     _, nearest = cKDTree(points).query(points, k=each + 1)
     drawn = np.random.default_rng(0).integers(count, size=(count, each))
     others = np.concatenate([nearest, drawn], axis=1)
     first = np.repeat(np.arange(count), others.shape[1])
     pairs = np.sort(np.column_stack([first, others.ravel()]), axis=1)
-    pairs = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
-    return pairs[:, 0], pairs[:, 1]
+    return np.asarray(np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0))

@@ -140,8 +140,8 @@ class _Stages:
             )
         if not self.left["matter"]:
             return InvalidInputError(
-                "All of the volume that may be flown in is inside matter, or within "
-                f"{self._space.safety:g} of it.",
+                "All of the volume that may be flown in is inside matter, or within the safety distance "
+                "of it.",
                 hint="Give a shorter safety distance, or a volume farther from the model.",
             )
         return InvalidInputError(

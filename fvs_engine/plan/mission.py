@@ -1,6 +1,7 @@
 """A mission: which views to visit, by which vehicle and in which order, and what that brings, explained."""
 
 from collections.abc import Sequence
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +43,18 @@ def plan_mission(
     legs = legs or StraightLegs(places)
     vehicles = range(count, len(places))
     tours = plan_tours(targets.variance, budget, targets.admissible, legs, vehicles)
+    ways = [
+        (start, *tour.views, *([start] if budget.home and tour.views else []))
+        for start, tour in zip(vehicles, tours, strict=True)
+    ]
+    legs.straighten([leg for way in ways for leg in pairwise(way)])
     expectations = Expectations(seen)
     chosen = [index for tour in tours for index in tour.views]
-    travels = [_travels(legs, start, tour.views) for start, tour in zip(vehicles, tours, strict=True)]
+    travels = [_travels(legs, way) for way in ways]
     arrivals = sorted(
         (float(travel), index)
         for tour, along in zip(tours, travels, strict=True)
-        for index, travel in zip(tour.views, along, strict=True)
+        for index, travel in zip(tour.views, along, strict=False)  # not the way home
     )
     flown = [index for _, index in arrivals]
     after = {
@@ -60,22 +66,23 @@ def plan_mission(
         end=expectations.at(targets.variance.variance_after(chosen)),
         tours=tuple(
             VehicleTour(
-                start=tuple(places[start].tolist()),
+                start=tuple(places[way[0]].tolist()),
                 stops=tuple(
                     Stop(
                         name=targets.later[index].name,
                         distance=float(travel - before),
                         travel=float(travel),
                         after=after[index],
-                        via=tuple(tuple(places[on].tolist()) for on in legs.way(last, index) or ()),
+                        via=_via(places, legs, last, index),
                     )
                     for index, travel, before, last in zip(
-                        tour.views, along, (0.0, *along), (start, *tour.views), strict=False
+                        tour.views, along, (0.0, *along), way, strict=False
                     )
                 ),
-                length=tour.length,
+                length=along[-1] if along else 0.0,
+                via_home=_via(places, legs, *way[-2:]) if budget.home and tour.views else (),
             )
-            for start, tour, along in zip(vehicles, tours, travels, strict=True)
+            for way, tour, along in zip(ways, tours, travels, strict=True)
         ),
         terms=_terms(targets, chosen, legs, vehicles),
         target_variances=tuple(
@@ -84,11 +91,15 @@ def plan_mission(
     )
 
 
-def _travels(legs: Legs, start: int, views: Sequence[int]) -> list[float]:
-    """The length of the way up to each view of a tour."""
-    way = np.array([start, *views], dtype=np.int64)
-    steps = [float(legs.between(way[i : i + 1], way[i + 1 : i + 2])[0, 0]) for i in range(len(views))]
-    return np.cumsum(steps).tolist() if steps else []
+def _via(places: Array, legs: Legs, one: int, other: int) -> tuple[tuple[float, float, float], ...]:
+    """The positions to pass between two places."""
+    return tuple(tuple(places[on].tolist()) for on in legs.way(one, other) or ())
+
+
+def _travels(legs: Legs, way: Sequence[int]) -> list[float]:
+    """The length of a way from its first place up to each other one."""
+    steps = [float(legs.between(np.array([one]), np.array([other]))[0, 0]) for one, other in pairwise(way)]
+    return list(accumulate(steps))
 
 
 def _terms(targets: Targets, chosen: Sequence[int], legs: Legs, vehicles: Sequence[int]) -> tuple[Term, ...]:
@@ -110,7 +121,7 @@ def _terms(targets: Targets, chosen: Sequence[int], legs: Legs, vehicles: Sequen
             gain=float(gains[index]),
             gain_in_plan=float(beside[index]),
             variance=float(own[index]),
-            distance=float(distance),
+            distance=float(distance) if np.isfinite(distance) else None,
             chance=float(chances[index]) if chances is not None else None,
             helps=targets.variance.helped(index, _HELPED),
         )

@@ -42,8 +42,10 @@ class Term(Record):
 
     ``gain``: by how much it alone would lower the mean variance, and ``gain_in_plan`` beside all other
     planned views (of a planned one: what would be missing without it). ``variance`` is that of its own pose,
-    ``distance`` that from the nearest vehicle, ``chance`` the probability that it is registered (None: poses
-    are known). ``helps``: indices of the targets that gain most.
+    ``distance`` that from the nearest vehicle (None: no way leads there), ``chance`` the probability that it
+    is registered (None: poses are known). ``helps``: indices of the targets that gain most. ``coverage`` and
+    ``median_frequency`` are what the model shows of it, estimated (None: not of all terms, and the latter not
+    where nothing is in view).
     """
 
     name: str
@@ -51,9 +53,11 @@ class Term(Record):
     gain: float
     gain_in_plan: float
     variance: float
-    distance: float
+    distance: float | None
     chance: float | None
     helps: tuple[int, ...]
+    coverage: float | None = None
+    median_frequency: float | None = None
 
 
 class Stop(Record):
@@ -70,11 +74,15 @@ class Stop(Record):
 
 
 class VehicleTour(Record):
-    """The stops of one vehicle, and the length of its way, home included where that was asked for."""
+    """The stops of one vehicle, and the length of its way, home included where that was asked for.
+
+    ``via_home``: positions to pass on the way home, as ``via`` of a stop.
+    """
 
     start: tuple[float, float, float]
     stops: tuple[Stop, ...]
     length: float
+    via_home: tuple[tuple[float, float, float], ...] = ()
 
 
 class Mission(Record):

@@ -32,6 +32,10 @@ class Legs(Protocol):
         """The places between two of them on the way; None where there is no way."""
         ...
 
+    def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
+        """Look for shorter ways between pairs of places, now that they are to be flown."""
+        ...
+
 
 class StraightLegs:
     """Straight lines between ``places`` [N, 3]."""
@@ -47,6 +51,9 @@ class StraightLegs:
     def way(self, place: int, other: int) -> tuple[int, ...]:  # noqa: ARG002 - straight
         """See ``Legs``."""
         return ()
+
+    def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
+        """Do nothing: no way is shorter."""
 
 
 def shortest_route(

@@ -51,12 +51,26 @@ def polygon_contains(polygon: Array, points: Array) -> Mask:
 
 def polygon_crossed(polygon: Array, starts: Array, ends: Array) -> Mask:
     """Which segments [N, 2] have a point in a polygon [M, 2]."""
+    crossed = np.zeros(len(starts), dtype=np.bool_)
+    near = boxes_meet(starts, ends, polygon.min(axis=0), polygon.max(axis=0))
+    starts, ends = starts[near], ends[near]
     mask = polygon_contains(polygon, starts) | polygon_contains(polygon, ends)
     for one, other in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        left = ~mask
-        edge = np.broadcast_to(one, (left.sum(), 2)), np.broadcast_to(other, (left.sum(), 2))
+        left = np.flatnonzero(~mask)
+        left = left[boxes_meet(starts[left], ends[left], np.minimum(one, other), np.maximum(one, other))]
+        edge = np.broadcast_to(one, (len(left), 2)), np.broadcast_to(other, (len(left), 2))
         mask[left] = segments_distance(starts[left], ends[left], *edge) == 0.0
-    return mask
+    crossed[near] = mask
+    return crossed
+
+
+def boxes_meet(starts: Array, ends: Array, lower: Array, upper: Array) -> Mask:
+    """Which segments [N, D] have a bounding box that meets the box between two corners [D].
+
+    Others are nowhere in it, which costs a tenth of what their distance does.
+    """
+    lows, highs = np.minimum(starts, ends), np.maximum(starts, ends)
+    return np.asarray(((lows <= upper) & (highs >= lower)).all(axis=1))
 
 
 def segments_distance(starts: Array, ends: Array, others: Array, other_ends: Array) -> Array:

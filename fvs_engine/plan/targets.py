@@ -19,7 +19,8 @@ class Targets:
 
     All are in the model frame. Without targets the model must serve all views, visited and later ones.
     ``observations`` are the sparse points where poses are estimated, so that a visited view must be
-    registered to be of use (None: poses are known).
+    registered to be of use (None: poses are known). ``taken`` views will be visited by others: they count
+    as visited, and are no targets.
     """
 
     def __init__(
@@ -28,12 +29,14 @@ class Targets:
         later: Sequence[PinholeView],
         targets: Sequence[AnyView] = (),
         observations: Observations | None = None,
+        *,
+        taken: Sequence[AnyView] = (),
     ) -> None:
         served = targets or (*visited, *later)
         self.later = tuple(later)
         self.index = {view.name: index for index, view in enumerate(later)}
         self.spread = spread(served)
-        self._visited = view_points(visited, self.spread)
+        self._visited = view_points((*visited, *taken), self.spread)
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)
         """Of the targets, [T, 6]."""

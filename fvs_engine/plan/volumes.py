@@ -10,12 +10,13 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import SimilarityTransform, level_axes
 from fvs_engine.geometry.validation import MAX_COORDINATE
 from fvs_engine.plan.segments import (
+    boxes_meet,
     inside_ball,
     inside_slab,
     nearest_segment,
@@ -45,8 +46,6 @@ _UP: Vector = (0.0, 0.0, 1.0)
 
 class _Volume(Record):
     """What all volumes can do; ``up`` is the direction of their heights, of any length."""
-
-    model_config = ConfigDict(strict=True)
 
     up: Vector = _UP
 
@@ -227,7 +226,7 @@ class Prism(_Volume):
     """
 
     kind: Literal["prism"] = "prism"
-    corners: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=MOST_CORNERS)]
+    corners: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=MOST_CORNERS, fail_fast=True)]
     lower: Number
     upper: Number
 
@@ -378,7 +377,7 @@ class Corridor(_Volume):
     """Along a path: within ``radius`` of the line through its corners."""
 
     kind: Literal["corridor"] = "corridor"
-    path: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=MOST_CORNERS)]
+    path: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=MOST_CORNERS, fail_fast=True)]
     radius: Length
 
     def contains(self, points: Array) -> Mask:
@@ -390,8 +389,10 @@ class Corridor(_Volume):
         """See ``_Volume``."""
         mask = np.zeros(len(starts), dtype=np.bool_)
         for one, other in zip(*self._edges, strict=True):
-            left = ~mask
-            pair = np.broadcast_to(one, (left.sum(), 3)), np.broadcast_to(other, (left.sum(), 3))
+            left = np.flatnonzero(~mask)
+            lower, upper = np.minimum(one, other) - self.radius, np.maximum(one, other) + self.radius
+            left = left[boxes_meet(starts[left], ends[left], lower, upper)]
+            pair = np.broadcast_to(one, (len(left), 3)), np.broadcast_to(other, (len(left), 3))
             mask[left] = segments_distance(starts[left], ends[left], *pair) <= self.radius
         return mask
 

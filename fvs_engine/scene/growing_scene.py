@@ -175,14 +175,25 @@ class GrowingScene:
 
         Raises ``Cancelled``, having saved, and ``TrainingError``, also when no view is registered.
         """
+        self._require_views()
+        if self._dirty:
+            self.save()
+        return self._models.train(quality, monitor)
+
+    def train_again(self, seed: int, monitor: Monitor) -> SceneModel:
+        """A full model of the same views, trained by another seed; it is not kept.
+
+        Raises ``Cancelled``, without having saved, and ``TrainingError``, also when no view is registered.
+        """
+        self._require_views()
+        return self._models.train_again(seed, monitor)
+
+    def _require_views(self) -> None:
         if not self._views:
             raise TrainingError(
                 f"None of the {len(self._visited)} visited images has a pose yet.",
                 hint="Add images that overlap those that were visited.",
             )
-        if self._dirty:
-            self.save()
-        return self._models.train(quality, monitor)
 
     def save(self) -> None:
         """Commit the visits and views: after a kill the folder has this state or the one before."""

@@ -81,9 +81,16 @@ class SceneModels:
             self._trained[quality] = model
         return self._trained[quality]
 
-    def initial_trainer(self, quality: ModelQuality, iterations: int) -> Trainer:
+    def train_again(self, seed: int, monitor: Monitor) -> SceneModel:
+        """A full model of the present views by another seed, which is not kept; raises as ``train``."""
+        iterations = self._settings.iterations_of("full", len(self._views))
+        trainer = self.initial_trainer("full", iterations, seed)
+        trainer.train(iterations, monitor, STAGES["full"])
+        return SceneModel.of(trainer)
+
+    def initial_trainer(self, quality: ModelQuality, iterations: int, seed: int) -> Trainer:
         """The trainer of a new model, with Gaussians on the sparse points."""
-        training, seed = self._settings.training_of(quality, iterations), self._settings.seed
+        training = self._settings.training_of(quality, iterations)
         seeds = initial_seeds(self._points, self._views, training.max_gaussians, seed)
         return Trainer(self._views, seeds.gaussians(training.sh_degree), training, self._rasterizer, seed)
 
@@ -115,7 +122,7 @@ class SceneModels:
             return Trainer.resume(self._files.training, self._views, self._rasterizer), until
         if warm is not None:
             return warm.trainer(self._views, self._settings, self._rasterizer), until
-        return self.initial_trainer(owner.quality, until), until
+        return self.initial_trainer(owner.quality, until, self._settings.seed), until
 
     def _warm_start(self) -> WarmStart | None:
         """How a quick model can go on from the last full one; None if it is better trained anew."""

@@ -1,9 +1,11 @@
 """Scores of candidate views."""
 
 from fvs_engine.candidates import CandidateScore
+from fvs_engine.score.estimate.median_frequency_estimate import MedianFrequencyEstimate
 from fvs_engine.score.information import ViewInformation, estimated_information, view_information
 from fvs_engine.score.interface import Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
+from fvs_engine.score.median_frequency_fast import MedianFrequencyFast
 from fvs_engine.score.rank import rank
 from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged
 from fvs_engine.score.spectral_median import SpectralMedian, spectral_median_frequency
@@ -12,6 +14,8 @@ __all__ = [
     "MIN_COVERAGE",
     "CandidateScore",
     "MedianFrequency",
+    "MedianFrequencyEstimate",
+    "MedianFrequencyFast",
     "Scorer",
     "SpectralMedian",
     "ViewInformation",

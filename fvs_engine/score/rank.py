@@ -41,6 +41,7 @@ def rank(
             status=score.status,
             coverage=score.coverage,
             distance=known.get(score.name),
+            estimated=score.estimated,
         )
         for position, score in enumerate(sorted(scored, key=order), start=1)
     )

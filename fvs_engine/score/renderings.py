@@ -94,16 +94,18 @@ def require_images(images: Tensor) -> None:
         raise InvalidInputError("Images must be float32 or float64, with colours in [0, 1].")
 
 
-def judged(name: str, value: float, coverage: float, min_coverage: float) -> CandidateScore:
+def judged(
+    name: str, value: float, coverage: float, min_coverage: float, *, estimated: bool = False
+) -> CandidateScore:
     """The score with its status: out of the model where nothing is in view or ``value`` is not finite.
 
     ``coverage`` is clamped to [0, 1]; NaN counts as 0.
     """
     coverage = 0.0 if math.isnan(coverage) else min(max(coverage, 0.0), 1.0)
     if coverage == 0.0 or not math.isfinite(value):
-        return CandidateScore(name, None, CandidateStatus.OUT_OF_MODEL, coverage)
+        return CandidateScore(name, None, CandidateStatus.OUT_OF_MODEL, coverage, estimated)
     status = CandidateStatus.RANKED if coverage >= min_coverage else CandidateStatus.LOW_COVERAGE
-    return CandidateScore(name, value, status, coverage)
+    return CandidateScore(name, value, status, coverage, estimated)
 
 
 def check_min_coverage(min_coverage: float) -> None:
@@ -112,8 +114,8 @@ def check_min_coverage(min_coverage: float) -> None:
         raise InvalidInputError(f"min_coverage must be in [0, 1], not {min_coverage}.")
 
 
-def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Sequence[PinholeView]]:
-    """Candidates in groups that the device can take at once; raises for images of different sizes."""
+def require_one_size(candidates: Sequence[PinholeView]) -> None:
+    """Raise ``InvalidInputError`` for images of different sizes."""
     sizes = {(candidate.camera.width, candidate.camera.height) for candidate in candidates}
     if len(sizes) > 1:
         raise InvalidInputError(
@@ -122,8 +124,13 @@ def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Se
             + ".",
             hint="Give all candidates one image size (width and height of their camera), or rank them apart.",
         )
+
+
+def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Sequence[PinholeView]]:
+    """Candidates in groups that the device can take at once; raises for images of different sizes."""
+    require_one_size(candidates)
     size = 1
-    if device.type != "cpu" and sizes:
-        width, height = sizes.pop()
-        size = max(1, _BATCH_PIXELS // (width * height))
+    if device.type != "cpu" and candidates:
+        camera = candidates[0].camera
+        size = max(1, _BATCH_PIXELS // (camera.width * camera.height))
     return [candidates[start : start + size] for start in range(0, len(candidates), size)]

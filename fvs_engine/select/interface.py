@@ -69,8 +69,9 @@ class SelectionContext:
         return max(1, self.budget - len(self.visited))
 
     def planning(self) -> Targets:
-        """The context as the input of a plan."""
-        return Targets(self.visited, self.later or self.candidates, self.targets, self.observations)
+        """The context as the input of a plan: the same to the last bit in whatever order candidates come."""
+        later = sorted(self.later or self.candidates, key=lambda view: view.name)
+        return Targets(self.visited, later, self.targets, self.observations)
 
 
 class Selector(Protocol):

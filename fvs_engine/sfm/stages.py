@@ -37,6 +37,11 @@ class SfmFolder:
         return self.root / "database.db"
 
     @property
+    def parts(self) -> Path:
+        """Databases of the processes that match images, while they do."""
+        return self.root / "parts"
+
+    @property
     def witness(self) -> Path:
         """ALIKED's features, matches and two-view geometries, with the image ids of ``database``."""
         return self.root / "witness.db"

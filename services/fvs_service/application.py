@@ -12,13 +12,16 @@ from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.partial_uploads import PartialUploads
+from fvs_service.images.resumable_uploads import ResumableUploads
 from fvs_service.images.service import Images
 from fvs_service.images.staging import StagingArea
+from fvs_service.images.upload_locks import UploadLocks
 from fvs_service.images.upload_places import UploadPlaces
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
 from fvs_service.jobs.work import work_of
+from fvs_service.missions.service import Missions
 from fvs_service.plans.service import Plans
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.rankings.service import Rankings
@@ -31,6 +34,8 @@ from fvs_service.storage.blobs import Blobs, require_room
 from fvs_service.storage.database import Database, sqlite_file
 from fvs_service.storage.removals import Removals
 from fvs_service.tracing import Tracing
+from fvs_service.visits.repository import taken_poses
+from fvs_service.visits.service import Visits
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ class Application:
     runners: SceneRunners
     staging: StagingArea
     partial_uploads: PartialUploads
+    resumable_uploads: ResumableUploads
+    upload_locks: UploadLocks
     upload_places: UploadPlaces
     inspection_turns: FairTurns
     scenes: Scenes
@@ -65,6 +72,8 @@ class Application:
     jobs: Jobs
     rankings: Rankings
     plans: Plans
+    visits: Visits
+    missions: Missions
     deletions: Deletions
 
 
@@ -158,6 +167,15 @@ def open_application(
             jobs = Jobs(storage.database, storage.queue, limits)
             runners = make_runners(storage)
             frames = SnapshotFrames(storage.database, storage.snapshots, limits.candidates_per_ranking)
+            rankings = Rankings(
+                storage.database,
+                storage.blobs,
+                frames,
+                runners,
+                limits,
+                taken_poses,
+                lambda: _require_room_for_rankings(settings),
+            )
             yield Application(
                 storage=storage,
                 runners=runners,
@@ -167,8 +185,15 @@ def open_application(
                 partial_uploads=PartialUploads(
                     settings.partial_uploads,
                     keep_s=settings.partial_upload_s,
-                    per_tenant=limits.open_uploads_per_tenant,
+                    per_tenant=limits.partial_uploads_per_tenant,
                 ),
+                resumable_uploads=ResumableUploads(
+                    settings.resumable_uploads,
+                    keep_s=settings.partial_upload_s,
+                    per_tenant=limits.partial_uploads_per_tenant,
+                    spared_s=settings.upload_place_s,
+                ),
+                upload_locks=UploadLocks(),
                 # One more than inspectors: it is ready when the next one is.
                 inspection_turns=FairTurns(settings.inspectors + 1),
                 upload_places=UploadPlaces(
@@ -180,15 +205,10 @@ def open_application(
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 exclusions=Exclusions(storage.database, jobs),
                 jobs=jobs,
-                rankings=Rankings(
-                    storage.database,
-                    storage.blobs,
-                    frames,
-                    runners,
-                    limits,
-                    lambda: _require_room_for_rankings(settings),
-                ),
-                plans=Plans(storage.database, frames, runners, limits),
+                rankings=rankings,
+                plans=Plans(storage.database, frames, runners, limits, taken_poses),
+                visits=Visits(storage.database, frames),
+                missions=Missions(storage.database, frames, rankings),
                 deletions=Deletions(storage.database, settings.removal_grace_s),
             )
         finally:

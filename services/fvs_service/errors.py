@@ -175,6 +175,12 @@ class ConflictError(
     """The request contradicts the state of its resource."""
 
 
+class OffsetMismatchError(
+    ConflictError, code="offset-mismatch", title="The upload goes on at another offset", rpc_status="ABORTED"
+):
+    """The bytes of a resumable upload do not begin where those that have arrived end."""
+
+
 class NoSnapshotError(ConflictError, code="no-snapshot", title="The scene has no model yet", retryable=True):
     """The scene has no model yet."""
 
@@ -194,6 +200,17 @@ class GoneError(
     retryable=False,
 ):
     """The resource that an idempotency key created has been deleted."""
+
+
+class PreconditionFailedError(
+    ServiceError,
+    code="precondition-failed",
+    title="The version of the protocol is not supported",
+    status=412,
+    rpc_status="FAILED_PRECONDITION",
+    retryable=False,
+):
+    """The request is of another version of the protocol, or does not name it."""
 
 
 class PayloadTooLargeError(
@@ -251,6 +268,27 @@ class DigestMismatchError(
     retryable=True,
 ):
     """The bytes do not have the declared digest: damaged in transit, or the wrong file."""
+
+
+class LockedError(
+    ServiceError,
+    code="locked",
+    title="Another request uses the resource",
+    status=423,
+    rpc_status="ABORTED",
+    usual_hint="Try again soon.",
+):
+    """Another request sends the same upload."""
+
+
+class ChecksumMismatchError(
+    ServiceError,
+    code="checksum-mismatch",
+    title="The bytes do not have the declared checksum",
+    status=460,
+    rpc_status="DATA_LOSS",
+):
+    """The bytes of one request of an upload were damaged in transit; none of them is kept."""
 
 
 class KeyReusedError(

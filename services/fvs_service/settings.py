@@ -72,6 +72,9 @@ class Limits(Record):
     """Maximum number of jobs per tenant that run at once, on all workers together. The others wait."""
     open_uploads_per_tenant: _Few = 32
     """Maximum number of concurrent uploads per tenant and gateway (see ``upload_place_s``)."""
+    partial_uploads_per_tenant: _Few = 256
+    """Maximum number of unfinished uploads that are kept per tenant and gateway. Beyond it, a new one
+    replaces the smallest of those that do not grow (see ``upload_place_s``)."""
     rankings_at_once_per_tenant: _Few = 64
     """Maximum number of concurrent ranking requests per tenant and gateway."""
     rankings_queued_per_scene: _Few = 64
@@ -244,9 +247,10 @@ class Settings(BaseSettings):
     """Minimum speed at which the body of a request must arrive after the grace period."""
     upload_place_s: _Seconds = 300.0
     """When all upload places of a tenant are taken, a new upload ends the slowest one that is older than
-    this, or than ``upload_grace_s`` if its key has more uploads than the new one's."""
+    this, or than ``upload_grace_s`` if its key has more uploads than the new one's. When a tenant has
+    too many unfinished uploads, a new one replaces the smallest of those that did not grow for this time."""
     partial_upload_s: _Seconds = 3600.0
-    """Time for which an interrupted gRPC upload can be resumed."""
+    """Time for which an unfinished upload can be resumed after its last byte."""
     read_within_s: _Seconds = 120.0
     """Time after which the connection of a client that does not read its response is closed."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
@@ -335,6 +339,11 @@ class Settings(BaseSettings):
     def partial_uploads(self) -> Path:
         """The folder of uploads that broke off and may be resumed."""
         return self.root / "partial-uploads"
+
+    @property
+    def resumable_uploads(self) -> Path:
+        """The folder of uploads that come in several requests."""
+        return self.root / "uploads"
 
     @property
     def rpc_port(self) -> int | None:

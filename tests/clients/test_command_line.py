@@ -1,5 +1,6 @@
 import io
 import json
+import math
 import socket
 import subprocess
 import sys
@@ -10,10 +11,11 @@ from typing import Any
 import pytest
 from fvs_client import Client
 from fvs_client.cli.app import app
-from fvs_client.cli.exit_codes import exit_code_of
+from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
 from fvs_client.models.rankings import ScoredCandidate
+from fvs_service.scenes.model import Alignment, AlignmentStatus
 from typer.testing import CliRunner, Result
 
 Run = Callable[..., Result]
@@ -85,6 +87,95 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     assert set(flown[0]) == {"c1.0", "c2.0"}
     assert "does not reach" in run("plan", scene_id, *given, "--distance", 0.5, expect=3).stderr
     assert "not both" in run("plan", scene_id, *given, "--generator", "grid", expect=2).stderr
+
+
+def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
+    gateway.model(scene_id)
+    volume, zone, wrong = (tmp_path / name for name in ("volume.json", "zone.json", "wrong.json"))
+    volume.write_text(json.dumps({"kind": "shell", "centre": [0, 0, 0], "inner": 3, "outer": 5}))
+    zone.write_text(json.dumps({"kind": "cylinder", "base": [0, 0, -9], "radius": 3.5, "height": 18}))
+    wrong.write_text(json.dumps({"kind": "shell", "centre": [0, 0, 0]}))
+    given = ["plan", scene_id, "--volume", volume, "--count", 30, "--views", 4]
+    document = json.loads(run(*given, "--safety", 0.2, "--no-fly", zone, "--level", "--json").stdout)
+    assert len(document["candidates"]) == 30
+    poses = [stop["pose"] for tour in document["tours"] for stop in tour["stops"]]
+    assert all(math.hypot(*pose["position"][:2]) > 3.5 for pose in poses)
+    table = run(*given, "--safety", 0.2, "--no-fly", zone).stdout
+    via = sum(len(stop["via"]) for tour in document["tours"] for stop in tour["stops"])
+    assert via > 0
+    assert " via " in table
+    run(*given, "--aim", "nearest")
+    run(*given, "--aim", "0,0.5,1")
+    assert "is not middle, nearest or X,Y,Z" in run(*given, "--aim", "up", expect=2).stderr
+    assert "need a --volume" in run("plan", scene_id, "--level", expect=2).stderr
+    assert "inner" in run("plan", scene_id, "--volume", wrong, expect=2).stderr
+    assert "not both" in run(*given, "--generator", "grid", expect=2).stderr
+    assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
+
+
+def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
+    fence, home = tmp_path / "fence.json", ("--home", "46.02,7.75,495")
+    fence.write_text("[[46.01, 7.74], [46.03, 7.74], [46.03, 7.76], [46.01, 7.76]]")
+    flown = ("--transit", 40, "--heights", 0, 120, "--geofence", fence, "--speed", 3, "--gimbal", -90, 0)
+    written = run("mission", ranking, *home, *flown, "--out", tmp_path)
+    assert written.stdout.strip() == str(tmp_path / f"{ranking}.plan")
+    plan = json.loads((tmp_path / f"{ranking}.plan").read_text())
+    assert plan["mission"]["hoverSpeed"] == 3.0
+    assert plan["mission"]["plannedHomePosition"] == [46.02, 7.75, 495.0]
+    assert len(plan["geoFence"]["polygons"][0]["polygon"]) == 4
+    out = tmp_path / "next.kmz"
+    options = ("--format", "dji-kmz", "--drone", "m30", "--in-the-air", "--finish", "hold", "--first", 1)
+    document = json.loads(run("mission", ranking, *home, *options, "--out", out, "--json").stdout)
+    assert document == {"file": str(out), "media_type": "application/vnd.google-earth.kmz", "left_out": []}
+    tour = tmp_path / "plan.json"
+    tour.write_text(run("plan", scene, "--count", 8, "--views", 3, "--json").stdout)
+    waypoints = tmp_path / "plan.waypoints"
+    run("mission", tour, "--format", "qgc-wpl", "--autopilot", "px4", "--out", waypoints)
+    assert waypoints.read_text().startswith("QGC WPL 110")
+    planned = json.loads(tour.read_text())
+    planned["tours"][0]["stops"][1]["pose"]["altitude_m"] = 900.0
+    tour.write_text(json.dumps(planned))
+    left = run("mission", tour, *home, "--format", "csv", "--out", out, "--heights", 0, 99, "--leave-out")
+    assert f"{planned['tours'][0]['stops'][1]['id']} cannot be flown and was left out" in left.stderr
+    assert "is no ranking's id" in run("mission", "nothing", expect=2).stderr
+    assert "is not LAT,LON" in run("mission", ranking, "--home", "north", expect=2).stderr
+    assert "is no polygon" in run("mission", ranking, "--geofence", tour, expect=2).stderr
+    assert "from 0" in run("mission", tour, "--vehicle", 1, expect=2).stderr
+    assert "cannot be flown" in run("mission", ranking, *home, "--heights", 50, 60, expect=3).stderr
+
+
+def test_vehicles_get_different_views(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
+    gateway.model(scene_id)
+    pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}
+    file = tmp_path / "views.json"
+    file.write_text(
+        json.dumps([{"id": f"c{x}", "pose": pose | {"position": [x, -4.0, 0.5]}} for x in (1, 2)])
+    )
+    ask = ["rank", scene_id, "--candidates", file, "--json"]
+    ranking = json.loads(run(*ask).stdout)
+    first, second = (item["id"] for item in ranking["candidates"])
+    lines = run("visit", scene_id, "going-to", "--vehicle", "north", "--ranking", ranking["id"]).stdout
+    assert lines.splitlines()[1].split()[:3] == ["north", "going-to", first]
+    taken = json.loads(run(*ask, "--for-vehicle", "south").stdout)["candidates"]
+    assert [(item["id"], item["status"]) for item in taken] == [(second, "ranked"), (first, "taken")]
+    plan = json.loads(run("plan", scene_id, "--candidates", file, "--for-vehicle", "north", "--json").stdout)
+    assert len(plan["tours"][0]["stops"]) == 2
+    given = ["--ranking", ranking["id"], "--candidate", first]
+    assert (
+        "north flies to" in run("visit", scene_id, "going-to", "--vehicle", "south", *given, expect=3).stderr
+    )
+    listed = json.loads(run("visits", scene_id, "--json").stdout)["visits"]
+    assert [item["candidate_id"] for item in listed] == [first]
+    run("visit", scene_id, "taken", "--vehicle", "south", "--candidates", file)
+    assert len(run("visits", scene_id).stdout.splitlines()) == 4
+    wrong = ["visit", scene_id, "taken", "--vehicle", "south"]
+    assert "Give the views" in run(*wrong, expect=2).stderr
+    assert "needs a --ranking" in run(*wrong, "--candidates", file, "--candidate", "c1", expect=2).stderr
+    assert "no candidate c9" in run(*wrong, "--ranking", ranking["id"], "--candidate", "c9", expect=2).stderr
 
 
 def test_candidates_come_from_a_file(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:

@@ -14,16 +14,21 @@ from anyio.from_thread import start_blocking_portal
 from fvs_client import (
     AsyncClient,
     Client,
+    EnuWorld,
+    Finish,
     FramePose,
     FvsError,
     Grid,
     LocalWorld,
+    MissionFormat,
     Orbit,
+    Origin,
     Policy,
     Retention,
     Retries,
     Trigger,
 )
+from fvs_service.scenes.model import Alignment
 
 Do = Callable[..., Any]
 HINT = "GET /openapi.json describes the request."
@@ -172,7 +177,33 @@ def deletions(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(scene.delete)
 
 
-SCENARIOS = (scenes, images, jobs, rankings, deletions)
+def missions(surface: Surface) -> Iterator[Any]:
+    client, do = surface.client, surface.do
+    origin = Origin(latitude_deg=46.02, longitude_deg=7.75, altitude_m=500.0)
+    home = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 495.0}
+    scene = do(client.scenes.create, "quarry", world=EnuWorld(origin=origin))
+    surface.gateway.model(scene.id, alignment=Alignment(status="aligned", scale=10.0))
+    ranking = do(scene.rank, generator=Orbit(count=4))
+    for name in do(client.capabilities).mission_formats:
+        yield do(ranking.mission, name, **home, takeoff=False)
+    yield do(ranking.mission, MissionFormat.QGC_WPL, autopilot="px4", finish=Finish.HOLD, first=1)
+    yield do(ranking.mission, "csv", **home, highest_height_m=20.0, leave_out=True)
+    yield surface.attempt(ranking.mission, "csv", **home, highest_height_m=1.0)
+    yield surface.attempt(ranking.mission, "csv", altitude_datum="ellipsoid")
+    plan = do(scene.plan, generator=Orbit(count=8, height_m=30.0), views=3, home=True)
+    file = do(scene.mission, plan.tours[0], "geojson", **home, leave_out=True)
+    yield file
+    folder = surface.folder / "missions"
+    folder.mkdir()
+    path = file.save(folder)
+    yield path.relative_to(folder).name.split(".")[1:], path.read_bytes() == file.content
+    yield file.save(folder / "another.json").name
+    poses = {stop.id: stop.pose for stop in plan.stops}
+    yield do(scene.mission, poses, "csv", snapshot_id=plan.snapshot_id)
+    yield surface.attempt(scene.mission, {}, "csv")
+
+
+SCENARIOS = (scenes, images, jobs, rankings, missions, deletions)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.__name__)

@@ -31,6 +31,13 @@ _FILES = (
 
 REST_ONLY = {
     "POST /v1/scenes/{scene_id}/images": "a form, for browsers and curl",
+    **dict.fromkeys(
+        (
+            *("OPTIONS /v1/uploads", "POST /v1/uploads", "HEAD /v1/uploads/{upload_id}"),
+            *("PATCH /v1/uploads/{upload_id}", "DELETE /v1/uploads/{upload_id}"),
+        ),
+        "tus, a protocol over HTTP; UploadImage resumes, too",
+    ),
     "GET /livez": "a call that is answered shows it",
     "GET /readyz": "grpc.health.v1.Health",
     "GET /metrics": "the format of Prometheus, which asks over HTTP",
@@ -44,7 +51,7 @@ OTHERWISE = {
 }
 """What is not one request and one response of JSON on both sides."""
 RPC_ONLY = {
-    "GetUpload": "an upload over REST begins anew",
+    "GetUpload": "HEAD /v1/uploads/{upload_id}, of an upload with an id",
     "WatchJob": "a client of REST picks a job's events out of the scene's",
 }
 MODELS_OF_REST = {
@@ -59,7 +66,11 @@ PARAMETERS_OF_HTTP = {
     *("Range", "if-range", "if-none-match", "Repr-Digest", "Content-Digest", "X-Timeout-S"),
 }
 """Over gRPC: `start` and `stop` of downloads, the digest of an upload's first message, the deadline."""
-PLAIN_WORDS = {"GridLook": ("Grid", "look"), "PoseFrame": ("RankingRequest", "frame")}
+PLAIN_WORDS = {
+    "GridLook": ("Grid", "look"),
+    "VolumeLook": ("InVolume", "look"),
+    "PoseFrame": ("RankingRequest", "frame"),
+}
 """Enums that the document has as values of a field."""
 
 
@@ -177,8 +188,16 @@ def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> No
     of_calls = {method.input_type.name for method in _methods().values()}
     of_grpc = {
         *("ImageUpload", "UploadImageResponse", "Upload", "ImageMetadata"),  # REST has parameters instead
-        *("DownloadInfo", "DownloadPart", "CandidateRender"),  # and bodies that are bytes
-        *("World", "Pose", "Generator", "CandidateList", "PoseList"),  # and unions and lists without a name
+        *("DownloadInfo", "DownloadPart", "CandidateRender", "MissionFile"),  # and bodies that are bytes
+        *(
+            "World",
+            "Pose",
+            "Generator",
+            "Volume",
+            "Corner",
+            "CandidateList",
+            "PoseList",
+        ),  # and unions and lists without a name
     }
     assert set(_messages()) - schemas - of_calls == of_grpc
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from fvs_service.principal import Scope
+from fvs_service.scenes.model import Alignment, AlignmentStatus
 
 Compare = Callable[[Callable[[Any], None]], None]
 
@@ -19,8 +20,8 @@ def _refused(outcome: Any, code: str) -> None:
     assert outcome.message
 
 
-def _model(tenant: Any, scene: str) -> str:
-    snapshot: str = tenant.gateway.model(scene, headers=tenant.headers, seed=7)
+def _model(tenant: Any, scene: str, alignment: Alignment | None = None) -> str:
+    snapshot: str = tenant.gateway.model(scene, headers=tenant.headers, alignment=alignment, seed=7)
     return snapshot
 
 
@@ -172,6 +173,90 @@ def test_flights_are_planned(compare: Compare) -> None:
     compare(scenario)
 
 
+def test_vehicles_get_different_views(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        views = [{"id": f"c{y}", "pose": {**LOOK, "position": [0.0, y + 0.5, -4.0]}} for y in range(3)]
+        report = {"vehicle": "north", "state": "going-to", "views": views[:1], "expires_in_s": 3600}
+        _refused(tenant.call("ReportVisits", report, scene_id=scene), "no-snapshot")
+        _model(tenant, scene)
+        tenant.call("ReportVisits", report, scene_id=scene)
+        again = {**report, "vehicle": "south", "views": views}
+        _refused(tenant.call("ReportVisits", again, scene_id=scene), "conflict")
+        tenant.call("ReportVisits", {**report, "state": "taken", "views": views[1:2]}, scene_id=scene)
+        south = {"vehicle": "south", "state": "failed", "views": views[2:]}
+        tenant.call("ReportVisits", south, scene_id=scene)
+        tenant.call("ListVisits", scene_id=scene)
+        ranking = {"candidates": views}
+        taken = {
+            vehicle: {
+                item["id"]
+                for item in tenant.call("RankViews", asked, scene_id=scene).result["candidates"]
+                if item["status"] == "taken"
+            }
+            for vehicle, asked in (
+                ("anybody", ranking),
+                ("north", {**ranking, "for_vehicle": "north"}),
+                ("south", {**ranking, "for_vehicle": "south"}),
+            )
+        }
+        assert taken == {"anybody": {"c0", "c1"}, "north": {"c1"}, "south": {"c0", "c1", "c2"}}
+        planned = tenant.call("PlanViews", {"candidates": views, "for_vehicle": "north"}, scene_id=scene)
+        assert {stop["id"] for stop in planned.result["tours"][0]["stops"]} == {"c0", "c2"}
+        all_taken = {"candidates": views, "for_vehicle": "south"}
+        _refused(tenant.call("PlanViews", all_taken, scene_id=scene), "invalid-request")
+        for wrong in (
+            {"vehicle": ""},
+            {"views": []},
+            {"views": [views[0], views[0]]},
+            {"views": [{**view, "id": f"{k}"} for k, view in enumerate(views * 40)]},
+            {"expires_in_s": 0},
+        ):
+            _refused(tenant.call("ReportVisits", {**report, **wrong}, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
+def test_flights_are_planned_in_volumes(compare: Compare) -> None:
+    square = [[x, y, 0.0] for x, y in ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))]
+    volumes: list[dict[str, Any]] = [
+        {"kind": "box", "centre": [4.0, 0.0, 0.0], "size": [2.0, 8.0, 2.0], "along": [1.0, 1.0, 0.0]},
+        {"kind": "cylinder", "base": [0.0, 0.0, 3.0], "radius": 4.0, "height": 2.0, "up": [0.0, 0.1, 1.0]},
+        {"kind": "prism", "corners": square, "lower": 3.0, "upper": 5.0},
+        {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0, "above": -1.0},
+        {"kind": "corridor", "path": [[-5.0, 4.0, 2.0], [5.0, 4.0, 2.0]], "radius": 1.0},
+    ]
+
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _model(tenant, scene)
+        for volume in volumes:
+            generator = {"kind": "in-volume", "volume": volume, "count": 30}
+            made = tenant.call("PlanViews", {"generator": generator, "views": 3}, scene_id=scene)
+            assert len(made.result["tours"][0]["stops"]) == 3
+        more = {**generator, "level": True, "look": "nearest"}
+        zone = {"kind": "box", "centre": [0.0, 4.0, 2.0], "size": [0.5, 1.0, 9.0]}
+        asked = {"generator": more, "safety_m": 0.2, "no_fly": [zone], "home": True}
+        made = tenant.call("PlanViews", asked, scene_id=scene)
+        stops = made.result["tours"][0]["stops"]
+        assert any(stop["via"] for stop in stops)
+        aimed = {**generator, "aim": [0.0, 0.0, 0.5]}
+        tenant.call("PlanViews", {"generator": aimed, "frame": "model"}, scene_id=scene)
+        for wrong in (
+            {"safety_m": -1.0},
+            {"no_fly": [{**zone, "size": [0.0, 1.0, 1.0]}]},
+            {"no_fly": [zone] * 21},
+            {"generator": {**generator, "count": 0}},
+            {"generator": {**more, "aim": [0.0, 0.0, 0.0]}},
+            {"generator": {"kind": "in-volume"}},
+            {"generator": generator, "safety_m": 1e5},
+        ):
+            _refused(tenant.call("PlanViews", wrong, scene_id=scene), "invalid-request")
+        _refused(tenant.call("RankViews", {"generator": generator}, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
 def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         scene = tenant.scene()
@@ -203,6 +288,60 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
         _refused(tenant.call("RenderCandidate", ranking_id=made, candidate_id="z"), "not-found")
         tenant.call("DeleteRanking", ranking_id=made)
         _refused(tenant.call("GetRanking", ranking_id=made), "not-found")
+
+    compare(scenario)
+
+
+def test_views_become_missions(compare: Compare) -> None:
+    origin = {
+        "latitude_deg": 46.02,
+        "longitude_deg": 7.75,
+        "altitude_m": 500.0,
+        "altitude_datum": "sea-level",
+    }
+    aligned = Alignment(status=AlignmentStatus.ALIGNED, scale=10.0)
+
+    def scenario(tenant: Any) -> None:
+        flat = tenant.scene()
+        _model(tenant, flat)
+        local = tenant.call("RankViews", {"candidates": [{"id": "a", "pose": LOOK}]}, scene_id=flat)
+        refused = tenant.call("GetRankingMission", ranking_id=local.result["id"], format="csv")
+        _refused(refused, "invalid-request")
+        assert "not georeferenced" in refused.message
+        scene = tenant.scene(world={"kind": "enu", "origin": origin})
+        _model(tenant, scene, aligned)
+        candidates = [
+            {"id": name, "pose": {**origin, "altitude_m": 530.0, "yaw_deg": yaw, "pitch_deg": -30.0}}
+            for name, yaw in (("a", 0.0), ("b", 90.0))
+        ]
+        orbit = {"generator": {"kind": "orbit", "count": 4}}
+        ranking = tenant.call("RankViews", orbit, scene_id=scene).result["id"]
+        home = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 495.0}
+        fenced = {"geofence": "46,7;46,8;47,8;47,7", "highest_height_m": 50.0, "leave_out": True}
+        for name in ("qgc-wpl", "geojson", "csv", "dji-kmz"):
+            file = tenant.call("GetRankingMission", ranking_id=ranking, format=name, **home, **fenced)
+            assert not file.code, file
+            assert len(file.result) > 300
+            views = {"views": candidates, "via_home": [candidates[0]["pose"]]}
+            again = tenant.call(
+                "CreateMission", views, scene_id=scene, format=name, takeoff=False, drone="m30", **home
+            )
+            assert len(again.result) > 300
+        for options in (
+            {"format": "csv", "speed_m_s": 1e9},
+            {"format": "csv", "geofence": "46,7;46,8"},
+            {"format": "csv", "highest_height_m": 10.0},
+            {"format": "csv", "highest_height_m": 10.0, "home_altitude_m": 495.0},
+            {"format": "qgc-wpl", "altitude_datum": "ellipsoid"},
+            {"format": "qgc-wpl", "altitude_datum": "takeoff"},
+        ):
+            _refused(tenant.call("GetRankingMission", ranking_id=ranking, **options), "invalid-request")
+            _refused(
+                tenant.call("CreateMission", {"views": candidates}, scene_id=scene, **options),
+                "invalid-request",
+            )
+        _refused(tenant.call("CreateMission", {}, scene_id=scene, format="csv"), "invalid-request")
+        _refused(tenant.call("GetRankingMission", ranking_id="rnk_0", format="csv"), "not-found")
 
     compare(scenario)
 

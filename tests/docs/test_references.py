@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import typer
-from fvs_client.cli import exit_codes
+from fvs_client.cli import error_exit_codes, exit_codes
 from fvs_client.cli.app import app as fvs_client
 from fvs_service import errors
 from fvs_service.environment import OF_OTHERS, variables_of
@@ -112,8 +112,8 @@ def test_all_codes_of_errors_are_listed() -> None:
 
 
 def test_exit_statuses_of_the_client_are_those_of_the_program() -> None:
-    used = {status for _, status in exit_codes._STATUSES}
-    used |= {0, exit_codes.BUG, exit_codes.USAGE, exit_codes.SOME_FILES, exit_codes.INTERRUPTED}
+    used = {status for _, status in error_exit_codes._STATUSES}
+    used |= {value for name, value in vars(exit_codes).items() if name.isupper()}
     listed = (REPOSITORY / "docs" / "reference" / "exit-statuses.md").read_text(encoding="utf-8")
     listed = listed.split("## fvs-client")[1]
     assert {int(status) for status in re.findall(r"^\| (\d+) \|", listed, re.MULTILINE)} == used

@@ -33,10 +33,15 @@ def _run_here(
     on_tick: Callable[[], None] | None = None,
     on_event: Callable[[int], None] | None = None,
 ) -> Any:
-    """Like ``run_native``, in this process: nothing can stop the job, and its output is not in the log."""
+    """Like ``run_native``, in this process: nothing can stop the job, and its output is not in the log.
+
+    Jobs have one thread: pytest's process cannot be forked, and results are the same at every run.
+    """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
     order = json.loads(json.dumps(dict(arguments)))
+    if "threads" in order:
+        order["threads"] = 1
     try:
         result = find_job(job)(on_event or (lambda _event: None), **order)
     except Exception as error:

@@ -36,6 +36,7 @@ from fvs_service.jobs.queue import take_job
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.logs import configure_logging
 from fvs_service.rankings.port import (
+    PlannedFlight,
     PlanViews,
     RankedViews,
     RankingSteps,
@@ -66,7 +67,6 @@ from starlette.testclient import TestClient
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import look_at, quaternion_from_matrix
-from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.registration import Observations
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.splat.gaussians import Gaussians
@@ -101,7 +101,7 @@ class ComputingRunners:
             yield (CandidateScore(one.name, one.score, one.status, one.coverage),)
         yield ranked
 
-    async def plan(self, request: PlanViews) -> Mission:
+    async def plan(self, request: PlanViews) -> PlannedFlight:
         self._require_reachable()
         return await run_sync(self._plan, request)
 
@@ -121,7 +121,7 @@ class ComputingRunners:
             candidates=rank(scores, request.distances),
         )
 
-    def _plan(self, request: PlanViews) -> Mission:
+    def _plan(self, request: PlanViews) -> PlannedFlight:
         content = self._blobs.read(find_artifact(self._blobs, request.scene_id, request.snapshot_id, CAMERAS))
         cameras = SnapshotCameras.model_validate_json(content)
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)

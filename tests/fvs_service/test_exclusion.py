@@ -142,6 +142,30 @@ def test_deleting_and_sending_at_once_leaves_a_whole_image_or_none(
     assert gateway.client.get(_path(scene, content, "/content")).status_code == (200 if there else 404)
 
 
+def test_bytes_that_were_sent_twice_at_once_go_with_their_image(
+    gateway: Any, photograph: Photograph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second upload finds the image of the first when its bytes are stored already."""
+    scene, content = gateway.scene(), photograph(7)
+    images = gateway.application.images
+    has_twin, first = images._has_twin, []
+
+    def while_the_first_arrives(*args: Any) -> bool:
+        found: bool = has_twin(*args)
+        if not first:
+            first.append(None)
+            first.append(gateway.put(scene, content).status_code)
+        return found
+
+    monkeypatch.setattr(images, "_has_twin", while_the_first_arrives)
+    assert gateway.put(scene, content).status_code == 200
+    assert first == [None, 201]
+    assert len(_blobs(gateway, scene)) == 1
+    assert gateway.client.delete(_path(scene, content)).status_code == 204
+    gateway.application.storage.removals.run()
+    assert _blobs(gateway, scene) == []
+
+
 def test_duplicates_go_with_the_image_whose_pixels_they_share(gateway: Any, photograph: Photograph) -> None:
     scene, content = gateway.scene(), photograph(image_format="PNG")
     twin = content.replace(b"IEND", b"IEND", 1) + b"\0"

@@ -21,6 +21,20 @@ ORIGIN = {"latitude_deg": 48.3, "longitude_deg": 7.25, "altitude_m": 400.0}
 FRAME = {"frame": "world", "position": [0.5, 0.5, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 VEHICLE = {**ORIGIN, "yaw_deg": 10.0, "pitch_deg": -20.0, "roll_deg": 0.0}
 FULL = {"top_k": 2, "budget": 1, "seed": 0, "current_pose": FRAME, "radius_m": 50.0}
+UP = {"up": [0.0, 0.0, 1.0]}
+VOLUMES: list[dict[str, Any]] = [
+    {**UP, "kind": "box", "centre": [150.0, 0.0, 0.0], "size": [60.0, 90.0, 60.0], "along": [1.0, 0.0, 0.0]},
+    {**UP, "kind": "cylinder", "base": [150.0, 0.0, -90.0], "radius": 30.0, "height": 90.0},
+    {
+        **UP,
+        **{"kind": "prism", "lower": -30.0, "upper": 60.0},
+        "corners": [[90.0, 0.0, 3.0], [180.0, 30.0, 2.0], [180.0, 90.0, 4.0]],
+    },
+    {**UP, "kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 120.0, "outer": 180.0, "above": 30.0},
+    {**UP, "kind": "corridor", "path": [[120.0, 0.0, 90.0], [120.0, 150.0, 90.0]], "radius": 30.0},
+]
+"""Beside the model of the georeferenced scene, whose images are 120 m from its middle."""
+ZONE = {"kind": "box", "centre": [-300.0, 0.0, 0.0], "size": [9.0, 9.0, 9.0]}
 REQUESTS: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes": [
         {
@@ -49,6 +63,12 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0}},
         {**FULL, "generator": {"kind": "around-current", "count": 2}},
     ],
+    "/v1/scenes/{scene_id}/visits": [
+        {
+            **{"vehicle": "a", "state": "failed", "expires_in_s": 60},
+            "views": [{"id": "a", "pose": FRAME}, {"id": "b", "pose": VEHICLE}],
+        },
+    ],
     "/v1/scenes/{scene_id}/plans": [
         {
             **{"candidates": [{"id": "a", "pose": FRAME}], "targets": [{"id": "b", "pose": FRAME}]},
@@ -57,8 +77,25 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "views": 2},
         {"generator": {"kind": "orbit", "count": 2, "radius_m": 4.0, "height_m": 1.0}, "views": 2},
         {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
+        *(
+            {
+                "generator": {"kind": "in-volume", "volume": volume, "count": 2, "aim": [0.0, 0.0, 0.0]},
+                **{"safety_m": 3.0, "no_fly": [ZONE]},
+            }
+            for volume in VOLUMES
+        ),
+    ],
+    "/v1/scenes/{scene_id}/missions": [
+        {
+            "views": [{"id": "a", "pose": VEHICLE, "via": [VEHICLE]}, {"id": "b", "pose": FRAME}],
+            "via_home": [FRAME],
+        },
     ],
 }
+OPTIONS: Mapping[str, Mapping[str, str]] = {
+    "/v1/scenes/{scene_id}/missions": {"format": "geojson", "gimbal_highest_deg": "180"}
+}
+"""What a route needs in the query, beside its body."""
 QUERIES: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}": [
         {**VEHICLE, "altitude_datum": "sea-level"},
@@ -259,7 +296,8 @@ def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
         monkeypatch.setattr(gateway.runners, "rank", _unrendered)
     body = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
     address = path.format(scene_id=scenes[True])
-    plain = gateway.client.post(address, json=request_)
+    options = OPTIONS.get(path)
+    plain = gateway.client.post(address, json=request_, params=options)
     assert plain.status_code < 300, plain.text
     tried, tested_before = 0, _tested_before(path, request_)
     for where, name, schema in _numbers(document, body, request_, (), ""):
@@ -269,7 +307,7 @@ def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
                 continue
             content = _replaced(request_, where, text)
             answer = gateway.client.post(
-                address, content=content, headers={"Content-Type": "application/json"}
+                address, content=content, headers={"Content-Type": "application/json"}, params=options
             )
             field = ".".join(map(str, where))
             _check(answer, f"{name} = {text[:40]}", refused=not _means_something(text, schema), field=field)

@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+from fvs_engine.geometry import matrix_from_quaternion
 
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 
@@ -101,6 +104,158 @@ def test_updates_that_measured_their_new_images_make_a_forecast(gateway: Any) ->
     assert " dB instead of " in plan["summary"]
 
 
+SHELL = {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0}
+FENCE = {"kind": "box", "centre": [0.0, 0.0, 0.0], "size": [0.2, 100.0, 100.0]}
+
+
+def _in(volume: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"kind": "in-volume", "volume": volume, **more}
+
+
+def _position(stop: dict[str, Any]) -> Any:
+    return np.array(stop["pose"]["position"])
+
+
+def _viewing(stop: dict[str, Any]) -> Any:
+    return matrix_from_quaternion(np.array(stop["pose"]["orientation_wxyz"]))[:, 2]
+
+
+def test_candidates_come_from_a_volume(gateway: Any, scene: str) -> None:
+    answer = _plan(gateway, scene, generator=_in(SHELL, count=40), views=4, vehicles=[_at(0.0)], home=True)
+    assert answer.status_code == 200, answer.text
+    plan = answer.json()
+    (tour,) = plan["tours"]
+    assert len(tour["stops"]) == 4
+    for stop in tour["stops"]:
+        assert stop["id"].startswith("shell-")
+        assert 3.0 <= np.linalg.norm(_position(stop)) <= 5.0
+        assert _viewing(stop) @ -_position(stop) > 0.9 * np.linalg.norm(_position(stop))
+    assert len(plan["candidates"]) == 40
+    known = {term["id"] for term in plan["candidates"]}
+    assert all(
+        name in known or name.startswith("sha256:") for term in plan["candidates"] for name in term["helps"]
+    )
+
+
+def test_candidates_of_a_volume_look_where_they_are_told(gateway: Any, scene: str) -> None:
+    box = {"kind": "box", "centre": [4.0, 0.0, 1.0], "size": [1.0, 4.0, 1.0]}
+    beside = np.array([0.0, 3.0, 0.0])
+    aimed = _plan(gateway, scene, generator=_in(box, aim=beside.tolist()), views=3).json()
+    for stop in aimed["tours"][0]["stops"]:
+        across = beside - _position(stop)
+        assert _viewing(stop) @ across == pytest.approx(np.linalg.norm(across))
+    level = _plan(gateway, scene, generator=_in(box, look="nearest", level=True), views=3).json()
+    assert [_viewing(stop)[2] for stop in level["tours"][0]["stops"]] == pytest.approx([0.0] * 3, abs=1e-9)
+
+
+def test_legs_go_around_matter_and_name_the_way(gateway: Any, scene: str) -> None:
+    opposite = [
+        {"id": "there", "pose": _at(6.0, 0.0, 0.0)},
+        {"id": "beside", "pose": _at(0.0, 6.0, 0.0)},
+    ]
+    asked = {"candidates": opposite, "views": 2, "vehicles": [_at(-6.0, 0.0, 0.0)]}
+    targets = [{"id": "door", "pose": _at(6.1, 0.0, 0.0)}]
+    straight = _plan(gateway, scene, **{**asked, "views": 1}, targets=targets).json()["tours"][0]
+    assert [stop["id"] for stop in straight["stops"]] == ["there"]
+    assert straight["length_m"] == pytest.approx(12.0)
+    assert straight["stops"][0]["via"] == [] == straight["via_home"]
+    around = _plan(gateway, scene, **{**asked, "views": 1}, targets=targets, safety_m=0.3, home=True)
+    (tour,) = around.json()["tours"]
+    (stop,) = tour["stops"]
+    (passed,) = stop["via"]
+    assert passed["position"] == pytest.approx([0.0, 6.0, 0.0])
+    assert passed["orientation_wxyz"] == pytest.approx(stop["pose"]["orientation_wxyz"])
+    assert stop["distance_m"] == pytest.approx(2 * 6.0 * np.sqrt(2))
+    assert tour["via_home"] == [passed]
+    assert tour["length_m"] == pytest.approx(2 * stop["distance_m"])
+
+
+def test_what_is_behind_a_fence_is_not_planned(gateway: Any, scene: str) -> None:
+    rows = [
+        {"id": f"{side}{y}", "pose": _at(x, y, 6.0)}
+        for side, x in (("w", -3.0), ("e", 3.0))
+        for y in range(3)
+    ]
+    plan = _plan(
+        gateway, scene, candidates=rows, views=6, no_fly=[FENCE], vehicles=[_at(-3.0, 9.0, 6.0)]
+    ).json()
+    assert {stop["id"] for stop in plan["tours"][0]["stops"]} == {"w0", "w1", "w2"}
+    behind = [term for term in plan["candidates"] if term["id"].startswith("e")]
+    assert len(behind) == 3
+    assert all(term["distance_m"] is None for term in behind)
+
+
+def test_volumes_are_of_the_world(gateway: Any) -> None:
+    turned = Alignment(
+        status=AlignmentStatus.ALIGNED,
+        scale=10.0,
+        rotation_wxyz=(np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0),
+        translation=(100.0, 0.0, 50.0),
+    )
+    scene = gateway.scene()
+    gateway.model(scene, alignment=turned)
+    prism = {
+        **{"kind": "prism", "lower": 55.0, "upper": 60.0},
+        "corners": [[70.0, -30.0, 0.0], [130.0, -30.0, 0.0], [130.0, 30.0, 0.0], [70.0, 30.0, 0.0]],
+    }
+    zone = {"kind": "cylinder", "base": [100.0, 0.0, 0.0], "radius": 20.0, "height": 100.0}
+    asked = {
+        "generator": _in(prism, count=50),
+        "safety_m": 1.0,
+        "no_fly": [zone],
+        "views": 5,
+        "frame": "world",
+    }
+    plan = _plan(gateway, scene, **asked, vehicles=[_at(60.0, 0.0, 57.0)]).json()
+    for stop in plan["tours"][0]["stops"]:
+        x, y, z = _position(stop)
+        assert 70.0 <= x <= 130.0
+        assert -30.0 <= y <= 30.0
+        assert 55.0 <= z <= 60.0
+        assert np.hypot(x - 100.0, y) > 20.0
+
+
+SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"generator": _in({**SHELL, "inner": 0.0, "outer": 0.1})}, "inside matter, or within the safety"),
+        ({"generator": _in(SHELL), "safety_m": 1e3}, "shorter safety distance"),
+        (
+            {"generator": _in(SHELL), "no_fly": [{**SHELL, "inner": 0.0, "outer": 9.0}]},
+            "zones cover the whole",
+        ),
+        ({"generator": _in({**SHELL, "centre": [1e6, 0, 0]}, level=True, aim=[2e6, 0, 0])}, "in its frame"),
+        ({"generator": _in({"kind": "pyramid"})}, "'box', 'cylinder', 'prism', 'shell', 'corridor'"),
+        ({"generator": _in({**SHELL, "radius": 1.0})}, "generator.volume.radius"),
+        ({"generator": _in({**SHELL, "outer": 2.0})}, "needs a thickness"),
+        ({"generator": _in(SHELL, count=2_001)}, "less than or equal to 2000"),
+        ({"generator": _in(SHELL, look="nearest", aim=[0, 0, 0])}, "not both"),
+        (
+            {"generator": _in({"kind": "prism", "corners": SQUARE * 51, "lower": 0, "upper": 1})},
+            "at most 200",
+        ),
+        (
+            {"generator": _in({"kind": "prism", "corners": SQUARE * 2, "lower": 0, "upper": 1})},
+            "crosses itself",
+        ),
+        ({"no_fly": [FENCE] * 21}, "20 are allowed"),
+        ({"no_fly": FENCE}, "valid tuple"),
+        ({"safety_m": -1.0}, "greater than or equal to 0"),
+        ({"candidates": _row(2), "no_fly": [FENCE], "vehicles": [_at(-2.0)]}, "Something is in the way"),
+    ],
+)
+def test_volumes_that_cannot_be_used_say_what_to_change(
+    gateway: Any, scene: str, request_: dict[str, Any], words: str
+) -> None:
+    answer = _plan(gateway, scene, **request_)
+    assert answer.status_code == 422, answer.text
+    assert words in answer.text
+    assert answer.json()["hint"]
+
+
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
@@ -136,6 +291,7 @@ def test_two_thousand_candidates_are_planned(gateway: Any, scene: str) -> None:
     plan = _plan(gateway, scene, candidates=many, views=20).json()
     assert len(plan["tours"][0]["stops"]) == 20
     assert len(plan["candidates"]) == 200
+    assert [term["coverage"] is None for term in plan["candidates"]] == [False] * 100 + [True] * 100
     refused = _plan(gateway, scene, candidates=[*many, {"id": "one more", "pose": LOOK}])
     assert refused.status_code == 422
 

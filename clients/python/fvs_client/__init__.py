@@ -3,191 +3,22 @@
 ``Client`` blocks; ``AsyncClient`` has the same methods for ``await``.
 """
 
-from fvs_client._async.client import AsyncClient
-from fvs_client._async.jobs import AsyncJob
-from fvs_client._async.rankings import AsyncRanking
-from fvs_client._async.scenes import AsyncScene
-from fvs_client._async.snapshots import AsyncSnapshot
-from fvs_client._sync.client import Client
-from fvs_client._sync.jobs import Job
-from fvs_client._sync.rankings import Ranking
-from fvs_client._sync.scenes import Scene
-from fvs_client._sync.snapshots import Snapshot
-from fvs_client.downloads import DownloadProgress
-from fvs_client.errors import (
-    AnswerTimeoutError,
-    ApiError,
-    ConflictError,
-    ConnectionFailedError,
-    DamagedDownloadError,
-    DeadlineExceededError,
-    DigestMismatchError,
-    FieldError,
-    ForbiddenError,
-    FvsError,
-    GoneError,
-    IdempotencyKeyReusedError,
-    InvalidRequestError,
-    JobCanceledError,
-    JobError,
-    JobFailedError,
-    LimitExceededError,
-    MalformedRequestError,
-    NoSnapshotError,
-    NotFoundError,
-    OutOfSpaceError,
-    PayloadTooLargeError,
-    ServiceFailedError,
-    UnauthenticatedError,
-    UnavailableError,
-    UnexpectedAnswerError,
-    WaitTimeoutError,
-)
-from fvs_client.models.events import Event, EventKind
-from fvs_client.models.images import DigestAnswer, Image, ImageMetadata, Prior, Registration, Verdict
-from fvs_client.models.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
-from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
-from fvs_client.models.poses import FramePose, VehiclePose
-from fvs_client.models.rankings import (
-    AroundCurrent,
-    Candidate,
-    CandidateStatus,
-    Dataset,
-    Generator,
-    Grid,
-    Orbit,
-    Pose,
-    RankedCandidate,
-    RankingRequest,
-    RankingWarning,
-    ScoredCandidate,
-)
-from fvs_client.models.scenes import (
-    Alignment,
-    AlignmentStatus,
-    AltitudeDatum,
-    AutomaticWorld,
-    CameraPrior,
-    EnuWorld,
-    ImageCounts,
-    LocalWorld,
-    Origin,
-    Policy,
-    Retention,
-    SceneSize,
-    Trigger,
-    World,
-)
-from fvs_client.models.service import Capabilities, Health, Limits, WorkerStatus
-from fvs_client.models.snapshots import (
-    Artifact,
-    PinholeIntrinsics,
-    SnapshotCameras,
-    SnapshotMetrics,
-    SnapshotView,
-)
-from fvs_client.retries import NO_RETRIES, Retries
-from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "NO_RETRIES",
-    "Alignment",
-    "AlignmentStatus",
-    "AltitudeDatum",
-    "AnswerTimeoutError",
-    "ApiError",
-    "AroundCurrent",
-    "Artifact",
-    "AsyncClient",
-    "AsyncJob",
-    "AsyncRanking",
-    "AsyncScene",
-    "AsyncSnapshot",
-    "AutomaticWorld",
-    "CameraPrior",
-    "Candidate",
-    "CandidateStatus",
-    "CandidateTerms",
-    "Capabilities",
-    "Client",
-    "ConflictError",
-    "ConnectionFailedError",
-    "DamagedDownloadError",
-    "Dataset",
-    "DeadlineExceededError",
-    "DigestAnswer",
-    "DigestMismatchError",
-    "DownloadProgress",
-    "EnuWorld",
-    "Event",
-    "EventKind",
-    "Expectation",
-    "FieldError",
-    "ForbiddenError",
-    "FramePose",
-    "FvsError",
-    "Generator",
-    "GoneError",
-    "Grid",
-    "Health",
-    "IdempotencyKeyReusedError",
-    "Image",
-    "ImageCounts",
-    "ImageMetadata",
-    "InvalidRequestError",
-    "Job",
-    "JobCanceledError",
-    "JobError",
-    "JobFailedError",
-    "JobFailure",
-    "JobKind",
-    "JobState",
-    "JobWaiting",
-    "LimitExceededError",
-    "Limits",
-    "LocalWorld",
-    "MalformedRequestError",
-    "NoSnapshotError",
-    "NotFoundError",
-    "Orbit",
-    "Origin",
-    "OutOfSpaceError",
-    "Outcome",
-    "PayloadTooLargeError",
-    "PinholeIntrinsics",
-    "Plan",
-    "PlanRequest",
-    "Policy",
-    "Pose",
-    "Prior",
-    "RankedCandidate",
-    "Ranking",
-    "RankingRequest",
-    "RankingWarning",
-    "Registration",
-    "Retention",
-    "Retries",
-    "Scene",
-    "SceneSize",
-    "ScoredCandidate",
-    "ServiceFailedError",
-    "Snapshot",
-    "SnapshotCameras",
-    "SnapshotMetrics",
-    "SnapshotView",
-    "Stop",
-    "Tour",
-    "Trigger",
-    "UnauthenticatedError",
-    "UnavailableError",
-    "UnexpectedAnswerError",
-    "UploadProgress",
-    "UploadReport",
-    "UploadedFile",
-    "VehiclePose",
-    "Verdict",
-    "WaitReason",
-    "WaitTimeoutError",
-    "WorkerStatus",
-    "World",
-]
+if TYPE_CHECKING:
+    from fvs_client.exports import *  # noqa: F403 -- as they are listed there
+    from fvs_client.exports import __all__ as __all__
+
+
+def __getattr__(name: str) -> Any:
+    """Import the client when one of its names is first used; the spool uses none of them."""
+    # Not `from fvs_client import exports`, which would ask here for `exports`.
+    exports = import_module("fvs_client.exports")
+    if name == "__all__" or name in exports.__all__:
+        return getattr(exports, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *import_module("fvs_client.exports").__all__})

@@ -1,5 +1,6 @@
 """Parse the service's answers: models from 2xx, typed errors from the rest."""
 
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
@@ -10,6 +11,7 @@ import pydantic
 
 from fvs_client.errors import ApiError, Problem, UnexpectedAnswerError, error_of
 from fvs_client.models.events import Event
+from fvs_client.models.missions import MissionFile
 
 M = TypeVar("M", bound=pydantic.BaseModel)
 
@@ -74,3 +76,19 @@ def parse_event(message: httpx2.ServerSentEvent) -> Event:
         return Event.model_validate_json(message.data)
     except pydantic.ValidationError as error:
         raise UnexpectedAnswerError(f"An event cannot be read: {message.data[:200]!r}") from error
+
+
+def mission_file(response: httpx2.Response) -> MissionFile:
+    """The file in a response that has been read; raises ``UnexpectedAnswerError``."""
+    found = re.fullmatch(
+        r'attachment; filename="([^"/\\]+)"', response.headers.get("content-disposition", "")
+    )
+    if found is None:
+        raise UnexpectedAnswerError("The answer is no file.", hint="Check the URL.")
+    left_out = response.headers.get("left-out", "")
+    return MissionFile(
+        name=found[1],
+        media_type=response.headers.get("content-type", ""),
+        content=response.content,
+        left_out=tuple(left_out.split(",")) if left_out else (),
+    )

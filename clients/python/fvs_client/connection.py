@@ -12,10 +12,10 @@ from urllib.parse import urlsplit
 
 import httpx2
 
+from fvs_client.default_url import DEFAULT_URL
 from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsError, UnexpectedAnswerError
 from fvs_client.requests import Request
 
-DEFAULT_URL = "http://127.0.0.1:8000"
 RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
 _SECURE = ("https", "grpcs")

@@ -1,7 +1,7 @@
 """Find the image files of an upload."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -53,7 +53,7 @@ def find_image_files(paths: Paths) -> list[ImageFile]:
     for path in map(Path, listed):
         if not path.exists():
             raise FileNotFoundError(f"{path} does not exist.")
-        for file in _files_in(path) if path.is_dir() else [ImageFile(path, _valid_name(path.name))]:
+        for file in _files_in(path) if path.is_dir() else [ImageFile(path, scene_name([path.name]))]:
             found.setdefault(file.path, file)
     return list(found.values())
 
@@ -65,13 +65,16 @@ def _files_in(folder: Path) -> list[ImageFile]:
         if file.suffix.lower() in SUFFIXES | UNREADABLE_SUFFIXES and file.is_file()
     )
     return [
-        ImageFile(folder / file, _valid_name("_".join(file.parts)), file.suffix.lower() in SUFFIXES)
+        ImageFile(folder / file, scene_name(file.parts), file.suffix.lower() in SUFFIXES)
         for file in inside
         if not any(part.startswith(".") for part in file.parts)
     ]
 
 
-def _valid_name(name: str) -> str:
-    """A name that the service accepts: no control characters or undecodable bytes, not too long."""
-    readable = name.encode("utf-8", errors="replace").decode()
+def scene_name(parts: Sequence[str]) -> str:
+    """The name in the scene of the file with these parts of its path below the folder that was given.
+
+    One that the service accepts: no control characters or undecodable bytes, not too long.
+    """
+    readable = "_".join(parts).encode("utf-8", errors="replace").decode()
     return re.sub(r"[\x00-\x1f\x7f/\\]", "_", readable)[-_LONGEST_NAME:]

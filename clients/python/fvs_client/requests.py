@@ -11,9 +11,11 @@ from urllib.parse import quote
 from fvs_client.models.base import Input
 from fvs_client.models.images import ImageMetadata
 from fvs_client.models.jobs import JobRequest
+from fvs_client.models.missions import MissionOptions, MissionRequest
 from fvs_client.models.plans import PlanRequest
 from fvs_client.models.rankings import RankingRequest
 from fvs_client.models.scenes import SceneChange, SceneRequest
+from fvs_client.models.visits import VisitReport
 
 REQUEST_ID = "X-Request-Id"
 EVENT_STREAM = "text/event-stream"
@@ -226,10 +228,31 @@ def create_ranking(
     return _computed(request, timeout_s)
 
 
+def report_visits(scene_id: str, report: VisitReport) -> Request:
+    """Report what a vehicle does about views."""
+    return Request("POST", f"/v1/scenes/{_part(scene_id)}/visits", document=report.document())
+
+
+def list_visits(scene_id: str) -> Request:
+    """List what vehicles do about views."""
+    return Request("GET", f"/v1/scenes/{_part(scene_id)}/visits")
+
+
 def create_plan(scene_id: str, plan: PlanRequest, timeout_s: float | None = None) -> Request:
     """Plan a flight; the service computes it for at most ``timeout_s``."""
     request = Request("POST", f"/v1/scenes/{_part(scene_id)}/plans", document=plan.document())
     return _computed(request, timeout_s)
+
+
+def get_ranking_mission(ranking_id: str, options: MissionOptions) -> Request:
+    """Get the ranked candidates of a ranking as a mission."""
+    return Request("GET", f"/v1/rankings/{_part(ranking_id)}/mission", options.document())
+
+
+def create_mission(scene_id: str, mission: MissionRequest, options: MissionOptions) -> Request:
+    """Get views as a mission."""
+    path = f"/v1/scenes/{_part(scene_id)}/missions"
+    return Request("POST", path, options.document(), document=mission.document())
 
 
 def get_ranking(ranking_id: str) -> Request:

@@ -10,11 +10,18 @@ from fvs_engine.select.selectors.distance import Farthest, Nearest
 from fvs_engine.select.selectors.information_gain import d_optimal, fisher
 from fvs_engine.select.selectors.kriging import Kriging
 from fvs_engine.select.selectors.random_order import RandomOrder
-from fvs_engine.select.selectors.renders import median_frequency, spectral_median
+from fvs_engine.select.selectors.renders import (
+    median_frequency,
+    median_frequency_estimate,
+    median_frequency_fast,
+    spectral_median,
+)
 from fvs_engine.select.selectors.uniform import Uniform
 
 SELECTORS: Mapping[Method, Callable[[], Selector]] = {
     "median-frequency": median_frequency,
+    "median-frequency-fast": median_frequency_fast,
+    "median-frequency-estimate": median_frequency_estimate,
     "random": RandomOrder,
     "uniform": Uniform,
     "farthest": Farthest,

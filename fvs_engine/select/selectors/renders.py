@@ -1,9 +1,16 @@
-"""Selectors that score renders of the candidates, and use nothing else."""
+"""Selectors that score what the model shows of the candidates, and use nothing else."""
 
 from dataclasses import dataclass
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import CandidateScore, MedianFrequency, Scorer, SpectralMedian
+from fvs_engine.score import (
+    CandidateScore,
+    MedianFrequency,
+    MedianFrequencyEstimate,
+    MedianFrequencyFast,
+    Scorer,
+    SpectralMedian,
+)
 from fvs_engine.select.interface import SelectionContext
 
 
@@ -35,6 +42,22 @@ def median_frequency() -> ScorerSelector:
     Source: the paper, Algorithm 1. Cost: a render and an FFT per candidate; none for visited views.
     """
     return ScorerSelector(MedianFrequency())
+
+
+def median_frequency_fast() -> ScorerSelector:
+    """The paper's selector, exact for the first ten candidates only (``MedianFrequencyFast``).
+
+    Cost: an estimate per candidate, a tenth of a render, and a render and an FFT of some dozens.
+    """
+    return ScorerSelector(MedianFrequencyFast())
+
+
+def median_frequency_estimate() -> ScorerSelector:
+    """The paper's selector without a render: all scores are estimates (``MedianFrequencyEstimate``).
+
+    Source: the outlook of the paper, which wishes for one. Cost: a tenth of a render per candidate.
+    """
+    return ScorerSelector(MedianFrequencyEstimate())
 
 
 def spectral_median() -> ScorerSelector:

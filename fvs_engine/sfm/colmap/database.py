@@ -106,7 +106,7 @@ def veto_pairs(path: Path, pairs: Iterable[tuple[int, int]]) -> None:
 
     The matches themselves are kept, so that pairs that are restored need not be matched again.
     """
-    numbers = [(min(pair) * _MAX_IMAGES + max(pair),) for pair in pairs]
+    numbers = [(pair_number(*pair),) for pair in pairs]
     with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
         vetoed = f"SET rows = 0, data = NULL, config = {_VETOED}"
         db.executemany(f"UPDATE two_view_geometries {vetoed} WHERE pair_id = ?", numbers)
@@ -161,6 +161,11 @@ def feature_counts(path: Path) -> dict[str, int]:
     with _reading(path) as db:
         query = "SELECT name, rows FROM images JOIN keypoints USING (image_id)"
         return dict(db.execute(query))
+
+
+def pair_number(first: int, second: int) -> int:
+    """COLMAP's number of a pair of image ids."""
+    return min(first, second) * _MAX_IMAGES + max(first, second)
 
 
 def matched_pairs(path: Path) -> set[tuple[int, int]]:

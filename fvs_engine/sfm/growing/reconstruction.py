@@ -28,7 +28,7 @@ from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unch
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.features import add_features
-from fvs_engine.sfm.matching.match import match_features, require_plain_names
+from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -163,7 +163,6 @@ class GrowingReconstruction:
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
         changed, ``Cancelled``.
         """
-        require_plain_names(names)
         names = [name for name in dict.fromkeys(names) if name not in self.quarantined]
         sizes = require_unchanged(self._state, self._image_dir, names)
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
@@ -216,7 +215,6 @@ class GrowingReconstruction:
         left out; registered images have their current poses. The result depends on the current model only,
         not on earlier calls. Raises ``InvalidInputError`` for missing files, ``Cancelled``.
         """
-        require_plain_names(names)
         require_unchanged(self._state, self._image_dir, names)
         if not self.registered:
             return {}

@@ -1,10 +1,9 @@
 """Stage two: pairs of images, matched and geometrically verified."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fvs_engine.errors import InvalidInputError
 from fvs_engine.sfm.colmap.database import (
     count_rows,
     image_ids,
@@ -14,11 +13,14 @@ from fvs_engine.sfm.colmap.database import (
 from fvs_engine.sfm.matching.pairs import exhaustive_pairs, selected_pairs
 from fvs_engine.sfm.matching.retrieval import global_descriptors
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.verification.positions import usable_priors
 
-_BLOCK_IMAGES = 10
-"""Matching commits after blocks of this many images squared: an interruption loses at most one."""
+_BATCH = 400
+"""Number of pairs per process after which matching commits: an interruption loses at most these.
+
+Each batch makes an index of the features of each of its images: small ones take longer.
+"""
 
 
 def match_features(stages: Stages, names: Sequence[str], priors: PosePriors | None = None) -> None:
@@ -33,7 +35,7 @@ def match_features(stages: Stages, names: Sequence[str], priors: PosePriors | No
     with stages.timed("pairs"):
         pairs = exhaustive_pairs(len(known)) if exhaustive else _select(stages, known, priors)
     stages.pairs_matched = len(pairs)
-    _match(stages, [(known[i], known[j]) for i, j in pairs], ids, listed=not exhaustive)
+    _match(stages, [(known[i], known[j]) for i, j in pairs], ids)
 
 
 def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
@@ -41,10 +43,10 @@ def match_pairs(stages: Stages, pairs: Sequence[tuple[str, str]]) -> None:
 
     Of a pair that crashes the job the first image is quarantined.
     """
-    _match(stages, pairs, image_ids(stages.folder.database), listed=True)
+    _match(stages, pairs, image_ids(stages.folder.database))
 
 
-def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int], *, listed: bool) -> None:
+def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int]) -> None:
     database = stages.folder.database
     done = matched_pairs(database)
     todo = [pair for pair in pairs if _ordered(ids[pair[0]], ids[pair[1]]) not in done]
@@ -56,8 +58,9 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
                 todo,
                 lambda some: {
                     "database": str(database),
-                    "pair_list": _write_list(stages, some) if listed or len(some) < len(todo) else None,
-                    "block": _BLOCK_IMAGES,
+                    "parts_dir": str(stages.folder.parts),
+                    "pair_list": _write_list(stages, some, ids),
+                    "batch": _BATCH,
                     "seed": stages.settings.seed,
                     "threads": stages.settings.threads,
                 },
@@ -66,7 +69,7 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
                     "matching",
                     min(
                         len(pairs),
-                        len(pairs) - len(todo) + count_rows(database, "two_view_geometries") - begun,
+                        len(pairs) - len(todo) + _count_matched(stages.folder) - begun,
                     ),
                     len(pairs),
                 ),
@@ -93,21 +96,16 @@ def _select(stages: Stages, names: Sequence[str], given: PosePriors | None) -> l
     return selected_pairs(len(names), descriptors, positions)
 
 
-def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]]) -> str:
-    require_plain_names([name for pair in pairs for name in pair])
+def _count_matched(folder: SfmFolder) -> int:
+    """The number of pairs that are matched now, also while the job is at work."""
+    databases = (folder.database, *folder.parts.glob("*.db"))
+    return sum(count_rows(path, "two_view_geometries") for path in databases)
+
+
+def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int]) -> str:
     file = stages.folder.root / "pairs.txt"
-    file.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    file.write_text("".join(f"{ids[first]} {ids[second]}\n" for first, second in pairs), encoding="ascii")
     return str(file)
-
-
-def require_plain_names(names: Iterable[str]) -> None:
-    """Raise ``InvalidInputError`` for a name with white space, which COLMAP's list of pairs cannot hold."""
-    spaced = next((name for name in names if any(letter.isspace() for letter in name)), None)
-    if spaced is not None:
-        raise InvalidInputError(
-            f"The image name {spaced!r} has white space, which COLMAP's list of pairs cannot hold.",
-            hint="Rename the images, or have every pair of them matched (exhaustive_up_to).",
-        )
 
 
 def _ordered(first: int, second: int) -> tuple[int, int]:

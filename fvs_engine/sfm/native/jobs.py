@@ -14,6 +14,7 @@ from typing import Any
 import pycolmap
 
 from fvs_engine.sfm.colmap.database import image_ids, remove_images
+from fvs_engine.sfm.native.matching import match
 
 Report = Callable[[int], None]
 
@@ -63,28 +64,6 @@ def extract(
     options.sift.max_num_features = max_features
     options.sift.first_octave = -1 if upsampled else 0
     pycolmap.extract_features(database, image_dir, names, extraction_options=options)
-
-
-def match(
-    _report: Report, *, database: str, pair_list: str | None, block: int, seed: int, threads: int | None
-) -> None:
-    """Match and verify the pairs of ``pair_list``, or all; pairs that are done are skipped."""
-    pycolmap.set_random_seed(seed)
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = _threads(threads)
-    matching.use_gpu = False
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = seed
-    verification.compute_relative_pose = True
-    if pair_list is None:
-        exhaustive = pycolmap.ExhaustivePairingOptions()
-        exhaustive.block_size = block
-        pycolmap.match_exhaustive(database, matching, exhaustive, verification)
-    else:
-        listed = pycolmap.ImportedPairingOptions()
-        listed.match_list_path = pair_list
-        listed.block_size = block * block
-        pycolmap.match_image_pairs(database, matching, listed, verification)
 
 
 def calibrate(_report: Report, *, database: str, target: str, names: list[str], seed: int) -> bool:

@@ -33,7 +33,7 @@ class WorkerStatus(_message.Message):
     def __init__(self, id: _Optional[str] = ..., alive: _Optional[bool] = ..., heartbeat_age_s: _Optional[float] = ..., backend: _Optional[str] = ..., slots: _Optional[int] = ..., disk_full: _Optional[bool] = ..., runners: _Optional[int] = ..., runner_bytes: _Optional[int] = ..., work: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("image_bytes", "image_pixels", "image_min_side_px", "image_max_side_px", "image_max_aspect_ratio", "image_decoding_bytes", "multipart_files", "multipart_bytes", "json_bytes", "digests_per_check", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "page_items", "refusals_per_key")
+    __slots__ = ("image_bytes", "image_pixels", "image_min_side_px", "image_max_side_px", "image_max_aspect_ratio", "image_decoding_bytes", "multipart_files", "multipart_bytes", "json_bytes", "digests_per_check", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "page_items", "refusals_per_key", "partial_uploads_per_tenant")
     IMAGE_BYTES_FIELD_NUMBER: _ClassVar[int]
     IMAGE_PIXELS_FIELD_NUMBER: _ClassVar[int]
     IMAGE_MIN_SIDE_PX_FIELD_NUMBER: _ClassVar[int]
@@ -57,6 +57,7 @@ class Limits(_message.Message):
     CANDIDATES_PER_RANKING_FIELD_NUMBER: _ClassVar[int]
     PAGE_ITEMS_FIELD_NUMBER: _ClassVar[int]
     REFUSALS_PER_KEY_FIELD_NUMBER: _ClassVar[int]
+    PARTIAL_UPLOADS_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
     image_bytes: int
     image_pixels: int
     image_min_side_px: int
@@ -80,10 +81,11 @@ class Limits(_message.Message):
     candidates_per_ranking: int
     page_items: int
     refusals_per_key: int
-    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_min_side_px: _Optional[int] = ..., image_max_side_px: _Optional[int] = ..., image_max_aspect_ratio: _Optional[float] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_files: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., digests_per_check: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., page_items: _Optional[int] = ..., refusals_per_key: _Optional[int] = ...) -> None: ...
+    partial_uploads_per_tenant: int
+    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_min_side_px: _Optional[int] = ..., image_max_side_px: _Optional[int] = ..., image_max_aspect_ratio: _Optional[float] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_files: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., digests_per_check: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., page_items: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ...) -> None: ...
 
 class Capabilities(_message.Message):
-    __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits")
+    __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits", "mission_formats")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     API_FIELD_NUMBER: _ClassVar[int]
     METHODS_FIELD_NUMBER: _ClassVar[int]
@@ -93,6 +95,7 @@ class Capabilities(_message.Message):
     WORKERS_FIELD_NUMBER: _ClassVar[int]
     KEYS_REQUIRED_FIELD_NUMBER: _ClassVar[int]
     LIMITS_FIELD_NUMBER: _ClassVar[int]
+    MISSION_FORMATS_FIELD_NUMBER: _ClassVar[int]
     version: str
     api: _containers.RepeatedScalarFieldContainer[str]
     methods: _containers.RepeatedScalarFieldContainer[str]
@@ -102,4 +105,5 @@ class Capabilities(_message.Message):
     workers: _containers.RepeatedCompositeFieldContainer[WorkerStatus]
     keys_required: bool
     limits: Limits
-    def __init__(self, version: _Optional[str] = ..., api: _Optional[_Iterable[str]] = ..., methods: _Optional[_Iterable[str]] = ..., generators: _Optional[_Iterable[str]] = ..., image_formats: _Optional[_Iterable[str]] = ..., job_kinds: _Optional[_Iterable[str]] = ..., workers: _Optional[_Iterable[_Union[WorkerStatus, _Mapping]]] = ..., keys_required: _Optional[bool] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ...) -> None: ...
+    mission_formats: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, version: _Optional[str] = ..., api: _Optional[_Iterable[str]] = ..., methods: _Optional[_Iterable[str]] = ..., generators: _Optional[_Iterable[str]] = ..., image_formats: _Optional[_Iterable[str]] = ..., job_kinds: _Optional[_Iterable[str]] = ..., workers: _Optional[_Iterable[_Union[WorkerStatus, _Mapping]]] = ..., keys_required: _Optional[bool] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., mission_formats: _Optional[_Iterable[str]] = ...) -> None: ...

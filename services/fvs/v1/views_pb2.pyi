@@ -12,6 +12,13 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class VisitState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    VISIT_STATE_UNSPECIFIED: _ClassVar[VisitState]
+    VISIT_STATE_GOING_TO: _ClassVar[VisitState]
+    VISIT_STATE_TAKEN: _ClassVar[VisitState]
+    VISIT_STATE_FAILED: _ClassVar[VisitState]
+
 class ViewImage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     VIEW_IMAGE_UNSPECIFIED: _ClassVar[ViewImage]
@@ -26,6 +33,7 @@ class CandidateStatus(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CANDIDATE_STATUS_OUT_OF_RANGE: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_OUT_OF_MODEL: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_LOW_COVERAGE: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_TAKEN: _ClassVar[CandidateStatus]
 
 class GridLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -33,10 +41,56 @@ class GridLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     GRID_LOOK_CENTRE: _ClassVar[GridLook]
     GRID_LOOK_DOWN: _ClassVar[GridLook]
 
+class VolumeLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    VOLUME_LOOK_UNSPECIFIED: _ClassVar[VolumeLook]
+    VOLUME_LOOK_MIDDLE: _ClassVar[VolumeLook]
+    VOLUME_LOOK_NEAREST: _ClassVar[VolumeLook]
+
 class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     RANKING_WARNING_CODE_UNSPECIFIED: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_ILL_CONDITIONED: _ClassVar[RankingWarningCode]
+
+class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    MISSION_FORMAT_UNSPECIFIED: _ClassVar[MissionFormat]
+    MISSION_FORMAT_QGC_PLAN: _ClassVar[MissionFormat]
+    MISSION_FORMAT_QGC_WPL: _ClassVar[MissionFormat]
+    MISSION_FORMAT_GEOJSON: _ClassVar[MissionFormat]
+    MISSION_FORMAT_CSV: _ClassVar[MissionFormat]
+    MISSION_FORMAT_DJI_KMZ: _ClassVar[MissionFormat]
+    MISSION_FORMAT_MAVSDK: _ClassVar[MissionFormat]
+    MISSION_FORMAT_ROS_POSEARRAY: _ClassVar[MissionFormat]
+    MISSION_FORMAT_ROS_POSESTAMPED: _ClassVar[MissionFormat]
+    MISSION_FORMAT_NERFSTUDIO: _ClassVar[MissionFormat]
+
+class Autopilot(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    AUTOPILOT_UNSPECIFIED: _ClassVar[Autopilot]
+    AUTOPILOT_ARDUPILOT: _ClassVar[Autopilot]
+    AUTOPILOT_PX4: _ClassVar[Autopilot]
+
+class Drone(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    DRONE_UNSPECIFIED: _ClassVar[Drone]
+    DRONE_M30: _ClassVar[Drone]
+    DRONE_M30T: _ClassVar[Drone]
+    DRONE_M3E: _ClassVar[Drone]
+    DRONE_M3T: _ClassVar[Drone]
+    DRONE_M3M: _ClassVar[Drone]
+    DRONE_M3D: _ClassVar[Drone]
+    DRONE_M3TD: _ClassVar[Drone]
+
+class Finish(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    FINISH_UNSPECIFIED: _ClassVar[Finish]
+    FINISH_RETURN: _ClassVar[Finish]
+    FINISH_HOLD: _ClassVar[Finish]
+VISIT_STATE_UNSPECIFIED: VisitState
+VISIT_STATE_GOING_TO: VisitState
+VISIT_STATE_TAKEN: VisitState
+VISIT_STATE_FAILED: VisitState
 VIEW_IMAGE_UNSPECIFIED: ViewImage
 VIEW_IMAGE_RENDER: ViewImage
 VIEW_IMAGE_SPECTRUM: ViewImage
@@ -46,11 +100,87 @@ CANDIDATE_STATUS_VISITED: CandidateStatus
 CANDIDATE_STATUS_OUT_OF_RANGE: CandidateStatus
 CANDIDATE_STATUS_OUT_OF_MODEL: CandidateStatus
 CANDIDATE_STATUS_LOW_COVERAGE: CandidateStatus
+CANDIDATE_STATUS_TAKEN: CandidateStatus
 GRID_LOOK_UNSPECIFIED: GridLook
 GRID_LOOK_CENTRE: GridLook
 GRID_LOOK_DOWN: GridLook
+VOLUME_LOOK_UNSPECIFIED: VolumeLook
+VOLUME_LOOK_MIDDLE: VolumeLook
+VOLUME_LOOK_NEAREST: VolumeLook
 RANKING_WARNING_CODE_UNSPECIFIED: RankingWarningCode
 RANKING_WARNING_CODE_ILL_CONDITIONED: RankingWarningCode
+MISSION_FORMAT_UNSPECIFIED: MissionFormat
+MISSION_FORMAT_QGC_PLAN: MissionFormat
+MISSION_FORMAT_QGC_WPL: MissionFormat
+MISSION_FORMAT_GEOJSON: MissionFormat
+MISSION_FORMAT_CSV: MissionFormat
+MISSION_FORMAT_DJI_KMZ: MissionFormat
+MISSION_FORMAT_MAVSDK: MissionFormat
+MISSION_FORMAT_ROS_POSEARRAY: MissionFormat
+MISSION_FORMAT_ROS_POSESTAMPED: MissionFormat
+MISSION_FORMAT_NERFSTUDIO: MissionFormat
+AUTOPILOT_UNSPECIFIED: Autopilot
+AUTOPILOT_ARDUPILOT: Autopilot
+AUTOPILOT_PX4: Autopilot
+DRONE_UNSPECIFIED: Drone
+DRONE_M30: Drone
+DRONE_M30T: Drone
+DRONE_M3E: Drone
+DRONE_M3T: Drone
+DRONE_M3M: Drone
+DRONE_M3D: Drone
+DRONE_M3TD: Drone
+FINISH_UNSPECIFIED: Finish
+FINISH_RETURN: Finish
+FINISH_HOLD: Finish
+
+class ReportVisitsRequest(_message.Message):
+    __slots__ = ("scene_id", "report")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    REPORT_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    report: VisitReport
+    def __init__(self, scene_id: _Optional[str] = ..., report: _Optional[_Union[VisitReport, _Mapping]] = ...) -> None: ...
+
+class ListVisitsRequest(_message.Message):
+    __slots__ = ("scene_id",)
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
+
+class VisitReport(_message.Message):
+    __slots__ = ("vehicle", "state", "views", "expires_in_s")
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    EXPIRES_IN_S_FIELD_NUMBER: _ClassVar[int]
+    vehicle: str
+    state: VisitState
+    views: CandidateList
+    expires_in_s: int
+    def __init__(self, vehicle: _Optional[str] = ..., state: _Optional[_Union[VisitState, str]] = ..., views: _Optional[_Union[CandidateList, _Mapping]] = ..., expires_in_s: _Optional[int] = ...) -> None: ...
+
+class Visit(_message.Message):
+    __slots__ = ("vehicle", "candidate_id", "state", "pose", "reported_at", "expires_at")
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    CANDIDATE_ID_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    REPORTED_AT_FIELD_NUMBER: _ClassVar[int]
+    EXPIRES_AT_FIELD_NUMBER: _ClassVar[int]
+    vehicle: str
+    candidate_id: str
+    state: VisitState
+    pose: _poses_pb2.Pose
+    reported_at: _timestamp_pb2.Timestamp
+    expires_at: _timestamp_pb2.Timestamp
+    def __init__(self, vehicle: _Optional[str] = ..., candidate_id: _Optional[str] = ..., state: _Optional[_Union[VisitState, str]] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., reported_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., expires_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class VisitList(_message.Message):
+    __slots__ = ("visits",)
+    VISITS_FIELD_NUMBER: _ClassVar[int]
+    visits: _containers.RepeatedCompositeFieldContainer[Visit]
+    def __init__(self, visits: _Optional[_Iterable[_Union[Visit, _Mapping]]] = ...) -> None: ...
 
 class PlanViewsRequest(_message.Message):
     __slots__ = ("scene_id", "plan")
@@ -59,6 +189,104 @@ class PlanViewsRequest(_message.Message):
     scene_id: str
     plan: PlanRequest
     def __init__(self, scene_id: _Optional[str] = ..., plan: _Optional[_Union[PlanRequest, _Mapping]] = ...) -> None: ...
+
+class GetRankingMissionRequest(_message.Message):
+    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
+    RANKING_ID_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    HOME_LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_DATUM_FIELD_NUMBER: _ClassVar[int]
+    GEOID_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    TRANSIT_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    LOWEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    HIGHEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    GEOFENCE_FIELD_NUMBER: _ClassVar[int]
+    LEAVE_OUT_FIELD_NUMBER: _ClassVar[int]
+    SPEED_M_S_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTANCE_RADIUS_M_FIELD_NUMBER: _ClassVar[int]
+    HOLD_S_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_LOWEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_HIGHEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    TAKEOFF_FIELD_NUMBER: _ClassVar[int]
+    FINISH_FIELD_NUMBER: _ClassVar[int]
+    AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    ranking_id: str
+    format: MissionFormat
+    first: int
+    home_latitude_deg: float
+    home_longitude_deg: float
+    home_altitude_m: float
+    altitude_datum: _poses_pb2.AltitudeDatum
+    geoid_height_m: float
+    transit_height_m: float
+    lowest_height_m: float
+    highest_height_m: float
+    geofence: str
+    leave_out: bool
+    speed_m_s: float
+    acceptance_radius_m: float
+    hold_s: float
+    gimbal_lowest_deg: float
+    gimbal_highest_deg: float
+    takeoff: bool
+    finish: Finish
+    autopilot: Autopilot
+    drone: Drone
+    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ...) -> None: ...
+
+class CreateMissionRequest(_message.Message):
+    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    MISSION_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    HOME_LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_DATUM_FIELD_NUMBER: _ClassVar[int]
+    GEOID_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    TRANSIT_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    LOWEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    HIGHEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    GEOFENCE_FIELD_NUMBER: _ClassVar[int]
+    LEAVE_OUT_FIELD_NUMBER: _ClassVar[int]
+    SPEED_M_S_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTANCE_RADIUS_M_FIELD_NUMBER: _ClassVar[int]
+    HOLD_S_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_LOWEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_HIGHEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    TAKEOFF_FIELD_NUMBER: _ClassVar[int]
+    FINISH_FIELD_NUMBER: _ClassVar[int]
+    AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    mission: MissionRequest
+    format: MissionFormat
+    first: int
+    home_latitude_deg: float
+    home_longitude_deg: float
+    home_altitude_m: float
+    altitude_datum: _poses_pb2.AltitudeDatum
+    geoid_height_m: float
+    transit_height_m: float
+    lowest_height_m: float
+    highest_height_m: float
+    geofence: str
+    leave_out: bool
+    speed_m_s: float
+    acceptance_radius_m: float
+    hold_s: float
+    gimbal_lowest_deg: float
+    gimbal_highest_deg: float
+    takeoff: bool
+    finish: Finish
+    autopilot: Autopilot
+    drone: Drone
+    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ...) -> None: ...
 
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")
@@ -156,20 +384,116 @@ class AroundCurrent(_message.Message):
     count: int
     def __init__(self, count: _Optional[int] = ...) -> None: ...
 
+class Corner(_message.Message):
+    __slots__ = ("items",)
+    ITEMS_FIELD_NUMBER: _ClassVar[int]
+    items: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, items: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Box(_message.Message):
+    __slots__ = ("up", "centre", "size", "along")
+    UP_FIELD_NUMBER: _ClassVar[int]
+    CENTRE_FIELD_NUMBER: _ClassVar[int]
+    SIZE_FIELD_NUMBER: _ClassVar[int]
+    ALONG_FIELD_NUMBER: _ClassVar[int]
+    up: _containers.RepeatedScalarFieldContainer[float]
+    centre: _containers.RepeatedScalarFieldContainer[float]
+    size: _containers.RepeatedScalarFieldContainer[float]
+    along: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, up: _Optional[_Iterable[float]] = ..., centre: _Optional[_Iterable[float]] = ..., size: _Optional[_Iterable[float]] = ..., along: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Cylinder(_message.Message):
+    __slots__ = ("up", "base", "radius", "height")
+    UP_FIELD_NUMBER: _ClassVar[int]
+    BASE_FIELD_NUMBER: _ClassVar[int]
+    RADIUS_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_FIELD_NUMBER: _ClassVar[int]
+    up: _containers.RepeatedScalarFieldContainer[float]
+    base: _containers.RepeatedScalarFieldContainer[float]
+    radius: float
+    height: float
+    def __init__(self, up: _Optional[_Iterable[float]] = ..., base: _Optional[_Iterable[float]] = ..., radius: _Optional[float] = ..., height: _Optional[float] = ...) -> None: ...
+
+class Prism(_message.Message):
+    __slots__ = ("up", "corners", "lower", "upper")
+    UP_FIELD_NUMBER: _ClassVar[int]
+    CORNERS_FIELD_NUMBER: _ClassVar[int]
+    LOWER_FIELD_NUMBER: _ClassVar[int]
+    UPPER_FIELD_NUMBER: _ClassVar[int]
+    up: _containers.RepeatedScalarFieldContainer[float]
+    corners: _containers.RepeatedCompositeFieldContainer[Corner]
+    lower: float
+    upper: float
+    def __init__(self, up: _Optional[_Iterable[float]] = ..., corners: _Optional[_Iterable[_Union[Corner, _Mapping]]] = ..., lower: _Optional[float] = ..., upper: _Optional[float] = ...) -> None: ...
+
+class Shell(_message.Message):
+    __slots__ = ("up", "centre", "inner", "outer", "above")
+    UP_FIELD_NUMBER: _ClassVar[int]
+    CENTRE_FIELD_NUMBER: _ClassVar[int]
+    INNER_FIELD_NUMBER: _ClassVar[int]
+    OUTER_FIELD_NUMBER: _ClassVar[int]
+    ABOVE_FIELD_NUMBER: _ClassVar[int]
+    up: _containers.RepeatedScalarFieldContainer[float]
+    centre: _containers.RepeatedScalarFieldContainer[float]
+    inner: float
+    outer: float
+    above: float
+    def __init__(self, up: _Optional[_Iterable[float]] = ..., centre: _Optional[_Iterable[float]] = ..., inner: _Optional[float] = ..., outer: _Optional[float] = ..., above: _Optional[float] = ...) -> None: ...
+
+class Corridor(_message.Message):
+    __slots__ = ("up", "path", "radius")
+    UP_FIELD_NUMBER: _ClassVar[int]
+    PATH_FIELD_NUMBER: _ClassVar[int]
+    RADIUS_FIELD_NUMBER: _ClassVar[int]
+    up: _containers.RepeatedScalarFieldContainer[float]
+    path: _containers.RepeatedCompositeFieldContainer[Corner]
+    radius: float
+    def __init__(self, up: _Optional[_Iterable[float]] = ..., path: _Optional[_Iterable[_Union[Corner, _Mapping]]] = ..., radius: _Optional[float] = ...) -> None: ...
+
+class Volume(_message.Message):
+    __slots__ = ("box", "cylinder", "prism", "shell", "corridor")
+    BOX_FIELD_NUMBER: _ClassVar[int]
+    CYLINDER_FIELD_NUMBER: _ClassVar[int]
+    PRISM_FIELD_NUMBER: _ClassVar[int]
+    SHELL_FIELD_NUMBER: _ClassVar[int]
+    CORRIDOR_FIELD_NUMBER: _ClassVar[int]
+    box: Box
+    cylinder: Cylinder
+    prism: Prism
+    shell: Shell
+    corridor: Corridor
+    def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ..., cylinder: _Optional[_Union[Cylinder, _Mapping]] = ..., prism: _Optional[_Union[Prism, _Mapping]] = ..., shell: _Optional[_Union[Shell, _Mapping]] = ..., corridor: _Optional[_Union[Corridor, _Mapping]] = ...) -> None: ...
+
+class InVolume(_message.Message):
+    __slots__ = ("volume", "count", "look", "aim", "level")
+    VOLUME_FIELD_NUMBER: _ClassVar[int]
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    LOOK_FIELD_NUMBER: _ClassVar[int]
+    AIM_FIELD_NUMBER: _ClassVar[int]
+    LEVEL_FIELD_NUMBER: _ClassVar[int]
+    volume: Volume
+    count: int
+    look: VolumeLook
+    aim: _containers.RepeatedScalarFieldContainer[float]
+    level: bool
+    def __init__(self, volume: _Optional[_Union[Volume, _Mapping]] = ..., count: _Optional[int] = ..., look: _Optional[_Union[VolumeLook, str]] = ..., aim: _Optional[_Iterable[float]] = ..., level: _Optional[bool] = ...) -> None: ...
+
 class Generator(_message.Message):
-    __slots__ = ("orbit", "grid", "dataset", "around_current")
+    __slots__ = ("orbit", "grid", "dataset", "around_current", "in_volume")
     ORBIT_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
     AROUND_CURRENT_FIELD_NUMBER: _ClassVar[int]
+    IN_VOLUME_FIELD_NUMBER: _ClassVar[int]
     orbit: Orbit
     grid: Grid
     dataset: Dataset
     around_current: AroundCurrent
-    def __init__(self, orbit: _Optional[_Union[Orbit, _Mapping]] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., dataset: _Optional[_Union[Dataset, _Mapping]] = ..., around_current: _Optional[_Union[AroundCurrent, _Mapping]] = ...) -> None: ...
+    in_volume: InVolume
+    def __init__(self, orbit: _Optional[_Union[Orbit, _Mapping]] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., dataset: _Optional[_Union[Dataset, _Mapping]] = ..., around_current: _Optional[_Union[AroundCurrent, _Mapping]] = ..., in_volume: _Optional[_Union[InVolume, _Mapping]] = ...) -> None: ...
 
 class RankingRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed")
+    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     CURRENT_POSE_FIELD_NUMBER: _ClassVar[int]
@@ -180,6 +504,7 @@ class RankingRequest(_message.Message):
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
     BUDGET_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
+    FOR_VEHICLE_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     current_pose: _poses_pb2.Pose
@@ -190,26 +515,29 @@ class RankingRequest(_message.Message):
     snapshot_id: str
     budget: int
     seed: int
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ...) -> None: ...
+    for_vehicle: str
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ...) -> None: ...
 
 class ScoredCandidate(_message.Message):
-    __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose")
+    __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose", "estimated")
     ID_FIELD_NUMBER: _ClassVar[int]
     SCORE_FIELD_NUMBER: _ClassVar[int]
     STATUS_FIELD_NUMBER: _ClassVar[int]
     COVERAGE_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATED_FIELD_NUMBER: _ClassVar[int]
     id: str
     score: float
     status: CandidateStatus
     coverage: float
     distance_m: float
     pose: _poses_pb2.Pose
-    def __init__(self, id: _Optional[str] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ...) -> None: ...
+    estimated: bool
+    def __init__(self, id: _Optional[str] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ...) -> None: ...
 
 class RankedCandidate(_message.Message):
-    __slots__ = ("id", "rank", "score", "status", "coverage", "distance_m", "pose")
+    __slots__ = ("id", "rank", "score", "status", "coverage", "distance_m", "pose", "estimated")
     ID_FIELD_NUMBER: _ClassVar[int]
     RANK_FIELD_NUMBER: _ClassVar[int]
     SCORE_FIELD_NUMBER: _ClassVar[int]
@@ -217,6 +545,7 @@ class RankedCandidate(_message.Message):
     COVERAGE_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATED_FIELD_NUMBER: _ClassVar[int]
     id: str
     rank: int
     score: float
@@ -224,7 +553,8 @@ class RankedCandidate(_message.Message):
     coverage: float
     distance_m: float
     pose: _poses_pb2.Pose
-    def __init__(self, id: _Optional[str] = ..., rank: _Optional[int] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ...) -> None: ...
+    estimated: bool
+    def __init__(self, id: _Optional[str] = ..., rank: _Optional[int] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ...) -> None: ...
 
 class RankingWarning(_message.Message):
     __slots__ = ("code", "message", "hint")
@@ -285,7 +615,7 @@ class PoseList(_message.Message):
     def __init__(self, items: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class PlanRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "targets", "views", "distance_m", "home", "vehicles", "frame", "snapshot_id")
+    __slots__ = ("candidates", "generator", "targets", "views", "distance_m", "home", "vehicles", "frame", "snapshot_id", "safety_m", "no_fly", "for_vehicle")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     TARGETS_FIELD_NUMBER: _ClassVar[int]
@@ -295,6 +625,9 @@ class PlanRequest(_message.Message):
     VEHICLES_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    SAFETY_M_FIELD_NUMBER: _ClassVar[int]
+    NO_FLY_FIELD_NUMBER: _ClassVar[int]
+    FOR_VEHICLE_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     targets: CandidateList
@@ -304,7 +637,10 @@ class PlanRequest(_message.Message):
     vehicles: PoseList
     frame: _poses_pb2.PoseFrame
     snapshot_id: str
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
+    safety_m: float
+    no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
+    for_vehicle: str
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., for_vehicle: _Optional[str] = ...) -> None: ...
 
 class Expectation(_message.Message):
     __slots__ = ("variance", "psnr_db", "low_db", "high_db")
@@ -319,31 +655,35 @@ class Expectation(_message.Message):
     def __init__(self, variance: _Optional[float] = ..., psnr_db: _Optional[float] = ..., low_db: _Optional[float] = ..., high_db: _Optional[float] = ...) -> None: ...
 
 class Stop(_message.Message):
-    __slots__ = ("id", "pose", "distance_m", "travel_m", "after")
+    __slots__ = ("id", "pose", "distance_m", "travel_m", "after", "via")
     ID_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     TRAVEL_M_FIELD_NUMBER: _ClassVar[int]
     AFTER_FIELD_NUMBER: _ClassVar[int]
+    VIA_FIELD_NUMBER: _ClassVar[int]
     id: str
     pose: _poses_pb2.Pose
     distance_m: float
     travel_m: float
     after: Expectation
-    def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., distance_m: _Optional[float] = ..., travel_m: _Optional[float] = ..., after: _Optional[_Union[Expectation, _Mapping]] = ...) -> None: ...
+    via: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
+    def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., distance_m: _Optional[float] = ..., travel_m: _Optional[float] = ..., after: _Optional[_Union[Expectation, _Mapping]] = ..., via: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class Tour(_message.Message):
-    __slots__ = ("vehicle", "stops", "length_m")
+    __slots__ = ("vehicle", "stops", "length_m", "via_home")
     VEHICLE_FIELD_NUMBER: _ClassVar[int]
     STOPS_FIELD_NUMBER: _ClassVar[int]
     LENGTH_M_FIELD_NUMBER: _ClassVar[int]
+    VIA_HOME_FIELD_NUMBER: _ClassVar[int]
     vehicle: int
     stops: _containers.RepeatedCompositeFieldContainer[Stop]
     length_m: float
-    def __init__(self, vehicle: _Optional[int] = ..., stops: _Optional[_Iterable[_Union[Stop, _Mapping]]] = ..., length_m: _Optional[float] = ...) -> None: ...
+    via_home: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
+    def __init__(self, vehicle: _Optional[int] = ..., stops: _Optional[_Iterable[_Union[Stop, _Mapping]]] = ..., length_m: _Optional[float] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class CandidateTerms(_message.Message):
-    __slots__ = ("id", "planned", "gain", "gain_in_plan", "variance", "distance_m", "chance", "helps")
+    __slots__ = ("id", "planned", "gain", "gain_in_plan", "variance", "distance_m", "chance", "helps", "coverage", "median_frequency")
     ID_FIELD_NUMBER: _ClassVar[int]
     PLANNED_FIELD_NUMBER: _ClassVar[int]
     GAIN_FIELD_NUMBER: _ClassVar[int]
@@ -352,6 +692,8 @@ class CandidateTerms(_message.Message):
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     CHANCE_FIELD_NUMBER: _ClassVar[int]
     HELPS_FIELD_NUMBER: _ClassVar[int]
+    COVERAGE_FIELD_NUMBER: _ClassVar[int]
+    MEDIAN_FREQUENCY_FIELD_NUMBER: _ClassVar[int]
     id: str
     planned: bool
     gain: float
@@ -360,7 +702,9 @@ class CandidateTerms(_message.Message):
     distance_m: float
     chance: float
     helps: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, id: _Optional[str] = ..., planned: _Optional[bool] = ..., gain: _Optional[float] = ..., gain_in_plan: _Optional[float] = ..., variance: _Optional[float] = ..., distance_m: _Optional[float] = ..., chance: _Optional[float] = ..., helps: _Optional[_Iterable[str]] = ...) -> None: ...
+    coverage: float
+    median_frequency: float
+    def __init__(self, id: _Optional[str] = ..., planned: _Optional[bool] = ..., gain: _Optional[float] = ..., gain_in_plan: _Optional[float] = ..., variance: _Optional[float] = ..., distance_m: _Optional[float] = ..., chance: _Optional[float] = ..., helps: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., median_frequency: _Optional[float] = ...) -> None: ...
 
 class Plan(_message.Message):
     __slots__ = ("scene_id", "snapshot_id", "summary", "now", "end", "tours", "candidates", "photographed", "alignment", "origin", "warnings")
@@ -387,3 +731,35 @@ class Plan(_message.Message):
     origin: _poses_pb2.Origin
     warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
     def __init__(self, scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ...) -> None: ...
+
+class MissionView(_message.Message):
+    __slots__ = ("id", "pose", "via")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    VIA_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    pose: _poses_pb2.Pose
+    via: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
+    def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., via: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
+
+class MissionRequest(_message.Message):
+    __slots__ = ("views", "via_home", "snapshot_id")
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    VIA_HOME_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    views: _containers.RepeatedCompositeFieldContainer[MissionView]
+    via_home: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
+    snapshot_id: str
+    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
+
+class MissionFile(_message.Message):
+    __slots__ = ("name", "media_type", "content", "left_out")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    MEDIA_TYPE_FIELD_NUMBER: _ClassVar[int]
+    CONTENT_FIELD_NUMBER: _ClassVar[int]
+    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    media_type: str
+    content: bytes
+    left_out: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ...) -> None: ...

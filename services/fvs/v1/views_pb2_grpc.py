@@ -66,6 +66,26 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.Plan.FromString,
                 _registered_method=True)
+        self.ReportVisits = channel.unary_unary(
+                '/fvs.v1.ViewService/ReportVisits',
+                request_serializer=fvs_dot_v1_dot_views__pb2.ReportVisitsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.VisitList.FromString,
+                _registered_method=True)
+        self.ListVisits = channel.unary_unary(
+                '/fvs.v1.ViewService/ListVisits',
+                request_serializer=fvs_dot_v1_dot_views__pb2.ListVisitsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.VisitList.FromString,
+                _registered_method=True)
+        self.GetRankingMission = channel.unary_unary(
+                '/fvs.v1.ViewService/GetRankingMission',
+                request_serializer=fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
+                _registered_method=True)
+        self.CreateMission = channel.unary_unary(
+                '/fvs.v1.ViewService/CreateMission',
+                request_serializer=fvs_dot_v1_dot_views__pb2.CreateMissionRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
+                _registered_method=True)
 
 
 class ViewServiceServicer:
@@ -114,6 +134,34 @@ class ViewServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ReportVisits(self, request, context):
+        """Report what a vehicle does about views, so that others get different ones; all current visits of the scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListVisits(self, request, context):
+        """List what vehicles do about views, until their reports expire.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetRankingMission(self, request, context):
+        """Write the ranked candidates, in their order, as a mission for an autopilot or a ground station.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def CreateMission(self, request, context):
+        """Write views, such as the stops of a plan, as a mission. It is not kept.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_ViewServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -146,6 +194,26 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     servicer.PlanViews,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.Plan.SerializeToString,
+            ),
+            'ReportVisits': grpc.unary_unary_rpc_method_handler(
+                    servicer.ReportVisits,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.ReportVisitsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.VisitList.SerializeToString,
+            ),
+            'ListVisits': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListVisits,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.ListVisitsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.VisitList.SerializeToString,
+            ),
+            'GetRankingMission': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetRankingMission,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.MissionFile.SerializeToString,
+            ),
+            'CreateMission': grpc.unary_unary_rpc_method_handler(
+                    servicer.CreateMission,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.CreateMissionRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.MissionFile.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -311,6 +379,114 @@ class ViewService:
             '/fvs.v1.ViewService/PlanViews',
             fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.Plan.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ReportVisits(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/ReportVisits',
+            fvs_dot_v1_dot_views__pb2.ReportVisitsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.VisitList.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListVisits(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/ListVisits',
+            fvs_dot_v1_dot_views__pb2.ListVisitsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.VisitList.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetRankingMission(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/GetRankingMission',
+            fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def CreateMission(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/CreateMission',
+            fvs_dot_v1_dot_views__pb2.CreateMissionRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
             options,
             channel_credentials,
             insecure,

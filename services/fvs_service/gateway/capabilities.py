@@ -9,6 +9,7 @@ from fvs_engine.images.pixels import FORMATS
 from fvs_service.application import Application
 from fvs_service.fleet import WorkerStatus, workers_of
 from fvs_service.jobs.model import JobKind
+from fvs_service.missions.model import MissionFormat
 from fvs_service.model import Model
 from fvs_service.settings import Limits
 
@@ -21,6 +22,8 @@ class Capabilities(Model):
     methods: tuple[str, ...]
     """The methods of rankings."""
     generators: tuple[str, ...] = ("orbit", "grid", "dataset", "around-current")
+    mission_formats: tuple[str, ...] = tuple(one.value for one in MissionFormat)
+    """What missions are written for."""
     image_formats: tuple[str, ...]
     job_kinds: tuple[str, ...] = tuple(kind.value for kind in JobKind)
     workers: tuple[WorkerStatus, ...]

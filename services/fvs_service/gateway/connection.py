@@ -169,7 +169,11 @@ def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToo
                     if not self._body_wanted:
                         self._body_wanted = True
                         self._read_at_most(_READ_BYTES)
-                    return await receive()
+                    message = await receive()
+                    if message["type"] == "http.disconnect" and cycle.body:  # which uvicorn would drop
+                        content, cycle.body = bytes(cycle.body), bytearray()
+                        return {"type": "http.request", "body": content, "more_body": True}
+                    return message
 
                 await app(scope, received, sent)
 

@@ -24,6 +24,12 @@ class UploadPace:
         self._bytes_per_s = settings.upload_bytes_per_s
         self._left_s = self._grace_s
         self.received_bytes = 0
+        self._last_byte_at = time.monotonic()
+
+    @property
+    def idle_s(self) -> float:
+        """Time since the last byte."""
+        return time.monotonic() - self._last_byte_at
 
     async def wait(self, receive: Callable[[], Awaitable[PartT]], size: Callable[[PartT], int]) -> PartT:
         """The next part of the body, which has ``size`` bytes; raises ``SlowRequestError``."""
@@ -34,7 +40,9 @@ class UploadPace:
         except TimeoutError as error:
             raise self._error() from error
         waited_s = time.monotonic() - started
-        self.received_bytes += size(part)
+        if size(part):
+            self.received_bytes += size(part)
+            self._last_byte_at = time.monotonic()
         restored_s = size(part) / self._bytes_per_s
         self._left_s = min(self._grace_s, self._left_s - waited_s + restored_s)
         if self._left_s <= 0:

@@ -7,7 +7,6 @@ the same name: a gateway that was killed keeps what had arrived when it starts a
 has damaged are found by the image's digest.
 """
 
-import asyncio
 import contextlib
 import hashlib
 import time
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import anyio.to_thread
 import structlog
 
 from fvs_service.errors import ConflictError, NotFoundError
@@ -108,15 +106,6 @@ class PartialUploads:
     def name(self, tenant_id: str, new: NewUpload) -> str:
         """The name of the partial upload's file."""
         return f"{_tenant(tenant_id)}-{new.scene_id}-{_hex(new.digest)}-{new.size_bytes}{_SUFFIX}"
-
-    async def prune_regularly(self, every_s: float) -> None:
-        """Delete those that have expired, again and again, until cancelled."""
-        while True:
-            try:
-                await anyio.to_thread.run_sync(self.prune)
-            except OSError as error:
-                _log.warning("partial uploads cannot be deleted", reason=str(error))
-            await asyncio.sleep(every_s)
 
     def prune(self) -> None:
         """Delete those that have expired."""

@@ -38,7 +38,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
-from fvs_service.storage.removals import ABANDONED_AFTER, keep, remove_later
+from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
 
 _POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
 
@@ -108,6 +108,9 @@ class Images:
             scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, staged.digest)
             if found is not None:  # the same bytes, sent twice at once
+                key = blob_key(scene_id, staged.digest)
+                if has_row(session, key):
+                    keep(session, [key])
                 return found, False
             _require_frame(scene, metadata)
             twin = repository.same_pixels(session, scene_id, inspection.pixels_sha256)

@@ -37,7 +37,7 @@ class StagingArea:
         self._reserve_bytes = reserve_bytes
         self.max_bytes = max_bytes
         self._lock = threading.Lock()
-        self._awaited: dict[Path, Callable[[], int]] = {}
+        self._awaited: dict[object, Callable[[], int]] = {}
         """The bytes that each open upload may still write."""
 
     def clear(self) -> None:
@@ -63,24 +63,32 @@ class StagingArea:
             raise too_large(self.max_bytes)
         size = self.max_bytes if expected_bytes is None else expected_bytes
         path = self.folder / f"{name}.{uuid4().hex}.upload"
-        with self._lock:
-            awaited = sum(bytes_of() for bytes_of in self._awaited.values())
-            require_room(self.folder, size - arrived_bytes, self._reserve_bytes, awaited)
-            self._awaited[path] = lambda: size - arrived_bytes
+        receiver: Receiver | None = None
+        ended = self.expect(lambda: size - arrived_bytes if receiver is None else receiver.awaited_bytes)
         try:
             if begin is not None:
                 begin(path)
-            receiver = Receiver(path, self.max_bytes, size, lambda: self._ended(path))  # reads what arrived
+            receiver = Receiver(path, self.max_bytes, size, ended)  # reads what arrived
         except BaseException:
-            self._ended(path)
+            ended()
             raise
-        with self._lock:
-            self._awaited[path] = lambda: receiver.awaited_bytes
         return receiver
 
-    def _ended(self, path: Path) -> None:
+    def expect(self, awaited_bytes: Callable[[], int]) -> Callable[[], object]:
+        """Keep room for an upload that may still write ``awaited_bytes``, until the result is called.
+
+        Raises ``OutOfSpaceError`` unless there is room for these and those of all open uploads.
+        """
         with self._lock:
-            self._awaited.pop(path, None)
+            awaited = sum(bytes_of() for bytes_of in self._awaited.values())
+            require_room(self.folder, awaited_bytes(), self._reserve_bytes, awaited)
+            upload = object()
+            self._awaited[upload] = awaited_bytes
+        return lambda: self._ended(upload)
+
+    def _ended(self, upload: object) -> None:
+        with self._lock:
+            self._awaited.pop(upload, None)
 
 
 class Receiver:

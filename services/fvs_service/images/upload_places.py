@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from fvs_service.errors import LimitExceededError, SlowRequestError
+from fvs_service.errors import LimitExceededError, ServiceError, SlowRequestError
 from fvs_service.principal import Principal
 
 
@@ -24,6 +24,10 @@ class Arrival(Protocol):
     def received_bytes(self) -> int:
         """Number of bytes received."""
 
+    @property
+    def idle_s(self) -> float:
+        """Time since the last byte."""
+
 
 @dataclass(eq=False)
 class UploadPlace:
@@ -33,12 +37,12 @@ class UploadPlace:
     arrival: Arrival
     expected_bytes: int | None
     since: float = field(default_factory=time.monotonic)
-    taken: bool = False
+    taken: ServiceError | None = None
     _timer: asyncio.Timeout | None = None
 
     @asynccontextmanager
     async def receiving(self) -> AsyncIterator[None]:
-        """Receive in this block; raises ``SlowRequestError`` in it when another upload takes the place."""
+        """Receive in this block; the error of ``take`` is raised in it."""
         try:
             if self.taken:
                 raise TimeoutError
@@ -47,18 +51,16 @@ class UploadPlace:
         except TimeoutError:
             if not self.taken:
                 raise
-            raise SlowRequestError(
-                "All upload places are taken, and a new upload has replaced this one, which arrived at "
-                f"{self.bytes_per_s:.0f} bytes per second.",
-                hint="Send it again over a better connection. Over gRPC it resumes where it stopped.",
-            ) from None
+            raise self.taken from None
         finally:
             self._timer = None
 
-    def take(self) -> None:
-        """End the upload."""
+    def take(self, reason: ServiceError) -> None:
+        """End the upload, which then fails with ``reason``; no effect when it ends already."""
         assert self._timer is not None
-        self.taken = True
+        if self.taken:
+            return
+        self.taken = reason
         self._timer.reschedule(asyncio.get_running_loop().time())
 
     @property
@@ -126,7 +128,14 @@ class UploadPlaces:
             )
         slowest = min(givable, key=lambda place: place.bytes_per_s)
         self._places.discard(slowest)
-        slowest.take()
+        slowest.take(
+            SlowRequestError(
+                "All upload places are taken, and a new upload has replaced this one, which arrived at "
+                f"{slowest.bytes_per_s:.0f} bytes per second.",
+                hint="Send it again over a better connection. Over gRPC, and from /v1/uploads, it resumes "
+                "where it stopped.",
+            )
+        )
 
     def _kept_s(self, theirs: Sequence[UploadPlace], principal: Principal) -> dict[UploadPlace, float]:
         """Time for which each place cannot yet be taken by the principal."""

@@ -1,23 +1,50 @@
 """Requests for plans, and plans."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from fvs_engine.plan.plan_records import Expectation as EngineExpectation
+from fvs_engine.plan.volumes import Volume
 from fvs_service.model import WHOLE, Count, Model, Number, within
-from fvs_service.quantities import Length
-from fvs_service.rankings.model import CandidateRequest, Dataset, Grid, Orbit
+from fvs_service.quantities import MAX_COORDINATE_M, Length, Vector
+from fvs_service.rankings.model import CandidateRequest, Dataset, Grid, Orbit, VehicleName
 from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment, Origin
 from fvs_service.scenes.poses import FramePose, Pose, PoseFrame, VehiclePose
 
 _MOST_VEHICLES = 20
+_MOST_ZONES = 20
 
-PlanGenerator = Annotated[Orbit | Grid | Dataset, Field(discriminator="kind")]
+
+class InVolume(Model):
+    """Poses spread evenly over a volume, clear of the model's matter, that have some of it in their frame.
+
+    Coordinates and lengths are those of the world frame.
+    """
+
+    kind: Literal["in-volume"]
+    volume: Volume
+    count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
+    look: Literal["middle", "nearest"] = "middle"
+    """What they look at: the middle of the model, or for each the part of it that is nearest."""
+    aim: Vector | None = None
+    """A point to look at instead."""
+    level: bool = False
+    """Whether they look there with a level camera: in that direction, but not up or down."""
+
+    @model_validator(mode="after")
+    def _one_aim(self) -> Self:
+        if self.aim is not None and self.look != "middle":
+            raise ValueError("give either an aim or where to look, not both")
+        return self
+
+
+PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
 _Candidates = Annotated[
     tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
 ]
+_Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
 _Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
 
 
@@ -38,6 +65,20 @@ class PlanRequest(Model):
                     "distance_m": 120.0,
                     "home": True,
                 },
+                {
+                    "generator": {
+                        "kind": "in-volume",
+                        "volume": {
+                            "kind": "cylinder",
+                            "base": [0.0, 0.0, 5.0],
+                            "radius": 30.0,
+                            "height": 15.0,
+                        },
+                        "count": 200,
+                    },
+                    "safety_m": 2.0,
+                    "no_fly": [{"kind": "box", "centre": [10.0, 0.0, 5.0], "size": [4.0, 4.0, 30.0]}],
+                },
             ],
         }
     )
@@ -52,8 +93,15 @@ class PlanRequest(Model):
     """How far each vehicle flies, at most; by default as far as it takes."""
     home: bool = False
     """Whether each vehicle flies back to where it is now, which counts."""
+    safety_m: Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)] | None = None
+    """Keep so far from matter, which the model's opaque Gaussians show, also on the way. With it, `no_fly` or
+    a volume, legs go around what is in the way; else they are straight."""
+    no_fly: _Zones = ()
+    """Volumes of the world frame to stay out of, at most 20."""
     vehicles: _Vehicles | None = None
     """Where the vehicles are; by default one vehicle at the last registered image."""
+    for_vehicle: VehicleName | None = None
+    """The vehicle that asks, as in a ranking."""
     frame: PoseFrame | None = None
     """The frame of the poses in the answer; by default as in a ranking."""
     snapshot_id: str | None = None
@@ -77,7 +125,13 @@ class PlanRequest(Model):
         given = [item.pose for item in (*(self.candidates or ()), *(self.targets or ()))]
         poses = (*given, *(self.vehicles or ()))
         in_model = all(isinstance(pose, FramePose) and pose.frame == "model" for pose in poses)
-        return self.candidates is not None and self.frame in (None, "model") and in_model
+        given_all = self.candidates is not None and not self.no_fly
+        return given_all and self.frame in (None, "model") and in_model
+
+    @property
+    def around(self) -> bool:
+        """Whether legs go around what is in the way."""
+        return isinstance(self.generator, InVolume) or self.safety_m is not None or bool(self.no_fly)
 
 
 class Expectation(Model):
@@ -114,6 +168,9 @@ class Stop(Model):
     travel_m: Number
     after: Expectation
     """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+    via: tuple[FramePose | VehiclePose, ...] = ()
+    """Where to pass on the way to it, in order, where something is in the straight line; with the orientation
+    of the stop."""
 
 
 class Tour(Model):
@@ -123,6 +180,8 @@ class Tour(Model):
     stops: tuple[Stop, ...]
     length_m: Number
     """The length of the flight, home included where that was asked for."""
+    via_home: tuple[FramePose | VehiclePose, ...] = ()
+    """Where to pass on the way home, as `via` of a stop; with the orientation of the last stop."""
 
 
 class CandidateTerms(Model):
@@ -136,12 +195,17 @@ class CandidateTerms(Model):
     """By how much it lowers the mean variance beside all other planned candidates."""
     variance: Number
     """The kriging variance of its own pose."""
-    distance_m: Number
-    """The distance from the nearest vehicle."""
+    distance_m: Number | None
+    """The length of the way from the nearest vehicle; null where none leads there."""
     chance: Number | None
     """The probability that its photograph can be registered now."""
     helps: tuple[str, ...]
     """The targets that it helps most: ids of targets and candidates, and digests of images."""
+    coverage: Number | None = None
+    """The share of the view that the model covers, estimated; null beyond the first 100 candidates."""
+    median_frequency: Number | None = None
+    """Its median frequency, estimated: lower means that the model represents it less well. Null where nothing
+    is in view, and beyond the first 100 candidates."""
 
 
 class Plan(Model):

@@ -10,11 +10,14 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.plan.plan_records import Mission
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
-from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
+from fvs_service.plans.in_model import clearance, views_in_volume
+from fvs_service.plans.in_world import in_world, via
+from fvs_service.plans.model import CandidateTerms, Expectation, InVolume, Plan, PlanRequest, Stop, Tour
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.model import Orbit
-from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
+from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import poses_in
+from fvs_service.rankings.service import TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
@@ -44,6 +47,7 @@ class _Prepared:
     poses: Mapping[str, RigidTransform]
     photographed: frozenset[str]
     targets: tuple[str, ...]
+    images: tuple[str, ...]
     question: PlanViews
 
 
@@ -51,8 +55,14 @@ class Plans:
     """Plans flights through candidates."""
 
     def __init__(
-        self, database: Database, frames: SnapshotFrames, runners: SceneRunners, limits: Limits
+        self,
+        database: Database,
+        frames: SnapshotFrames,
+        runners: SceneRunners,
+        limits: Limits,
+        taken_poses: TakenPoses,
     ) -> None:
+        self._taken_poses = taken_poses
         self._database = database
         self._frames = frames
         self._runners = runners
@@ -66,8 +76,8 @@ class Plans:
         """
         with self._limit.slot(principal.tenant_id):
             prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s)
-            mission = await self._runners.plan(prepared.question)
-            return await run_sync(_answer, prepared, mission)
+            flight = await self._runners.plan(prepared.question)
+            return await run_sync(_answer, prepared, flight)
 
     def _prepare(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> _Prepared:
         """What to ask the runner."""
@@ -76,6 +86,7 @@ class Plans:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
             endpoint = find_endpoint(reader, scene_id)
+            taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         frame = self._frames.frame(snapshot.id, scene.origin)
         geometry = self._frames.geometry(snapshot.id)
@@ -83,18 +94,27 @@ class Plans:
         generator = request.generator
         if generator is None and request.candidates is None:
             generator = Orbit(kind="orbit")
-        poses = self._frames.candidates(request.candidates, generator, frame, geometry)
-        photographed = geometry.visited(poses)
-        left = {name: pose for name, pose in poses.items() if name not in photographed}
-        if not left:
-            raise InvalidRequestError(
-                f"All {len(poses)} candidates were photographed already.", hint="Give other candidates."
-            )
+        camera = cameras.camera.pinhole
+        taken = taken_cameras(frame, taken_poses)
+        left: Mapping[str, RigidTransform] = {}
+        photographed: frozenset[str] = frozenset()
+        generate = None
+        if isinstance(generator, InVolume):
+            self._frames.require_few(generator.count)
+            generate = views_in_volume(generator, frame, geometry.up, camera)
+        else:
+            poses = self._frames.candidates(request.candidates, generator, frame, geometry)
+            photographed = geometry.visited(poses) | geometry.same_view(poses, tuple(taken.values()))
+            left = {name: pose for name, pose in poses.items() if name not in photographed}
+            if not left:
+                raise InvalidRequestError(
+                    f"All {len(poses)} candidates were photographed already, or are taken by a visit.",
+                    hint="Give other candidates.",
+                )
         served = by_id(request.targets or (), frame)
         vehicles = frame.world_from_cameras(request.vehicles or ())
         starts = {f"vehicle {number}": pose for number, pose in enumerate(vehicles)}
         require_on_earth({**served, **starts})
-        camera = cameras.camera.pinhole
         scale = frame.world_from_model.scale
         images = tuple(view.image for view in cameras.views)
         question = PlanViews(
@@ -104,15 +124,17 @@ class Plans:
             api_key=principal.key_id,
             timeout_s=timeout_s,
             views=frame.views(left, camera),
+            generate=generate,
+            clearance=clearance(request, frame) if request.around else None,
             targets=frame.views(served, camera),
+            taken=frame.views(taken, camera),
             starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, camera)),
             budget=request.views,
             distance=None if request.distance_m is None else request.distance_m / scale,
             home=request.home,
             updates=self._updates(scene_id),
         )
-        targets = tuple(served) or (*images, *left)
-        return _Prepared(request, scene, snapshot, frame, left, photographed, targets, question)
+        return _Prepared(request, scene, snapshot, frame, left, photographed, tuple(served), images, question)
 
     def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
         """The images that each snapshot of a scene added, and the quality that it measured on them."""
@@ -128,13 +150,14 @@ class Plans:
         return tuple(found)
 
 
-def _answer(prepared: _Prepared, mission: Mission) -> Plan:
+def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
     """The engine's mission, with poses and lengths of the world frame."""
-    request, frame, snapshot = prepared.request, prepared.frame, prepared.snapshot
+    request, frame, snapshot, mission = prepared.request, prepared.frame, prepared.snapshot, flight.mission
     scale = frame.world_from_model.scale
+    poses = {**prepared.poses, **in_world(flight.generated, frame)}
     names = [stop.name for tour in mission.tours for stop in tour.stops]
     current = request.vehicles[0] if request.vehicles else None
-    shown = poses_in(frame, names, prepared.poses, request.candidates or (), request.frame, current)
+    shown = poses_in(frame, names, poses, request.candidates or (), request.frame, current)
     pose_of = dict(zip(names, shown, strict=True))
     tours = tuple(
         Tour(
@@ -146,10 +169,14 @@ def _answer(prepared: _Prepared, mission: Mission) -> Plan:
                     distance_m=stop.distance * scale,
                     travel_m=stop.travel * scale,
                     after=Expectation.of(stop.after),
+                    via=via(stop.via, poses[stop.name], pose_of[stop.name], frame),
                 )
                 for stop in tour.stops
             ),
             length_m=tour.length * scale,
+            via_home=via(tour.via_home, poses[last], pose_of[last], frame)
+            if tour.stops and (last := tour.stops[-1].name)
+            else (),
         )
         for number, tour in enumerate(mission.tours)
     )
@@ -160,7 +187,7 @@ def _answer(prepared: _Prepared, mission: Mission) -> Plan:
         now=Expectation.of(mission.now),
         end=Expectation.of(mission.end),
         tours=tours,
-        candidates=_terms(mission, prepared.targets, scale),
+        candidates=_terms(mission, prepared.targets or (*prepared.images, *poses), scale),
         photographed=tuple(sorted(prepared.photographed)),
         alignment=snapshot.alignment,
         origin=prepared.scene.origin if frame.georeferenced else None,
@@ -176,9 +203,11 @@ def _terms(mission: Mission, targets: Sequence[str], scale: float) -> tuple[Cand
             gain=term.gain,
             gain_in_plan=term.gain_in_plan,
             variance=term.variance,
-            distance_m=term.distance * scale,
+            distance_m=None if term.distance is None else term.distance * scale,
             chance=term.chance,
             helps=tuple(targets[index] for index in term.helps),
+            coverage=term.coverage,
+            median_frequency=term.median_frequency,
         )
         for term in mission.terms[:_MOST_TERMS]
     )

@@ -16,6 +16,7 @@ from fvs_service.scenes.poses import FramePose, Pose, PoseFrame
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
+VehicleName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,63}$")]
 _PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 
 
@@ -121,6 +122,8 @@ class RankingRequest(Model):
     budget: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 1
     """Number of images that are still to be taken; some methods plan ahead."""
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
+    for_vehicle: VehicleName | None = None
+    """The vehicle that asks, by the name in its visits: views that it flies to itself are not taken."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -163,6 +166,8 @@ class ScoredCandidate(Model):
     status: CandidateStatus
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""
+    estimated: bool = False
+    """Whether the score was predicted, not measured on a render."""
     distance_m: Number | None
     """Distance from the current pose; null if none was given."""
     pose: Pose
@@ -175,6 +180,7 @@ class ScoredCandidate(Model):
             score=candidate.score,
             status=candidate.status,
             coverage=candidate.coverage,
+            estimated=candidate.estimated,
             distance_m=distance_m,
             pose=pose,
         )
@@ -194,6 +200,7 @@ class RankedCandidate(ScoredCandidate):
             score=candidate.score,
             status=candidate.status,
             coverage=candidate.coverage,
+            estimated=candidate.estimated,
             distance_m=candidate.distance,
             pose=pose,
         )

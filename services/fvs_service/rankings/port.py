@@ -11,7 +11,9 @@ from typing import Literal, Protocol, TypeAlias
 from pydantic import Field
 
 from fvs_engine.candidates import CandidateScore, RankedCandidate
+from fvs_engine.geometry import PinholeCamera
 from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.volumes import Volume
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
 from fvs_service.rankings.packed_views import PackedViews
@@ -41,6 +43,7 @@ class RankViews(Question):
     """Rank ``views``, named by candidate id, of one camera, by ``method`` with the model of a scene.
 
     ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
+    ``taken`` are views that count as visited, though they have no image yet.
     When ``streamed``, scores are sent before the result.
     """
 
@@ -48,6 +51,7 @@ class RankViews(Question):
     method: str
     views: PackedViews
     distances: Mapping[str, float] = {}
+    taken: PackedViews = ()
     budget: int = 1
     seed: int = 0
     streamed: bool = False
@@ -91,22 +95,61 @@ class UpdateQuality(Record):
     psnr_db: float | None
 
 
+class ViewsInVolume(Record):
+    """Views of one ``camera`` to generate: ``count`` in a ``volume``, which look at ``aim``.
+
+    ``aim`` is a point, the middle of the matter or its nearest part; ``level``: with a level camera. ``up``
+    is the upward direction. All in the model frame.
+    """
+
+    volume: Volume
+    count: int
+    camera: PinholeCamera
+    up: tuple[float, float, float]
+    aim: Literal["middle", "nearest"] | tuple[float, float, float] = "middle"
+    level: bool = False
+
+
+class Clearance(Record):
+    """What vehicles keep to, in the model frame: ``safety``, their distance from matter, and ``no_fly``."""
+
+    safety: float = 0.0
+    no_fly: tuple[Volume, ...] = ()
+
+
 class PlanViews(Question):
     """Plan a flight through some of ``views``, named by candidate id; all in the model frame and its unit.
 
-    ``targets`` are what the model must serve (empty: its images and the views), ``starts`` where vehicles
-    are (empty: one at the last image), ``budget``, ``distance`` and ``home`` as in the engine's ``Budget``.
-    ``updates`` are the scene's so far, the oldest first: they calibrate the forecast.
+    ``generate`` makes candidates instead of ``views``. With a ``clearance`` legs go around what is in the
+    way; without one they are straight. ``targets`` are what the model must serve (empty: its images and the
+    views), ``taken`` as in ``RankViews``, ``starts`` where vehicles are (empty: one at the last image),
+    ``budget``, ``distance`` and ``home`` as in the engine's ``Budget``. ``updates`` are the scene's so far,
+    the oldest first: they calibrate the forecast.
     """
 
     kind: Literal["plan"] = "plan"
-    views: PackedViews
+    views: PackedViews = ()
+    generate: ViewsInVolume | None = None
+    clearance: Clearance | None = None
     targets: PackedViews = ()
+    taken: PackedViews = ()
     starts: tuple[tuple[float, float, float], ...] = ()
     budget: int
     distance: float | None = None
     home: bool = False
     updates: tuple[UpdateQuality, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """The number of candidates."""
+        return len(self.views) if self.generate is None else self.generate.count
+
+
+class PlannedFlight(Record):
+    """A mission through views of a question, or through those ``generated`` for it, in the model frame."""
+
+    mission: Mission
+    generated: PackedViews = ()
 
 
 class SceneRunners(Protocol):
@@ -138,7 +181,7 @@ class SceneRunners(Protocol):
         """A PNG of the view."""
         ...
 
-    async def plan(self, request: PlanViews) -> Mission:
+    async def plan(self, request: PlanViews) -> PlannedFlight:
         """Plan a flight; nothing is rendered."""
         ...
 

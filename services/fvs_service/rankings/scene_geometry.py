@@ -1,6 +1,6 @@
 """The geometry of a scene for rankings: its registered cameras and the extent of its model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -62,9 +62,7 @@ class SceneGeometry:
     @cached_property
     def tree(self) -> "KDTree":
         """The camera centres as a k-d tree."""
-        from scipy.spatial import KDTree  # slow to import
-
-        return KDTree(np.stack([camera.translation for camera in self.cameras]))
+        return _tree(self.cameras)
 
     @property
     def centres(self) -> Array:
@@ -81,16 +79,33 @@ class SceneGeometry:
 
     def visited(self, poses: Mapping[str, RigidTransform]) -> frozenset[str]:
         """The ids of ``poses`` (id → world_from_camera) at which an image was taken in the same direction."""
+        return self._same_view(poses, self.cameras, self.tree)
+
+    def same_view(
+        self, poses: Mapping[str, RigidTransform], cameras: Sequence[RigidTransform]
+    ) -> frozenset[str]:
+        """The ids of ``poses`` that are where one of ``cameras`` (world_from_camera) is, and look there."""
+        return self._same_view(poses, cameras, _tree(cameras)) if cameras else frozenset()
+
+    def _same_view(
+        self, poses: Mapping[str, RigidTransform], cameras: Sequence[RigidTransform], tree: "KDTree"
+    ) -> frozenset[str]:
         if not poses:
             return frozenset()
-        near = self.tree.query_ball_point(
+        near = tree.query_ball_point(
             np.stack([pose.translation for pose in poses.values()]), _SAME_POSITION * self.spacing
         )
         return frozenset(
             name
             for (name, pose), indices in zip(poses.items(), near, strict=True)
             if any(
-                angle_between(self.cameras[index].rotation, pose.rotation) <= _SAME_DIRECTION_RAD
+                angle_between(cameras[index].rotation, pose.rotation) <= _SAME_DIRECTION_RAD
                 for index in indices
             )
         )
+
+
+def _tree(cameras: Sequence[RigidTransform]) -> "KDTree":
+    from scipy.spatial import KDTree  # slow to import
+
+    return KDTree(np.stack([camera.translation for camera in cameras]))

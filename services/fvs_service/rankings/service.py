@@ -40,6 +40,8 @@ from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_
 
 ReadRequest: TypeAlias = Callable[[], RankingRequest]
 """Gives a request; it is called in a thread, once the permission is checked."""
+TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose | VehiclePose]]
+"""The poses in a scene that are taken for a vehicle, or for one without a name."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,10 @@ class Rankings:
         frames: SnapshotFrames,
         runners: SceneRunners,
         limits: Limits,
+        taken_poses: TakenPoses,
         require_room: Callable[[], object] = lambda: None,
     ) -> None:
+        self._taken_poses = taken_poses
         self._require_room = require_room
         self._database = database
         self._blobs = blobs
@@ -169,6 +173,7 @@ class Rankings:
             if earlier is not None:
                 return earlier
             endpoint = find_endpoint(reader, scene_id)
+            taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         request = request.complete
         self._require_method(request.method)
@@ -190,8 +195,10 @@ class Rankings:
             radius_m=request.radius_m,
         )
         distances = _distances(poses, current)
-        excluded = _excluded(poses, distances, geometry, request.radius_m)
+        taken = taken_cameras(frame, taken_poses)
+        excluded = _excluded(poses, distances, geometry, taken, request.radius_m)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
+        camera = self._frames.cameras(snapshot.id).camera.pinhole
         question = RankViews(
             scene_id=scene.id,
             endpoint=endpoint,
@@ -199,8 +206,9 @@ class Rankings:
             api_key=principal.key_id,
             timeout_s=timeout_s,
             method=request.method,
-            views=frame.views(scored, self._frames.cameras(snapshot.id).camera.pinhole),
+            views=frame.views(scored, camera),
             distances={name: distances[name] for name in scored if name in distances},
+            taken=frame.views(taken, camera),
             budget=request.budget,
             seed=request.seed,
         )
@@ -321,6 +329,11 @@ def _render_key(ranking_id: str, candidate_id: str, question: RenderView) -> str
     return f"{ranking_prefix(question.scene_id, ranking_id)}{candidate_id}/{question.image.value}.png"
 
 
+def taken_cameras(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> dict[str, RigidTransform]:
+    """World_from_camera by a name that is no candidate's, for the poses that the frame knows."""
+    return {f"taken:{number}": camera for number, camera in enumerate(frame.known_cameras(poses))}
+
+
 def _distances(poses: Mapping[str, RigidTransform], current: NDArray[np.float64] | None) -> dict[str, float]:
     """Distances from the current camera centre by id; empty without one."""
     if current is None:
@@ -332,17 +345,21 @@ def _excluded(
     poses: Mapping[str, RigidTransform],
     distances: Mapping[str, float],
     geometry: SceneGeometry,
+    taken: Mapping[str, RigidTransform],
     radius: float | None,
 ) -> dict[str, engine.RankedCandidate]:
     """The candidates that are not scored, by id; nearest first, then by id."""
     found: dict[str, engine.RankedCandidate] = {}
     visited = geometry.visited(poses)
+    taken_views = geometry.same_view(poses, tuple(taken.values()))
     for name in sorted(poses, key=lambda name: (distances.get(name, 0.0), name)):
         distance = distances.get(name)
         if radius is not None and distance is not None and distance > radius:
             status = CandidateStatus.OUT_OF_RANGE
         elif name in visited:
             status = CandidateStatus.VISITED
+        elif name in taken_views:
+            status = CandidateStatus.TAKEN
         else:
             continue
         found[name] = engine.RankedCandidate(None, name, None, status, None, distance)

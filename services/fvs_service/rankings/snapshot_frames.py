@@ -90,13 +90,17 @@ class SnapshotFrames:
             poses = generate(generator, geometry, current, radius_m)
         else:
             poses = by_id(given or (), frame)
-        if len(poses) > self._most_candidates:
-            raise InvalidRequestError(
-                f"There are {len(poses)} candidates; {self._most_candidates} are allowed.",
-                hint="Split them into several rankings.",
-            )
+        self.require_few(len(poses))
         require_on_earth(poses)
         return poses
+
+    def require_few(self, count: int) -> None:
+        """Raise ``InvalidRequestError`` for more candidates than are allowed."""
+        if count > self._most_candidates:
+            raise InvalidRequestError(
+                f"There are {count} candidates; {self._most_candidates} are allowed.",
+                hint="Split them into several rankings.",
+            )
 
     def _geometry_of(self, snapshot_id: str) -> SceneGeometry:
         return SceneGeometry.of(self.frame(snapshot_id, None), self.cameras(snapshot_id))

@@ -130,6 +130,11 @@ class WorldFrame:
             for pose in poses
         )
 
+    def known_cameras(self, poses: Sequence[FramePose | VehiclePose]) -> tuple[RigidTransform, ...]:
+        """The transforms of those poses that have a meaning in this frame."""
+        known = [pose for pose in poses if self.georeferenced or not isinstance(pose, VehiclePose)]
+        return self.world_from_cameras(known)
+
     def poses(
         self, world_from_cameras: Sequence[RigidTransform], frame: PoseFrame
     ) -> tuple[FramePose | VehiclePose, ...]:

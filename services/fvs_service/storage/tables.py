@@ -262,6 +262,20 @@ class RankingRow(Table):
     created_at: Mapped[datetime]
 
 
+class VisitRow(Table):
+    """What a vehicle does about a view, until it expires; ``pose`` is as the vehicle gave it."""
+
+    __tablename__ = "visits"
+
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), primary_key=True)
+    vehicle: Mapped[str] = mapped_column(String(64), primary_key=True)
+    candidate_id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    state: Mapped[str] = mapped_column(String(16))
+    pose: Mapped[dict[str, Any]]
+    reported_at: Mapped[datetime]
+    expires_at: Mapped[datetime]
+
+
 class EventRow(Table):
     """An event of a scene; ``number`` increases in the order of commits. The last one outlives the scene."""
 

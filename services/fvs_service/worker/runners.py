@@ -14,10 +14,16 @@ from pydantic import TypeAdapter
 
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.choices import Method
-from fvs_engine.plan.plan_records import Mission
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
-from fvs_service.rankings.port import PlanViews, RankedViews, RankingSteps, RankViews, RenderView
+from fvs_service.rankings.port import (
+    PlannedFlight,
+    PlanViews,
+    RankedViews,
+    RankingSteps,
+    RankViews,
+    RenderView,
+)
 from fvs_service.tracing import Span
 from fvs_service.worker.protocol.async_connection import AsyncConnections, exchange, result_of
 from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
@@ -78,10 +84,10 @@ class LeasedRunners:
         with self._span(request, 1):
             return await self._ask(request, base64.b64decode)
 
-    async def plan(self, request: PlanViews) -> Mission:
+    async def plan(self, request: PlanViews) -> PlannedFlight:
         """See ``SceneRunners``."""
-        with self._span(request, len(request.views)):
-            return await self._ask(request, Mission.model_validate)
+        with self._span(request, request.size):
+            return await self._ask(request, PlannedFlight.model_validate)
 
     async def close(self) -> None:
         """See ``SceneRunners``."""

@@ -12,6 +12,7 @@ from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.images.model import DigestCheck
 from fvs_service.jobs.model import JobRequest
+from fvs_service.missions.model import MissionOptions, MissionRequest
 from fvs_service.model import NumberedPage, Page
 from fvs_service.plans.model import PlanRequest
 from fvs_service.principal import Principal
@@ -20,6 +21,7 @@ from fvs_service.rankings.port import ViewImage
 from fvs_service.scenes.model import SceneChange, SceneRequest
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import SnapshotChange
+from fvs_service.visits.model import VisitReport
 
 _FILES = (capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, views_pb2)
 
@@ -47,6 +49,11 @@ class Call:
     def __getattr__(self, name: str) -> Any:
         return self.given.get(name)
 
+    @property
+    def options(self) -> Any:
+        given = {name: self.given[name] for name in MissionOptions.model_fields if name in self.given}
+        return parse_body(MissionOptions, orjson.dumps(given), Limits())
+
     def page(self, kind: type[Page] = Page) -> Any:
         asked = {name: self.given[name] for name in ("after", "limit") if name in self.given}
         return parse_body(kind, orjson.dumps(asked), Limits())
@@ -54,6 +61,14 @@ class Call:
 
 def _render(app: Application, caller: Principal, call: Call) -> Any:
     return app.rankings.render(caller, call.ranking_id, call.candidate_id, ViewImage.RENDER, 60.0)
+
+
+def _ranking_mission(app: Application, caller: Principal, call: Call) -> Any:
+    return app.missions.of_ranking(caller, call.ranking_id, call.options).content
+
+
+def _mission(app: Application, caller: Principal, call: Call) -> Any:
+    return app.missions.of_views(caller, call.scene_id, lambda: call.body, call.options).content
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -172,6 +187,15 @@ OPERATIONS: dict[str, Operation] = {
         lambda app, who, call: app.plans.create(who, call.scene_id, lambda: call.body, 60.0),
         ("plan", PlanRequest),
     ),
+    "ReportVisits": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/visits",
+        lambda app, who, call: app.visits.report(who, call.scene_id, call.body),
+        ("report", VisitReport),
+    ),
+    "ListVisits": Operation(
+        "GET", "/v1/scenes/{scene_id}/visits", lambda app, who, call: app.visits.of_scene(who, call.scene_id)
+    ),
     "GetRanking": Operation(
         "GET", "/v1/rankings/{ranking_id}", lambda app, who, call: app.rankings.get(who, call.ranking_id)
     ),
@@ -182,6 +206,10 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "RenderCandidate": Operation(
         "GET", "/v1/rankings/{ranking_id}/candidates/{candidate_id}/render.png", _render
+    ),
+    "GetRankingMission": Operation("GET", "/v1/rankings/{ranking_id}/mission", _ranking_mission),
+    "CreateMission": Operation(
+        "POST", "/v1/scenes/{scene_id}/missions", _mission, ("mission", MissionRequest)
     ),
     "GetCapabilities": Operation("GET", "/v1/capabilities", lambda app, _who, _call: capabilities_of(app)),
 }

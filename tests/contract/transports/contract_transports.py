@@ -3,6 +3,7 @@
 Each is called by the name of a method of ``fvs.v1`` with the same document, and answers with an ``Outcome``.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -93,7 +94,8 @@ class Rest:
     def call(self, name: str, key: str | None, given: Mapping[str, Any], body: Any) -> Outcome:
         operation = OPERATIONS[name]
         path = operation.path.format(**given)
-        query = {one: given[one] for one in ("after", "limit") if one in given}
+        variables = set(re.findall(r"{(\w+)}", operation.path)) | {"idempotency_key"}
+        query = {one: value for one, value in given.items() if one not in variables}
         headers = bearer(key)
         if "idempotency_key" in given:
             headers["Idempotency-Key"] = given["idempotency_key"]
@@ -123,7 +125,7 @@ class Rpc:
 
     def call(self, name: str, key: str | None, given: Mapping[str, Any], body: Any) -> Outcome:
         described, operation = method(name), OPERATIONS[name]
-        request = GetMessageClass(described.input_type)(**given)
+        request = GetMessageClass(described.input_type)(**arguments(described.input_type, given))
         if operation.body is not None:
             part = getattr(request, operation.body[0])
             part.CopyFrom(type(part)(**arguments(part.DESCRIPTOR, body or {})))
@@ -176,6 +178,8 @@ class Rpc:
             return Outcome(result=[document_of(part) for part in result])
         if result.DESCRIPTOR.name == "CandidateRender":
             return Outcome(result=result.png)
+        if result.DESCRIPTOR.name == "MissionFile":
+            return Outcome(result=result.content)
         return Outcome(result=document_of(result) or None)
 
 

@@ -278,6 +278,19 @@ def test_ranking_without_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_p
         assert sheet.width > 300
 
 
+@pytest.mark.parametrize(("method", "estimated"), [("estimate", True), ("fast", False)])
+def test_ranking_by_other_methods(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, method: str, estimated: bool
+) -> None:
+    """So few candidates are all exact by the fast method."""
+    run = fvs("rank", first_run[0], "--method", f"median-frequency-{method}", "--out", tmp_path, "--json")
+    assert run.status == 0, run.stderr
+    assert run.document["method"] == f"median-frequency-{method}"
+    assert {place["estimated"] for place in run.document["candidates"]} == {estimated}
+    text = fvs("rank", first_run[0], "--method", f"median-frequency-{method}", "--out", tmp_path)
+    assert ("≈" in text.stdout) is estimated
+
+
 def test_a_contact_sheet_holds_no_more_than_can_be_looked_at(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,6 +336,8 @@ def test_a_plan_of_the_next_views(fvs: Fvs, first_run: tuple[Path, Any], tmp_pat
     assert len(written["targets"]) == len(mission["target_variances"])
     assert mission["end"]["variance"] < mission["now"]["variance"]
     assert all(0 <= term["chance"] <= 1 for term in mission["terms"])  # poses are estimated
+    assert all(0 < term["coverage"] <= 1 for term in mission["terms"])
+    assert len({term["median_frequency"] for term in mission["terms"]}) > 1
     with Image.open(tmp_path / "plan" / "plan.png") as picture:
         assert picture.width > 1_000
 
@@ -368,6 +383,12 @@ def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
     assert all(pose["name"].startswith("cylinder-") for pose in poses)
     offsets = np.array([pose["position"] for pose in poses]) - middle
     assert np.linalg.norm(offsets[:, :2], axis=1).max() <= extent * 1.001
+    aimed = fvs("plan", out, *options, "--aim", "nearest", "--level")
+    for pose in aimed.document["poses"]:
+        assert pose["name"].startswith("cylinder-")
+    assert aimed.document["poses"] != poses
+    assert "not middle, nearest or X,Y,Z" in fvs("plan", out, *options, "--aim", "north").stderr
+    assert "need a --volume" in fvs("plan", out, "--level").stderr
     zone.write_text(json.dumps({"kind": "cylinder", "base": middle.tolist(), "radius": 9e3, "height": 9e3}))
     refused = fvs("plan", out, *options, "--no-fly", zone)
     assert refused.status == EXIT_CODES["invalid-input"]

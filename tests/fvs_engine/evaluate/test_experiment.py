@@ -2,15 +2,17 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fvs_engine.errors import Cancelled, InvalidInputError, OutputExistsError, TrainingError
 from fvs_engine.evaluate import experiment
-from fvs_engine.evaluate.experiment import run_experiment
+from fvs_engine.evaluate.experiment import ExperimentFolder, run_experiment
+from fvs_engine.evaluate.held_out import psnr_at
 from fvs_engine.evaluate.protocol import Protocol
 from fvs_engine.evaluate.report import Summary
 from fvs_engine.evaluate.results import Run
-from fvs_engine.evaluate.run import RunPlan
+from fvs_engine.evaluate.run import RunPlan, Setup
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
@@ -66,6 +68,57 @@ def run(
 def decided(summary: Summary) -> list[dict[str, object]]:
     """All of the runs that does not depend on the time."""
     return [run.model_dump(exclude={"selection_s", "seconds"}) for run in summary.runs]
+
+
+def test_several_trainings_of_the_last_views_are_averaged(
+    tmp_path: Path, ring: Dataset, quick: Protocol, cpu: Rasterizer
+) -> None:
+    one = run(tmp_path / "one", ring, quick, cpu, seeds=(0,))
+    protocol = quick.model_copy(update={"trainings": 3})
+    three = run(tmp_path / "three", ring, protocol, cpu, seeds=(0,))
+    for before, after in zip(one.runs, three.runs, strict=True):
+        assert after.order == before.order
+        early, last = after.evaluations
+        assert early == before.evaluations[0]
+        assert last.model_copy(update={"repeats": ()}) == before.evaluations[1]
+        assert [repeat.seed for repeat in last.repeats] == [1_000, 2_000]
+        values = [last.psnr_db, *(repeat.psnr_db for repeat in last.repeats)]
+        assert len(set(values)) == 3
+        row = next(r for r in three.rows if (r.method, r.visited) == (after.method, 5))
+        assert row.psnr_db.mean == pytest.approx(np.mean(values))
+        assert row.training_sd_db is not None
+        assert row.training_sd_db.mean == pytest.approx(np.std(values, ddof=1))
+        assert all(repeat.unvisited_db is not None for repeat in last.repeats)
+    assert "SD of trainings" in (tmp_path / "three" / "report.md").read_text()
+    assert "SD of trainings" not in (tmp_path / "one" / "report.md").read_text()
+
+
+def test_a_run_that_ends_early_trains_its_last_views_as_often(
+    tmp_path: Path, ring: Dataset, quick: Protocol, cpu: Rasterizer
+) -> None:
+    hasty = quick.model_copy(update={"time_limit_s": 1e-3, "trainings": 2})
+    (ended,) = run(tmp_path, ring, hasty, cpu, methods=("farthest",), seeds=(0,)).runs
+    assert len(ended.order) < hasty.budget
+    assert [len(evaluation.repeats) for evaluation in ended.evaluations][-1] == 1
+
+
+def test_unvisited_views_are_measured(
+    tmp_path: Path, ring: Dataset, quick: Protocol, cpu: Rasterizer
+) -> None:
+    """Of the model that is there, at the views that are neither held out nor visited."""
+    summary = run(tmp_path, ring, quick, cpu, methods=("farthest", "random"), seeds=(0,))
+    setup = Setup(ring, quick, cpu, None)
+    for finished in summary.runs:
+        folder = ExperimentFolder(tmp_path).run(finished.method, 0) / "selection"
+        loop = setup.open(folder, finished.method, 0, Monitor())
+        model = loop.scene.train("full", Monitor())
+        left = [name for name in ring.names if name not in (*finished.order, *loop.held_out_names)]
+        views = loop.scene.localise(left, Monitor()).values()
+        expected = np.mean([psnr_at(model, view, cpu) for view in views])
+        assert finished.evaluations[-1].unvisited_db == pytest.approx(expected)
+    text = (tmp_path / "report.md").read_text()
+    assert "unvisited dB" in text
+    assert "unvisited, over farthest" in text
 
 
 class Killed(BaseException):

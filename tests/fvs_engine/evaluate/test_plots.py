@@ -15,6 +15,7 @@ from fvs_engine.evaluate.protocol import PRESETS
 from fvs_engine.evaluate.report import Summary, summarise
 from fvs_engine.evaluate.results import Run
 from fvs_engine.evaluate.trajectories import on_floor, plot_trajectories
+from fvs_engine.select.selectors import SELECTORS
 
 METHODS = ("farthest", "random", "fisher")
 MakeRun = Callable[..., Run]
@@ -33,6 +34,11 @@ def summary(make_run: MakeRun) -> Summary:
         for seed in range(3)
     ]
     return summarise("room", PRESETS["fisherrf"], runs)
+
+
+def test_no_two_selectors_look_alike() -> None:
+    styled = styles(tuple(SELECTORS))
+    assert len(set(styled.values())) == len(SELECTORS)
 
 
 @pytest.fixture

@@ -1,3 +1,4 @@
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -55,6 +56,17 @@ def test_a_summary_survives_the_disk(summary: Summary, tmp_path: Path) -> None:
     path.write_text(path.read_text()[:-100])
     with pytest.raises(StorageError, match=r"report\.json"):
         read_result(path, Summary)
+
+
+def test_reports_of_an_earlier_version_have_no_unvisited_views(make_run: MakeRun, tmp_path: Path) -> None:
+    path, run = tmp_path / "run.json", make_run("farthest", 0, {20: 20.0})
+    stored = json.loads(run.model_dump_json())
+    for evaluation in stored["evaluations"]:
+        del evaluation["unvisited_db"], evaluation["repeats"]
+    path.write_text(json.dumps(stored))
+    earlier = read_result(path, Run)
+    assert earlier == run
+    assert "unvisited dB" not in markdown(summarise("room", PRESETS["paper"], [earlier]))
 
 
 def test_the_table_says_all_of_it(summary: Summary) -> None:

@@ -121,3 +121,29 @@ def test_too_many_places_are_refused():
     with pytest.raises(InvalidInputError, match="10,000 places") as caught:
         FreeLegs(np.zeros((MOST_PLACES + 1, 3)), FreeSpace())
     assert caught.value.hint
+
+
+def test_ways_that_are_flown_are_straight_where_nothing_is_between():
+    places = np.random.default_rng(0).uniform(-5.0, 5.0, size=(2_000, 3))
+    legs = FreeLegs(places, FreeSpace())
+    flown = [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert any(legs.way(*leg) for leg in flown)
+    legs.straighten(flown)
+    for one, other in flown:
+        assert legs.way(one, other) == ()
+        straight = np.linalg.norm(places[one] - places[other])
+        assert legs.between(np.array([one]), np.array([other]))[0, 0] == pytest.approx(straight)
+
+
+def test_ways_that_are_flown_still_go_around_a_zone():
+    places = np.random.default_rng(0).uniform(-5.0, 5.0, size=(2_000, 3))
+    places[:2] = [[-4.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
+    space = FreeSpace(no_fly=[Cylinder(base=(0.0, 0.0, -9.0), radius=2.0, height=18.0)])
+    legs = FreeLegs(places, space)
+    before = legs.between(np.array([0]), np.array([1]))[0, 0]
+    legs.straighten([(0, 1)])
+    way = [0, *legs.way(0, 1), 1]
+    assert len(way) > 2
+    assert space.joins(places[way[:-1]], places[way[1:]]).all()
+    assert legs.between(np.array([0]), np.array([1]))[0, 0] == pytest.approx(path_length(places[way]))
+    assert path_length(places[way]) <= before

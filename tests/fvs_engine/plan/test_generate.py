@@ -112,7 +112,11 @@ def test_without_matter_a_target_is_needed():
 @pytest.mark.parametrize(
     ("volume", "space", "message"),
     [
-        (Box(centre=(0, 0, 0), size=(0.1, 0.1, 0.1)), FreeSpace(HOUSE, 2.0), "inside matter, or within 2"),
+        (
+            Box(centre=(0, 0, 0), size=(0.1, 0.1, 0.1)),
+            FreeSpace(HOUSE, 2.0),
+            "inside matter, or within the safety",
+        ),
         (VOLUMES[0], FreeSpace(HOUSE, no_fly=[Box(centre=(0, 0, 0), size=(99, 99, 99))]), "zones cover"),
         (VOLUMES[0], FreeSpace(HOUSE, start=np.full(3, 50.0), reach=1.0), "out of reach"),
     ],

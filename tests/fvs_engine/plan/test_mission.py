@@ -5,11 +5,14 @@ import pytest
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
+from fvs_engine.plan.volumes import Box, Cylinder
 from fvs_engine.views import PinholeView
 
 CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -91,3 +94,25 @@ def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:
 def test_there_must_be_candidates() -> None:
     with pytest.raises(InvalidInputError, match="no candidate"):
         plan_mission(Targets(ring(0), []), Budget(views=3), [np.zeros(3)])
+
+
+def test_what_is_behind_a_fence_has_no_distance(targets: Targets) -> None:
+    fence = Box(centre=(-2.0, 0.0, 0.0), size=(0.1, 100.0, 100.0))
+    start = ring(0)[0].centre
+    legs = FreeLegs(np.concatenate([targets.centres, [start]]), FreeSpace(no_fly=[fence]))
+    found = plan_mission(targets, Budget(views=5, home=True), [start], SEEN, legs)
+    behind = {name for name, x in zip(targets.index, targets.centres[:, 0], strict=True) if x < -2.05}
+    assert {term.name for term in found.terms if term.distance is None} == behind
+    assert not {stop.name for stop in found.tours[0].stops} & behind
+
+
+def test_the_way_home_goes_around_what_is_in_the_way() -> None:
+    start, targets = np.array([-3.0, 0.0, 0.3]), Targets(ring(200), ring(0, 90), ring(2))
+    tower = Cylinder(base=(0.0, 0.0, -9.0), radius=1.0, height=18.0)
+    legs = FreeLegs(np.concatenate([targets.centres, [start]]), FreeSpace(no_fly=[tower]))
+    (tour,) = plan_mission(targets, Budget(views=1, home=True), [start], (), legs).tours
+    (stop,) = tour.stops
+    assert stop.name == "000"
+    assert stop.via == tour.via_home == (tuple(targets.centres[1].tolist()),)
+    assert tour.length == pytest.approx(2 * stop.distance)
+    assert not plan_mission(targets, Budget(views=1), [start], (), legs).tours[0].via_home

@@ -1,6 +1,7 @@
 """Volumes against their definitions, and segments through them against many points along each."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import SimilarityTransform, matrix_from_quaternion
-from fvs_engine.plan.volumes import Box, Corridor, Cylinder, Prism, Shell, volume_from_json
+from fvs_engine.plan.volumes import MOST_CORNERS, Box, Corridor, Cylinder, Prism, Shell, volume_from_json
 
 L_SHAPE = (
     (0.0, 0.0, 9.0),
@@ -178,3 +179,19 @@ def test_what_is_no_volume_is_said_plainly(text, message):
 def test_corners_are_limited():
     with pytest.raises(ValidationError):
         Corridor(path=((0.0, 0.0, 0.0),) * 201, radius=1.0)
+
+
+@pytest.mark.parametrize("kind", ["prism", "corridor"])
+def test_legs_past_a_volume_with_many_corners_cost_little(kind):
+    angles = np.linspace(0.0, 2.0 * np.pi, MOST_CORNERS, endpoint=False)
+    radii = np.where(np.arange(MOST_CORNERS) % 2, 1.0, 0.5)
+    star = [(r * np.cos(a), r * np.sin(a), 0.0) for r, a in zip(radii, angles, strict=True)]
+    prism = Prism(corners=tuple(star), lower=-1.0, upper=1.0)
+    volume = prism if kind == "prism" else Corridor(path=tuple(star), radius=0.1)
+    draw = np.random.default_rng(0)
+    starts = draw.uniform(-20.0, 20.0, size=(50_000, 3)) * (1.0, 1.0, 0.02)
+    ends = starts + draw.normal(size=(50_000, 3)) * (1.0, 1.0, 0.02)
+    begun = time.process_time()
+    crossed = volume.crossed(starts, ends)
+    assert time.process_time() - begun < 2.0
+    assert 0 < crossed.sum() < 2_000

@@ -102,7 +102,7 @@ def quality_db(scene: GrowingScene, model: SceneModel, names: Sequence[str]) -> 
 
 def starts(scene: GrowingScene) -> np.ndarray:
     """Where the Gaussians of the scene's model start."""
-    trainer = scene._models.initial_trainer("full", 100)
+    trainer = scene._models.initial_trainer("full", 100, 0)
     return trainer.gaussians.means.detach().numpy()
 
 

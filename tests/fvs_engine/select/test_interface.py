@@ -87,8 +87,8 @@ def test_contexts_that_contradict_themselves_cannot_be_made(context, views):
 
 def test_the_table_knows_all_names_and_says_so():
     assert set(SELECTORS) == {
-        "median-frequency", "random", "uniform", "farthest", "nearest", "kriging", "fisher", "d-optimal",
-        "coverage", "spectral-median",
+        "median-frequency", "median-frequency-fast", "median-frequency-estimate", "random", "uniform",
+        "farthest", "nearest", "kriging", "fisher", "d-optimal", "coverage", "spectral-median",
     }  # fmt: skip
     assert all(create_selector(name).name == name for name in SELECTORS)
     with pytest.raises(InvalidInputError, match=r"'best'.*median-frequency.*d-optimal"):

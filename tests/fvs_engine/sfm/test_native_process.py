@@ -90,7 +90,14 @@ def waiting_job(folder: Path, monitor: Monitor) -> Iterator[WaitingJob]:
     pairs, until = folder / "pairs", time.monotonic() + SOON_S
     os.mkfifo(pairs)
     pycolmap.Database.open(folder / "db").close()
-    arguments = {"database": str(folder / "db"), "pair_list": str(pairs), "block": 1, "seed": 0, "threads": 1}
+    arguments = {
+        "database": str(folder / "db"),
+        "parts_dir": str(folder / "parts"),
+        "pair_list": str(pairs),
+        "batch": 1,
+        "seed": 0,
+        "threads": 1,
+    }
     with ThreadPoolExecutor(1) as thread:
         child = thread.submit(failed_job, folder).result()
         outcome = thread.submit(run_native, "match", arguments, folder / "native.log", monitor)

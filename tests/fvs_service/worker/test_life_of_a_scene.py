@@ -78,6 +78,8 @@ def test_every_method_ranks(service: Any, modelled: str) -> None:
         ranks = [place["rank"] for place in ranking["candidates"] if place["status"] == "ranked"]
         assert ranks == list(range(1, len(ranks) + 1))
         assert ranking["request"]["method"] == method
+        estimated = {place["estimated"] for place in ranking["candidates"]}
+        assert estimated == {method == "median-frequency-estimate"}
 
 
 def test_flights_are_planned_with_the_registered_points(service: Any, modelled: str) -> None:
@@ -90,6 +92,16 @@ def test_flights_are_planned_with_the_registered_points(service: Any, modelled: 
     chances = {term["id"]: term["chance"] for term in plan["candidates"]}
     assert all(0.0 <= chance <= 1.0 for chance in chances.values())
     assert max(chances.values()) > 0.5  # some of the ring was photographed
+    ring = np.array([stop["pose"]["position"] for stop in plan["tours"][0]["stops"]])
+    sides = (np.ptp(ring, axis=0) + 2.0).tolist()
+    box = {"kind": "box", "centre": ring.mean(axis=0).tolist(), "size": sides}
+    asked = {"generator": {"kind": "in-volume", "volume": box, "count": 50}, "safety_m": 0.01, "views": 2}
+    inside = service.client.post(f"/v1/scenes/{modelled}/plans", json=asked)
+    assert inside.status_code == 200, inside.text
+    for stop in inside.json()["tours"][0]["stops"]:
+        assert stop["id"].startswith("box-")
+        offset = np.array(stop["pose"]["position"]) - box["centre"]
+        assert (np.abs(offset) <= 0.5 * np.array(sides) + 1e-9).all()
 
 
 def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
@@ -119,7 +131,7 @@ def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
     assert deleted.status_code == 204
     assert service.client.get(f"/v1/jobs/{job}").status_code == 404
     _until(lambda: len(service.processes(RUNNER)) == runners - 1)
-    _until(lambda: not list(service.root.glob(f"**/{scene}")))
+    _until(lambda: _nothing_left(service.root, scene))
 
 
 def _fail(service: Any, scene: str, folder: Path) -> None:
@@ -150,6 +162,14 @@ def _stop_and_retry(service: Any, job: str) -> None:
     assert time.monotonic() - asked < 2.0
     again = service.client.post(f"/v1/jobs/{job}:retry")
     assert again.json()["state"] == "queued"
+
+
+def _nothing_left(root: Path, scene: str) -> bool:
+    """Whether no file of the scene is left. A walk that meets the removal itself is no answer yet."""
+    try:
+        return not list(root.glob(f"**/{scene}"))
+    except FileNotFoundError:
+        return False
 
 
 def _until(holds: Callable[[], bool]) -> None:

@@ -68,7 +68,7 @@ def test_views_on_the_wire_have_one_camera_and_a_pose_each() -> None:
     ):
         assert found in document
         with pytest.raises(ValidationError, match="a pose is 12 numbers"):
-            REQUEST.validate_json(document.replace(found, put))
+            REQUEST.validate_json(document.replace(found, put, 1))
     with pytest.raises(ValidationError, match="the views have no camera"):
         REQUEST.validate_json(
             json.dumps({**json.loads(document), "views": {**json.loads(document)["views"], "camera": None}})

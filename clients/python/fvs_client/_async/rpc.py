@@ -64,7 +64,7 @@ class AsyncRpcTransport(httpx2.AsyncBaseTransport):
         await request.aread()
         if not route.method.server_streaming:
             answer = await self._fetch(route, route.message(request), request)
-            return _png(answer.png) if route.name == "RenderCandidate" else _document(answer)
+            return _BYTES.get(route.method.output_type.name, _document)(answer)
         if route.name == "WatchEvents":
             return await self._watch(route, request)
         if route.name == "StreamRankViews":
@@ -263,5 +263,19 @@ def _document(answer: Any) -> httpx2.Response:
     return httpx2.Response(200, json=document_of(answer))
 
 
-def _png(content: bytes) -> httpx2.Response:
-    return httpx2.Response(200, headers={"Content-Type": "image/png"}, content=content)
+def _png(answer: Any) -> httpx2.Response:
+    return httpx2.Response(200, headers={"Content-Type": "image/png"}, content=answer.png)
+
+
+def _file(answer: Any) -> httpx2.Response:
+    headers = {
+        "Content-Type": answer.media_type,
+        "Content-Disposition": f'attachment; filename="{answer.name}"',
+    }
+    if answer.left_out:
+        headers["Left-Out"] = ",".join(answer.left_out)
+    return httpx2.Response(200, headers=headers, content=answer.content)
+
+
+_BYTES = {"CandidateRender": _png, "MissionFile": _file}
+"""What makes a response of an answer that is no document, by the message's name."""

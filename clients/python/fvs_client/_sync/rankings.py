@@ -3,15 +3,17 @@
 
 import time
 from collections.abc import Callable
+from typing import Unpack
 
 import httpx2
 
 from fvs_client import requests
 from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Resource, Session
-from fvs_client.answers import parse, refusal
+from fvs_client.answers import mission_file, parse, refusal
 from fvs_client.errors import ConnectionFailedError, FvsError
 from fvs_client.models.base import Answer
+from fvs_client.models.missions import MissionFile, MissionFormat, MissionOptions, MissionSettings
 from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
 from fvs_client.requests import Request
 
@@ -26,6 +28,14 @@ class Ranking(Resource, RankingData):
     def spectrum(self, candidate: RankedCandidate | str) -> bytes:
         """Get the spectrum of a candidate's render, as PNG."""
         return self._image(candidate, "spectrum")
+
+    def mission(self, format: MissionFormat | str, **settings: Unpack[MissionSettings]) -> MissionFile:  # noqa: A002
+        """Get the ranked candidates, in their order, as a mission for an autopilot or a ground station.
+
+        Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be flown.
+        """
+        options = MissionOptions.model_validate({"format": format, **settings})
+        return mission_file(self._session.response(requests.get_ranking_mission(self.id, options)))
 
     def delete(self) -> None:
         """Delete the ranking with its renders."""

@@ -2,7 +2,7 @@
 """Scenes: create, get, list, change and delete them; update and rank one."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Self
+from typing import Self, Unpack
 
 from fvs_client import requests
 from fvs_client._sync.events import follow
@@ -11,9 +11,18 @@ from fvs_client._sync.jobs import Job, SceneJobs
 from fvs_client._sync.rankings import Ranking, stream_ranking
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
+from fvs_client.answers import mission_file
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
-from fvs_client.models.plans import Plan, PlanRequest
+from fvs_client.models.missions import (
+    MissionFile,
+    MissionFormat,
+    MissionOptions,
+    MissionRequest,
+    MissionSettings,
+    MissionView,
+)
+from fvs_client.models.plans import InVolume, Plan, PlanRequest, Tour
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
 from fvs_client.models.scenes import (
     AutomaticWorld,
@@ -26,6 +35,8 @@ from fvs_client.models.scenes import (
     SceneSize,
     World,
 )
+from fvs_client.models.visits import Visit, VisitList, VisitReport, VisitState
+from fvs_client.models.volumes import Volume
 
 
 class Scene(Resource, SceneData):
@@ -94,6 +105,7 @@ class Scene(Resource, SceneData):
         snapshot_id: str | None = None,
         budget: int = 1,
         seed: int = 0,
+        for_vehicle: str | None = None,
         timeout_s: float | None = None,
         idempotency_key: str | None = None,
         on_scored: Callable[[tuple[ScoredCandidate, ...]], object] | None = None,
@@ -102,8 +114,9 @@ class Scene(Resource, SceneData):
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
         is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
-        candidates within that distance of ``current_pose`` are ranked. ``on_scored`` gets candidates as they
-        are scored; raise in it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
+        candidates within that distance of ``current_pose`` are ranked. ``for_vehicle`` is the name that the
+        asking vehicle has in its visits. ``on_scored`` gets candidates as they are scored; raise in it to end
+        the ranking. Raises ``NoSnapshotError`` when the scene has no model,
         ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
         ranking = RankingRequest(
@@ -117,6 +130,7 @@ class Scene(Resource, SceneData):
             snapshot_id=snapshot_id,
             budget=budget,
             seed=seed,
+            for_vehicle=for_vehicle,
         )
         if on_scored is not None:
             streamed = requests.create_ranking(self.id, ranking, idempotency_key, timeout_s, streamed=True)
@@ -128,12 +142,15 @@ class Scene(Resource, SceneData):
         self,
         candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         *,
-        generator: Generator | None = None,
+        generator: Generator | InVolume | None = None,
         targets: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         views: int = 10,
         distance_m: float | None = None,
         home: bool = False,
+        safety_m: float | None = None,
+        no_fly: Iterable[Volume] | None = None,
         vehicles: Iterable[Pose] | None = None,
+        for_vehicle: str | None = None,
         frame: PoseFrame | None = None,
         snapshot_id: str | None = None,
         timeout_s: float | None = None,
@@ -142,8 +159,9 @@ class Scene(Resource, SceneData):
 
         Of the ``candidates``, given as for ``rank``, at most ``views``, within ``distance_m`` for each of
         the ``vehicles``, by default one at the last image; with ``home`` they fly back. ``targets`` are poses
-        that the model must serve, by default its images and the candidates. Raises ``NoSnapshotError`` when
-        the scene has no model, ``InvalidRequestError`` for what cannot be flown.
+        that the model must serve, by default its images and the candidates. Vehicles keep ``safety_m`` from
+        the model's matter, and out of the volumes ``no_fly``; a stop says what its way goes ``via``. Raises
+        ``NoSnapshotError`` when the scene has no model, ``InvalidRequestError`` for what cannot be flown.
         """
         plan = PlanRequest(
             candidates=_candidates(candidates),
@@ -152,11 +170,54 @@ class Scene(Resource, SceneData):
             views=views,
             distance_m=distance_m,
             home=home,
+            safety_m=safety_m,
+            no_fly=None if no_fly is None else tuple(no_fly),
             vehicles=None if vehicles is None else tuple(vehicles),
+            for_vehicle=for_vehicle,
             frame=frame,
             snapshot_id=snapshot_id,
         )
         return self._session.fetch(Plan, requests.create_plan(self.id, plan, timeout_s))
+
+    def report_visits(
+        self,
+        vehicle: str,
+        state: VisitState,
+        views: Mapping[str, Pose] | Iterable[Candidate],
+        *,
+        expires_in_s: int = 600,
+    ) -> tuple[Visit, ...]:
+        """Report what a vehicle does about views, candidates of a ranking or stops of a plan.
+
+        Views that it flies to are taken for all others, in rankings and plans, for ``expires_in_s``. Returns
+        all current visits of the scene. Raises ``ConflictError`` when one of the views is taken already:
+        none is reported then.
+        """
+        listed = _candidates(views) or ()
+        report = VisitReport(vehicle=vehicle, state=state, views=listed, expires_in_s=expires_in_s)
+        return (self._session.fetch(VisitList, requests.report_visits(self.id, report))).visits
+
+    def visits(self) -> tuple[Visit, ...]:
+        """What vehicles do about views, until their reports expire."""
+        return (self._session.fetch(VisitList, requests.list_visits(self.id))).visits
+
+    def mission(
+        self,
+        views: Tour | Mapping[str, Pose] | Iterable[Candidate],
+        format: MissionFormat | str,  # noqa: A002
+        *,
+        snapshot_id: str | None = None,
+        **settings: Unpack[MissionSettings],
+    ) -> MissionFile:
+        """Get views, such as a tour of a plan, as a mission for an autopilot or a ground station.
+
+        ``snapshot_id`` is the one whose alignment relates poses of the model frame to the world, by default
+        the newest. Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be
+        flown.
+        """
+        options = MissionOptions.model_validate({"format": format, **settings})
+        mission = _mission(views, snapshot_id)
+        return mission_file(self._session.response(requests.create_mission(self.id, mission, options)))
 
     def events(self, after: int | None = 0) -> Iterator[Event]:
         """The scene's events after number ``after`` (None: only new ones), until the scene is deleted.
@@ -164,6 +225,16 @@ class Scene(Resource, SceneData):
         Resumes after a broken connection; no event is lost or repeated.
         """
         return follow(self._session, self.id, after)
+
+
+def _mission(
+    views: Tour | Mapping[str, Pose] | Iterable[Candidate], snapshot_id: str | None
+) -> MissionRequest:
+    if isinstance(views, Tour):
+        stops = tuple(MissionView(id=stop.id, pose=stop.pose, via=stop.via) for stop in views.stops)
+        return MissionRequest(views=stops, via_home=views.via_home, snapshot_id=snapshot_id)
+    given = tuple(MissionView(id=item.id, pose=item.pose) for item in _candidates(views) or ())
+    return MissionRequest(views=given, snapshot_id=snapshot_id)
 
 
 def _candidates(

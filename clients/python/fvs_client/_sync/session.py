@@ -47,17 +47,22 @@ class Session:
         return parse(kind, self.content(request), self)
 
     def content(self, request: Request) -> bytes:
-        """Send ``request`` until it succeeds or ``retries`` are used up, and return the answer's content."""
+        """Send ``request`` as ``response`` does, and return the answer's content."""
+        return (self.response(request)).content
+
+    def response(self, request: Request) -> httpx2.Response:
+        """Send ``request`` until it succeeds or ``retries`` are used up; the answer has been read."""
         request = request.identified()
         began, attempt = time.monotonic(), 0
         while True:
             attempt += 1
             try:
                 with self.open(request) as response:
-                    return response.read()
+                    response.read()
+                    return response
             except FvsError as error:
                 if attempt > 1 and request.method == "DELETE" and isinstance(error, NotFoundError):
-                    return b""  # an earlier attempt deleted it, and its answer was lost
+                    return httpx2.Response(204)  # an earlier attempt deleted it, and its answer was lost
                 pause = self.retries.pause_s(error, attempt, time.monotonic() - began)
                 if pause is None or not request.repeatable:
                     raise

@@ -4,40 +4,24 @@ from typing import Annotated
 
 import typer
 
-from fvs_client.cli import images, jobs, plans, rankings, scenes, snapshots, status
-from fvs_client.cli.options import JsonOption, SceneArgument
-from fvs_client.cli.session import Target, find_scene, service
-from fvs_client.connection import DEFAULT_URL
-
-app = typer.Typer(
-    help="Upload images to an fvs service, update its model, and rank the next views to photograph.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+from fvs_client.cli import (
+    fly,
+    images,
+    jobs,
+    missions,
+    plans,
+    rankings,
+    scenes,
+    snapshots,
+    spool,
+    status,
+    visits,
 )
+from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client.cli.program import program
+from fvs_client.cli.session import find_scene, service
 
-
-@app.callback()
-def options(
-    context: typer.Context,
-    url: Annotated[
-        str | None,
-        typer.Option(
-            envvar="FVS_URL", help="URL of the service: http(s):// or grpc(s)://.", show_default=DEFAULT_URL
-        ),
-    ] = None,
-    api_key: Annotated[
-        str | None,
-        typer.Option(
-            envvar="FVS_API_KEY",
-            show_default=False,
-            help="API key. Prefer the variable: arguments are visible to other users.",
-        ),
-    ] = None,
-) -> None:
-    """Connect to a service."""
-    context.obj = Target(url, api_key)
-
-
+app = program()
 app.add_typer(scenes.scenes, name="scenes")
 app.command("upload")(images.upload)
 app.command("images")(images.images)
@@ -49,6 +33,10 @@ app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)
 app.command("plan")(plans.plan)
+app.command("fly")(fly.fly)
+app.command("visit")(visits.visit)
+app.command("visits")(visits.visits)
+app.command("mission")(missions.mission)
 app.command("download")(snapshots.download)
 app.add_typer(snapshots.snapshots, name="snapshots")
 app.add_typer(rankings.rankings, name="rankings")
@@ -78,3 +66,4 @@ def events(
 
 
 app.command("status")(status.status)
+app.add_typer(spool.spool, name="spool")

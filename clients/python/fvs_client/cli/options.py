@@ -13,6 +13,12 @@ JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A job's id.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON; progress and errors as JSON on stderr.")
 ]
+ForVehicleOption = Annotated[
+    str | None,
+    typer.Option(
+        "--for-vehicle", metavar="NAME", help="The vehicle that asks: what it flies to itself is not taken."
+    ),
+]
 YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without asking.")]
 WaitOption = Annotated[bool, typer.Option("--wait/--no-wait", help="Wait until the job has ended.")]
 TimeoutOption = Annotated[

@@ -1,12 +1,13 @@
 """``fvs-client plan``."""
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from fvs_client import Expectation, Plan
-from fvs_client.cli.options import JsonOption, SceneArgument
+from fvs_client import Expectation, InVolume, Plan, Tour
+from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
     FrameName,
@@ -15,8 +16,10 @@ from fvs_client.cli.poses import (
     pose_text,
     read_candidates,
     read_pose,
+    read_volume,
 )
 from fvs_client.cli.session import find_scene, service
+from fvs_client.models.rankings import Generator
 
 
 def plan(
@@ -30,7 +33,40 @@ def plan(
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit.")
+        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and --volume.")
+    ] = None,
+    volume: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="JSON: generate candidates in a volume: box, cylinder, prism, shell, corridor.",
+        ),
+    ] = None,
+    aim: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="Where they look: the middle of the model, its nearest part, or a point: "
+            "middle, nearest or X,Y,Z.",
+            show_default="middle",
+        ),
+    ] = None,
+    level: Annotated[bool, typer.Option("--level", help="They look there with a level camera.")] = False,
+    safety: Annotated[
+        float | None,
+        typer.Option(min=0, max=2e7, metavar="M", help="Keep so far from matter, also on the way."),
+    ] = None,
+    no_fly: Annotated[
+        list[Path] | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="JSON: a volume to avoid; once for each.",
+            show_default=False,
+        ),
     ] = None,
     targets: Annotated[
         Path | None,
@@ -53,6 +89,7 @@ def plan(
             show_default="the last image",
         ),
     ] = None,
+    for_vehicle: ForVehicleOption = None,
     frame: Annotated[
         FrameName | None,
         typer.Option(
@@ -69,21 +106,29 @@ def plan(
     as_json: JsonOption = False,
 ) -> None:
     """Plan the views to photograph next, in the order of a short flight, and what they bring."""
-    if candidates is not None and generator is not None:
-        raise typer.BadParameter("Give --candidates or --generator, not both.")
-    if candidates is None and generator is None and count is not None:
-        generator = GeneratorName.ORBIT
+    if sum(given is not None for given in (candidates, generator, volume)) > 1:
+        raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
+    if volume is None and (aim is not None or level):
+        raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
+    wanted: Generator | InVolume | None = None
+    if volume is not None:
+        wanted = _in_volume(volume, count, aim, level=level)
+    elif generator is not None or (candidates is None and count is not None):
+        wanted = generator_of(generator or GeneratorName.ORBIT, count)
     listed, served = read_candidates(candidates), read_candidates(targets)
     vehicles = [read_pose(path) for path in vehicle] if vehicle else None
     with service(context, as_json=as_json) as client:
         made = find_scene(client, scene).plan(
             listed,
-            generator=None if generator is None else generator_of(generator, count),
+            generator=wanted,
             targets=served,
             views=views,
             distance_m=distance,
             home=home,
+            safety_m=safety,
+            no_fly=[read_volume(path) for path in no_fly] if no_fly else None,
             vehicles=vehicles,
+            for_vehicle=for_vehicle,
             frame=None if frame is None else frame.value,
             snapshot_id=snapshot,
             timeout_s=timeout,
@@ -94,29 +139,49 @@ def plan(
         _print(made)
 
 
+def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -> InVolume:
+    given: dict[str, Any] = {"volume": read_volume(path), "level": level}
+    if count is not None:
+        given["count"] = count
+    if aim in ("middle", "nearest"):
+        given["look"] = aim
+    elif aim is not None:
+        try:
+            x, y, z = (float(part) for part in aim.split(","))
+            return InVolume(**given, aim=(x, y, z))
+        except ValueError as error:
+            raise typer.BadParameter(f"{aim!r} is not middle, nearest or X,Y,Z") from error
+    return InVolume(**given)
+
+
 def _print(made: Plan) -> None:
     chances = {terms.id: terms.chance for terms in made.candidates}
     print_table(
         ("vehicle", "stop", "id", "distance", "travel", "registered", "expected", "pose"),
-        [
-            (
-                str(tour.vehicle),
-                str(number),
-                stop.id,
-                f"{stop.distance_m:.2f}",
-                f"{stop.travel_m:.2f}",
-                "" if (chance := chances.get(stop.id)) is None else f"{chance:.0%}",
-                _expected(stop.after),
-                pose_text(stop.pose),
-            )
-            for tour in made.tours
-            for number, stop in enumerate(tour.stops, start=1)
-        ],
+        [row for tour in made.tours for row in _rows(tour, chances)],
         right_aligned=("vehicle", "stop", "distance", "travel", "registered", "expected"),
     )
     typer.echo(f"{made.summary} On {made.snapshot_id}.")
     for warning in made.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
+
+
+def _rows(tour: Tour, chances: Mapping[str, float | None]) -> Iterator[tuple[str, ...]]:
+    """A row for each stop of a tour, after one for each way point that leads there."""
+    vehicle = str(tour.vehicle)
+    for number, stop in enumerate(tour.stops, start=1):
+        yield from ((vehicle, "", "via", "", "", "", "", pose_text(pose)) for pose in stop.via)
+        yield (
+            vehicle,
+            str(number),
+            stop.id,
+            f"{stop.distance_m:.2f}",
+            f"{stop.travel_m:.2f}",
+            "" if (chance := chances.get(stop.id)) is None else f"{chance:.0%}",
+            _expected(stop.after),
+            pose_text(stop.pose),
+        )
+    yield from ((vehicle, "", "via, home", "", "", "", "", pose_text(pose)) for pose in tour.via_home)
 
 
 def _expected(expectation: Expectation) -> str:

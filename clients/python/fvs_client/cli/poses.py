@@ -10,10 +10,14 @@ import typer
 
 from fvs_client import FramePose, VehiclePose
 from fvs_client.models.rankings import AroundCurrent, Candidate, Dataset, Generator, Grid, Orbit, Pose
+from fvs_client.models.volumes import Volume
 
 T = TypeVar("T")
 
 _POSE_FORM = '{"position": [x, y, z], "orientation_wxyz": [w, x, y, z]}'
+_VOLUME_FORM = (
+    '{"kind": "box", "centre": [x, y, z], "size": [x, y, z]}, or a cylinder, prism, shell, corridor'
+)
 _CANDIDATES_FORM = f'[{{"id": "left", "pose": {_POSE_FORM}}}, …]'
 
 
@@ -43,6 +47,12 @@ def read_pose(path: Path) -> Pose:
     """The pose in a file."""
     pose: Pose = _read(path, pydantic.TypeAdapter(Pose), _POSE_FORM)
     return pose
+
+
+def read_volume(path: Path) -> Volume:
+    """The volume in a file."""
+    volume: Volume = _read(path, pydantic.TypeAdapter(Volume), _VOLUME_FORM)
+    return volume
 
 
 def pose_text(pose: FramePose | VehiclePose) -> str:

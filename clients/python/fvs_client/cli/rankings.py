@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fvs_client import Ranking
-from fvs_client.cli.options import JsonOption, SceneArgument, YesOption
+from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument, YesOption
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
     FrameName,
@@ -62,6 +62,7 @@ def rank(
         int, typer.Option(min=1, max=10_000, help="Number of photographs still to be taken.")
     ] = 1,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of random methods.")] = 0,
+    for_vehicle: ForVehicleOption = None,
     renders: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
     ] = None,
@@ -95,6 +96,7 @@ def rank(
                 snapshot_id=snapshot,
                 budget=budget,
                 seed=seed,
+                for_vehicle=for_vehicle,
                 timeout_s=timeout,
                 on_scored=on_scored,
             )
@@ -127,7 +129,7 @@ def _print(ranking: Ranking) -> None:
             (
                 "" if item.rank is None else str(item.rank),
                 item.id,
-                "" if item.score is None else f"{item.score:.4g}",
+                "" if item.score is None else f"{'≈ ' * item.estimated}{item.score:.4g}",
                 "" if item.coverage is None else f"{item.coverage:.0%}",
                 "" if item.distance_m is None else f"{item.distance_m:.2f}",
                 item.status.value,

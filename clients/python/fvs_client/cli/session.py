@@ -3,24 +3,17 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import typer
 
 from fvs_client import Client, Scene
-from fvs_client.cli.exit_codes import INTERRUPTED, USAGE, exit_code_of
+from fvs_client.cli.error_exit_codes import exit_code_of
+from fvs_client.cli.exit_codes import INTERRUPTED, USAGE
+from fvs_client.cli.program import Target
 from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
 from fvs_client.retries import Retries
 
 _FEW_RETRIES = Retries(attempts=3, first_s=0.25)
-
-
-@dataclass(frozen=True)
-class Target:
-    """The service that the options before the command name."""
-
-    url: str | None
-    api_key: str | None
 
 
 @contextmanager

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import typer
 
-from fvs_client.cli.exit_codes import exit_code_of
+from fvs_client.cli.error_exit_codes import exit_code_of
+from fvs_client.cli.exit_codes import UNAVAILABLE
 from fvs_client.cli.options import JsonOption
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
 from fvs_client.errors import ApiError
 from fvs_client.models.service import WorkerStatus
-
-_NO_WORKER = 4
-"""Exit code when something does not work: that of an unavailable service."""
 
 
 def status(context: typer.Context, as_json: JsonOption = False) -> None:
@@ -40,7 +38,7 @@ def status(context: typer.Context, as_json: JsonOption = False) -> None:
     if problem is not None:
         raise typer.Exit(exit_code_of(problem))
     if not takes_jobs:
-        raise typer.Exit(_NO_WORKER)
+        raise typer.Exit(UNAVAILABLE)
 
 
 def _jobs(workers: Sequence[WorkerStatus]) -> str:

@@ -1,22 +1,45 @@
 """Plans: which candidates to photograph next, in which order, and what they bring."""
 
+from typing import Literal
+
 from pydantic import Field
 
-from fvs_client.models.base import Answer, Input
+from fvs_client.models.base import Answer, Input, Vector
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingWarning
 from fvs_client.models.scenes import Alignment, Origin
+from fvs_client.models.volumes import Volume
+
+
+class InVolume(Input):
+    """Candidates spread evenly over a volume, clear of matter, that have some of it in their frame."""
+
+    kind: Literal["in-volume"] = "in-volume"
+    volume: Volume
+    count: int = 300
+    look: Literal["middle", "nearest"] = "middle"
+    """What they look at: the middle of the model, or for each the part of it that is nearest."""
+    aim: Vector | None = None
+    """A point to look at instead."""
+    level: bool = False
+    """Whether they look there with a level camera: in that direction, but not up or down."""
 
 
 class PlanRequest(Input):
     """Settings of a plan. Lengths are in units of the scene's world: metres when georeferenced."""
 
     candidates: tuple[Candidate, ...] | None = None
-    generator: Generator | None = None
+    generator: Generator | InVolume | None = None
     targets: tuple[Candidate, ...] | None = None
     views: int = 10
     distance_m: float | None = None
     home: bool = False
+    safety_m: float | None = None
+    """Keep so far from matter, also on the way. With it, `no_fly` or a volume, legs go around what is in the
+    way."""
+    no_fly: tuple[Volume, ...] | None = None
+    """Volumes to stay out of, at most 20."""
     vehicles: tuple[Pose, ...] | None = None
+    for_vehicle: str | None = None
     frame: PoseFrame | None = None
     snapshot_id: str | None = None
 
@@ -43,6 +66,8 @@ class Stop(Answer):
     travel_m: float
     after: Expectation
     """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+    via: tuple[Pose, ...] = ()
+    """Where to pass on the way to it, in order, where something is in the straight line."""
 
 
 class Tour(Answer):
@@ -52,6 +77,8 @@ class Tour(Answer):
     stops: tuple[Stop, ...]
     length_m: float
     """Length of the flight, home included where that was asked for."""
+    via_home: tuple[Pose, ...] = ()
+    """Where to pass on the way home, as `via` of a stop."""
 
 
 class CandidateTerms(Answer):
@@ -65,12 +92,17 @@ class CandidateTerms(Answer):
     """By how much it lowers the mean variance beside all other planned candidates."""
     variance: float
     """Kriging variance of its own pose."""
-    distance_m: float
-    """Distance from the nearest vehicle."""
+    distance_m: float | None
+    """Length of the way from the nearest vehicle; None where none leads there."""
     chance: float | None
     """Probability that its photograph can be registered now."""
     helps: tuple[str, ...] = Field(default=())
     """The targets that it helps most: ids of targets and candidates, and digests of images."""
+    coverage: float | None = None
+    """The share of the view that the model covers, estimated; None beyond the first 100 candidates."""
+    median_frequency: float | None = None
+    """Its median frequency, estimated: lower means that the model represents it less well. None where nothing
+    is in view, and beyond the first 100 candidates."""
 
 
 class Plan(Answer):

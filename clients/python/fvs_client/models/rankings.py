@@ -29,6 +29,8 @@ class CandidateStatus(Word):
     RANKED = "ranked"
     VISITED = "visited"
     """An image was taken there."""
+    TAKEN = "taken"
+    """Another vehicle flies there, or a photograph from there is on its way."""
     OUT_OF_RANGE = "out-of-range"
     OUT_OF_MODEL = "out-of-model"
     """The view shows nothing of the model."""
@@ -94,6 +96,7 @@ class RankingRequest(Input):
     snapshot_id: str | None = None
     budget: int = 1
     seed: int = 0
+    for_vehicle: str | None = None
 
 
 class ScoredCandidate(Answer):
@@ -105,6 +108,8 @@ class ScoredCandidate(Answer):
     status: CandidateStatus
     coverage: float | None
     """Share of the view that the model fills; None when the view was not rendered."""
+    estimated: bool = False
+    """Whether the score was predicted, not measured on a render."""
     distance_m: float | None
     """Distance from the current pose; None without one."""
     pose: Pose

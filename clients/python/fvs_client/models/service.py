@@ -41,6 +41,8 @@ class Capabilities(Answer):
     methods: tuple[str, ...]
     """Methods of ranking."""
     generators: tuple[str, ...]
+    mission_formats: tuple[str, ...] = ()
+    """What missions are written for."""
     image_formats: tuple[str, ...]
     job_kinds: tuple[str, ...] = ()
     workers: tuple[WorkerStatus, ...] = ()

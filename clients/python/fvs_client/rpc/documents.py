@@ -31,7 +31,8 @@ def document_of(message: Message) -> Any:
     if descriptor.full_name == _STRUCT:
         return _plain(MessageToDict(message))
     if _is_list(descriptor):
-        return [document_of(item) for item in message.items]
+        items = descriptor.fields_by_name["items"]
+        return [_single(items, item) for item in message.items]
     union = _union(descriptor)
     if union is None:
         return {field.name: _value(message, field) for field in descriptor.fields}
@@ -51,6 +52,10 @@ def fill(message: Message, document: Any) -> None:
     if descriptor.full_name == _TIMESTAMP:
         message.FromJsonString(document)
     elif _is_list(descriptor):
+        items = descriptor.fields_by_name["items"]
+        if items.message_type is None:
+            message.items.extend(_scalar(items, item) for item in document)
+            return
         for item in document:
             fill(message.items.add(), item)
     elif (union := _union(descriptor)) is not None:
@@ -99,6 +104,10 @@ def _set(message: Message, field: FieldDescriptor, value: Any) -> None:
             setattr(message, field.name, _scalar(field, value))
         return
     inner = getattr(message, field.name)
+    if field.is_repeated:
+        for item in value:
+            fill(inner.add(), item)
+        return
     inner.SetInParent()
     fill(inner, value)
 

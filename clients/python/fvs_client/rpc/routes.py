@@ -49,10 +49,16 @@ _TABLE = (
     ("GET", f"{_SNAPSHOT}/artifacts/{{name}}", "SnapshotService.DownloadArtifact"),
     ("POST", f"{_SCENE}/rankings", "ViewService.RankViews"),
     ("POST", f"{_SCENE}/plans", "ViewService.PlanViews"),
+    ("POST", f"{_SCENE}/visits", "ViewService.ReportVisits"),
+    ("GET", f"{_SCENE}/visits", "ViewService.ListVisits"),
+    ("POST", f"{_SCENE}/missions", "ViewService.CreateMission"),
+    ("GET", f"{_RANKING}/mission", "ViewService.GetRankingMission"),
     ("GET", _RANKING, "ViewService.GetRanking"),
     ("DELETE", _RANKING, "ViewService.DeleteRanking"),
     ("GET", f"{_RANKING}/candidates/{{candidate_id}}/{{image}}.png", "ViewService.RenderCandidate"),
 )
+_FLAGS = frozenset({"leave_out", "tail", "takeoff"})
+"""Parameters of queries that are true or false."""
 _STREAMED = {"RankViews": contract.method("ViewService", "StreamRankViews")}
 """The methods that answer requests which accept a stream of events."""
 _ROUTES = tuple(
@@ -106,8 +112,8 @@ def _message(kind: str, variables: Mapping[str, str], request: httpx2.Request) -
         "start": _start(request.headers.get("Range", "")),
     }
     given: dict[str, Any] = {**variables, **request.url.params}
-    if "tail" in given:
-        given["tail"] = given["tail"] == "true"
+    for name in _FLAGS & given.keys():
+        given[name] = given[name] == "true"
     given.update((name, value) for name, value in headers.items() if value is not None and name in fields)
     if request.headers.get("Content-Type") == "application/json":
         body = next(name for name, field in fields.items() if field.message_type is not None)

@@ -41,7 +41,7 @@ NEAR, BLUR, LEAST_ALPHA, MARGIN = F(NEAR_PLANE), F(BLUR_PX2), F(ALPHA_MIN), F(0.
 
 
 @kernel
-def _screen_direction(
+def screen_direction(
     offset: float, depth: float, focal: float, principal: float, size: int
 ) -> tuple[float, bool]:
     """The ratio x / z, held within 15 % of the image beyond its border, and whether it had to be held."""
@@ -113,8 +113,8 @@ def project(
                 continue
             x = view[0] * px + view[1] * py + view[2] * pz + view[9]
             y = view[3] * px + view[4] * py + view[5] * pz + view[10]
-            u, _ = _screen_direction(x, z, view[15], view[17], width)
-            v, _ = _screen_direction(y, z, view[16], view[18], height)
+            u, _ = screen_direction(x, z, view[15], view[17], width)
+            v, _ = screen_direction(y, z, view[16], view[18], height)
             _scaled_axes(quaternions[n], log_scales[n], axes)
             _screen_axes(axes, view, z, u, v, m)
             xx = m[2, 0] * m[2, 0] + m[2, 1] * m[2, 1] + m[2, 2] * m[2, 2]
@@ -274,8 +274,8 @@ def project_backward(
             x = view[0] * px + view[1] * py + view[2] * pz + view[9]
             y = view[3] * px + view[4] * py + view[5] * pz + view[10]
             z = record[DEPTH]
-            u, u_held = _screen_direction(x, z, view[15], view[17], width)
-            v, v_held = _screen_direction(y, z, view[16], view[18], height)
+            u, u_held = screen_direction(x, z, view[15], view[17], width)
+            v, v_held = screen_direction(y, z, view[16], view[18], height)
             inverse_norm = _scaled_axes(quaternions[n], log_scales[n], axes)
             _screen_axes(axes, view, z, u, v, m)
 

@@ -19,6 +19,7 @@ from fvs_service.gateway.rest import (
     events,
     images,
     jobs,
+    missions,
     openapi,
     plans,
     problems,
@@ -26,12 +27,16 @@ from fvs_service.gateway.rest import (
     scenes,
     service,
     snapshots,
+    uploads,
+    visits,
 )
 from fvs_service.gateway.rest.body_guard import BodyGuard
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
 from fvs_service.gateway.rest.refusal_guard import RefusalGuard
 from fvs_service.gateway.rest.routing import JsonRoute
+from fvs_service.gateway.rest.tus import TusProtocol
+from fvs_service.images.expiry import prune_regularly
 from fvs_service.settings import Settings
 from fvs_service.storage.notifications import Topic
 from fvs_service.telemetry import Metrics
@@ -43,7 +48,19 @@ _PARSERS = 1
 """Threads that parse bodies: they hold the interpreter, and more would only keep the event loop from it."""
 
 
-_RESOURCES = (scenes, images, jobs, events, rankings, plans, snapshots, capabilities)
+_RESOURCES = (
+    scenes,
+    images,
+    uploads,
+    jobs,
+    events,
+    rankings,
+    plans,
+    visits,
+    missions,
+    snapshots,
+    capabilities,
+)
 
 
 def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
@@ -76,7 +93,9 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             watching = asyncio.gather(
                 feed.watch(),
                 loop_lag.watch(),
-                application.partial_uploads.prune_regularly(settings.sweep_s),
+                prune_regularly(
+                    settings.sweep_s, application.partial_uploads.prune, application.resumable_uploads.prune
+                ),
             )
             subscription = application.storage.database.subscribe({Topic.EVENTS: feed.notify})
             try:
@@ -100,6 +119,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(RefusalGuard, refusals=refusals)
     app.add_middleware(OriginGuard, settings=settings)
+    app.add_middleware(TusProtocol)
     app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing)
     problems.install(app)
     bodies = []

@@ -5,16 +5,24 @@ parser takes a few nanoseconds per byte whatever the bytes are, and the number o
 object are limited, because each becomes a Python object, or an error.
 """
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+import asyncio
+import time
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Annotated, Any, TypeVar
 
 import anyio.to_thread
 import orjson
 from fastapi import Depends, Request
 from pydantic import ValidationError
+from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 
-from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
+from fvs_service.errors import (
+    InvalidRequestError,
+    MalformedRequestError,
+    SlowRequestError,
+    UnsupportedMediaTypeError,
+)
 from fvs_service.gateway.rest.dependencies import Permission, application_of
 from fvs_service.gateway.validation import invalid_body
 from fvs_service.model import Model
@@ -26,7 +34,8 @@ _BYTES_PER_VALUE = 64
 """Bytes per value in a body of the largest allowed size, which may thus have 23,437 values by default.
 2,000 candidates have 20,000."""
 _MAX_FIELDS = 64
-_BLOCK_BYTES = 262_144
+_BLOCK_BYTES, _BLOCK_S = 262_144, 0.5
+"""Size of a block, and the time after which it is shorter: what has not been written is lost in a crash."""
 _SMALL_BYTES = 16_384
 """Smaller bodies are read before the caller is known, and parsed without a queue: both are cheap."""
 
@@ -111,24 +120,51 @@ def _validated(kind: type[ModelT], document: Any, limits: Limits) -> ModelT | In
         return invalid_body(error, document)
 
 
-async def blocks(request: Request) -> AsyncIterator[bytes]:
-    """The body in blocks that are worth a call of a thread; the last one may be shorter.
+async def blocks(request: Request) -> AsyncGenerator[bytes, None]:
+    """The body in blocks that are worth a call of a thread; those of a slow one, and the last, are shorter.
 
-    What arrived before the client hung up comes before its ``ClientDisconnect``.
+    What arrived before the client hung up, became too slow, or had to give way, comes before the exception.
     """
-    block = bytearray()
+    stream, block, began = request.stream(), bytearray(), 0.0
+    arriving = asyncio.ensure_future(anext(stream, None))
     try:
-        async for chunk in request.stream():
-            block += chunk
-            if len(block) >= _BLOCK_BYTES:
+        while True:
+            left_s = began + _BLOCK_S - time.monotonic() if block else None
+            await asyncio.wait({arriving}, timeout=left_s)
+            if arriving.done():
+                chunk = arriving.result()
+                if chunk is None:
+                    break
+                arriving = asyncio.ensure_future(anext(stream, None))
+                began = began if block else time.monotonic()
+                block += chunk
+            if len(block) >= _BLOCK_BYTES or (block and time.monotonic() - began >= _BLOCK_S):
                 yield bytes(block)
                 block.clear()
-    except ClientDisconnect:
+    except (ClientDisconnect, SlowRequestError, asyncio.CancelledError):
         if block:
             yield bytes(block)
         raise
+    finally:
+        arriving.cancel()
+        await asyncio.gather(arriving, return_exceptions=True)
     if block:
         yield bytes(block)
+
+
+def declared_bytes(request: Request) -> int | None:
+    """The declared size of the body, None without one; raises ``MalformedRequestError``."""
+    declared = request.headers.get("content-length")
+    if declared is None:
+        return None
+    if not (declared.isascii() and declared.isdigit()):
+        raise MalformedRequestError("Content-Length is not a number.")
+    return int(declared)
+
+
+def has_body(headers: Headers) -> bool:
+    """Whether a request carries a body."""
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 def _most_values(limits: Limits) -> int:

@@ -8,6 +8,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import InvalidRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.problems import problem_response
+from fvs_service.gateway.rest.tus import is_upload
 from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.staging import too_large
 from fvs_service.settings import Settings
@@ -66,6 +67,8 @@ class BodyGuard:
     def _limit(self, path: str, method: str) -> int:
         limits = self._settings.limits
         if method == "PUT" and "/images/" in path:
+            return limits.image_bytes
+        if method in ("POST", "PATCH") and is_upload(path):
             return limits.image_bytes
         if method == "POST" and path.endswith("/images"):
             return limits.multipart_bytes

@@ -131,6 +131,11 @@ async def to_operate(request: Request, caller: Caller, scene_id: SceneId) -> Per
     return partial(application_of(request).scenes.require, caller, Scope.OPERATE, scene_id)
 
 
+async def to_read(request: Request, caller: Caller, scene_id: SceneId) -> Permission:
+    """The permission to read the scene of the path, which exists."""
+    return partial(application_of(request).scenes.require, caller, Scope.READ, scene_id)
+
+
 async def to_operate_snapshot(request: Request, caller: Caller, snapshot_id: SnapshotId) -> Permission:
     """The permission to operate the scene of the path's snapshot, which exists."""
     snapshots = application_of(request).storage.snapshots

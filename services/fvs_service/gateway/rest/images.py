@@ -1,5 +1,6 @@
 """Images over REST."""
 
+import contextlib
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 from urllib.parse import quote
@@ -11,10 +12,9 @@ from starlette.concurrency import run_in_threadpool
 from fvs_service.application import Application
 from fvs_service.errors import (
     InvalidRequestError,
-    MalformedRequestError,
     UnsupportedMediaTypeError,
 )
-from fvs_service.gateway.rest.bodies import blocks, json_body
+from fvs_service.gateway.rest.bodies import blocks, declared_bytes, json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -120,7 +120,7 @@ async def post_images(
     """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
     await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
-    with app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place:
+    with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
         most = app.storage.settings.limits.multipart_files
         files = receive_files(request, app.staging, most, parsing)
         while (file := await _next(files, place)) is not None:
@@ -210,16 +210,16 @@ async def _receive(
 ) -> tuple[Image, bool]:
     """Stage the body of a PUT, and store it if the scene does not have the image."""
     _require_image_type(request)
-    with app.upload_places.place(caller, request.state.pace, _declared_bytes(request)) as place:
+    with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
         known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
         if known is not None:
             async with place.receiving():
                 async for _ in request.stream():  # read it all, so that the connection can be reused
                     pass
             return known, False
-        with app.staging.receive(_declared_bytes(request)) as receiver:
-            async with place.receiving():
-                async for block in blocks(request):
+        with app.staging.receive(declared_bytes(request)) as receiver:
+            async with place.receiving(), contextlib.aclosing(blocks(request)) as body:
+                async for block in body:
                     await run_in_threadpool(receiver.write, block)
             staged = receiver.finish()
             require_digest(staged.digest, digest)
@@ -253,15 +253,6 @@ def _require_image_type(request: Request) -> None:
         raise UnsupportedMediaTypeError(
             f"The body is {kind}.", hint="Send the bytes as image/jpeg or application/octet-stream."
         )
-
-
-def _declared_bytes(request: Request) -> int | None:
-    declared = request.headers.get("content-length")
-    if declared is None:
-        return None
-    if not (declared.isascii() and declared.isdigit()):
-        raise MalformedRequestError("Content-Length is not a number.")
-    return int(declared)
 
 
 def _count(metrics: Metrics, image: Image, *, created: bool) -> None:

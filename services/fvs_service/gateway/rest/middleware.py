@@ -48,7 +48,9 @@ class RequestContext:
             self._loop_lag.handling()
             if message["type"] == "http.response.start":
                 status, responding = message["status"], True
-                message = {**message, "headers": [*message["headers"], *_headers(request_id)]}
+                given = {name.lower() for name, _ in message["headers"]}
+                ours = (header for header in _headers(request_id) if header[0] not in given)
+                message = {**message, "headers": [*message["headers"], *ours]}
             await send(message)
 
         async def receive_observed() -> Message:

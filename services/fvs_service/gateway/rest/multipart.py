@@ -3,6 +3,7 @@
 No file is kept in memory, and files that arrived before the connection broke are not lost.
 """
 
+import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
@@ -49,13 +50,14 @@ async def receive_files(
     parts = _Parts(staging, max_files)
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
-        async for block in blocks(request):
-            writing = anyio.to_thread.run_sync(parser.write, block, limiter=parsing)
-            await to_its_end(writing)  # also opens files, which nobody would delete
-            while parts.complete:
-                receiver, file = parts.complete.pop(0)
-                with receiver:
-                    yield file
+        async with contextlib.aclosing(blocks(request)) as body:
+            async for block in body:
+                writing = anyio.to_thread.run_sync(parser.write, block, limiter=parsing)
+                await to_its_end(writing)  # also opens files, which nobody would delete
+                while parts.complete:
+                    receiver, file = parts.complete.pop(0)
+                    with receiver:
+                        yield file
         if not parts.ended:
             raise MalformedRequestError("The form is cut off.", hint="Send it again.")
     except FormParserError as error:

@@ -20,7 +20,7 @@ from fvs_service.model import Model
 MEDIA_TYPE = "application/problem+json"
 CLIENT_GONE = 499
 """What logs and metrics show for a request whose client hung up before its end, as in nginx."""
-_METHODS = ("DELETE", "GET", "HEAD", "PATCH", "POST", "PUT")
+_METHODS = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 
 _BY_STATUS: Mapping[int, type[ServiceError]] = {
     400: errors.MalformedRequestError,

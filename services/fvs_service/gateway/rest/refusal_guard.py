@@ -7,6 +7,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from fvs_service.auth import bearer_key
 from fvs_service.errors import ServiceError
 from fvs_service.gateway.refusals import Refusals
+from fvs_service.gateway.rest.bodies import has_body
 from fvs_service.gateway.rest.problems import problem_response
 
 _WITH_KEY = "/v1/"
@@ -26,14 +27,10 @@ class RefusalGuard:
             await self._app(scope, receive, send)
             return
         try:
-            self._refusals.check(key, with_body=_has_body(headers))
+            self._refusals.check(key, with_body=has_body(headers))
         except ServiceError as error:
             await problem_response(Request(scope), error)(scope, receive, send)
             return
         await self._app(scope, receive, send)
         if "error" in scope["state"]:
             self._refusals.count(key, scope["state"].get("principal"), scope["state"]["error"])
-
-
-def _has_body(headers: Headers) -> bool:
-    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers

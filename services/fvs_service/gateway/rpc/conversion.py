@@ -110,6 +110,8 @@ def _document(message: Message, path: str) -> Any:
     if union is not None:
         return _member(message, union, path)
     if _is_list(descriptor):
+        if _fields(descriptor)["items"].message is None:
+            return list(message.items)
         return [_document(item, f"{path}.{place}") for place, item in enumerate(message.items)]
     return _fields_of(message, path, None)
 

@@ -29,7 +29,7 @@ from fvs_service.principal import Principal
 
 T = TypeVar("T")
 
-_WITH_LISTS = frozenset({"CheckImages", "PlanViews", "RankViews", "StreamRankViews"})
+_WITH_LISTS = frozenset({"CheckImages", "CreateMission", "PlanViews", "RankViews", "StreamRankViews"})
 _WITHOUT_LISTS_BYTES = 65_536
 """Maximum size of the requests of all other methods."""
 _SMALL_BYTES = 4_096

@@ -1,9 +1,10 @@
-"""Rankings and plans over gRPC."""
+"""Rankings, plans and missions over gRPC."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
 from typing import TypeVar
 
+from anyio.to_thread import run_sync
 from fvs.v1 import views_pb2 as pb
 from google.protobuf.message import Message
 
@@ -11,11 +12,13 @@ from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest
 from fvs_service.model import Model
 from fvs_service.plans.model import Plan, PlanRequest
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.model import Ranking, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
+from fvs_service.visits.model import VisitList, VisitReport
 
 RequestT = TypeVar("RequestT", bound=Model)
 
@@ -85,8 +88,40 @@ class ViewServicer:
         with call.gateway.metrics.rankings_open.track_inprogress():
             return await self._app.plans.create(caller, request.scene_id, wanted, call.timeout_s())
 
+    def report_visits(self, caller: Principal, request: pb.ReportVisitsRequest) -> VisitList:
+        """Report what a vehicle does about views."""
+        report = read(VisitReport, request.report, self._app.storage.settings.limits)
+        return self._app.visits.report(caller, request.scene_id, report)
+
+    def list_visits(self, caller: Principal, request: pb.ListVisitsRequest) -> VisitList:
+        """List what vehicles do about views."""
+        return self._app.visits.of_scene(caller, request.scene_id)
+
+    def get_ranking_mission(self, caller: Principal, request: pb.GetRankingMissionRequest) -> pb.MissionFile:
+        """Write the ranked candidates of a ranking as a mission."""
+        options = pick(MissionOptions, request)
+        return _mission(self._app.missions.of_ranking(caller, request.ranking_id, options))
+
+    async def create_mission(
+        self, call: Call, caller: Principal, request: pb.CreateMissionRequest
+    ) -> pb.MissionFile:
+        """Write views as a mission."""
+        options = pick(MissionOptions, request)
+        wanted = await self._unread(
+            call, caller, request.scene_id, MissionRequest, request.mission, Scope.READ
+        )
+        return _mission(
+            await run_sync(self._app.missions.of_views, caller, request.scene_id, wanted, options)
+        )
+
     async def _unread(
-        self, call: Call, caller: Principal, scene_id: str, kind: type[RequestT], request: Message
+        self,
+        call: Call,
+        caller: Principal,
+        scene_id: str,
+        kind: type[RequestT],
+        request: Message,
+        scope: Scope = Scope.OPERATE,
     ) -> Callable[[], RequestT]:
         """The request, to be read in a thread that has checked the permission; a large one has been read."""
         limits = self._app.storage.settings.limits
@@ -95,10 +130,16 @@ class ViewServicer:
             return read(kind, request, limits)
 
         def checked() -> RequestT:
-            self._app.scenes.require(caller, Scope.OPERATE, scene_id)
+            self._app.scenes.require(caller, scope, scene_id)
             return parsed()
 
         if (size_bytes := request.ByteSize()) <= _SMALL_BYTES:
             return parsed
         found = await call.run(size_bytes, checked)
         return lambda: found
+
+
+def _mission(file: MissionFile) -> pb.MissionFile:
+    return pb.MissionFile(
+        name=file.name, media_type=file.media_type, content=file.content, left_out=file.left_out
+    )

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from fvs_engine.plan.clearance import Matter
 from fvs_engine.plan.registration import Observations
+from fvs_engine.scene.matter import matter_of
 from fvs_engine.scene.observations import read_observations
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
@@ -44,6 +46,11 @@ class ModelState:
                 self.cameras.views, self.cameras.model_from_cameras(), strict=True
             )
         )
+
+    @cached_property
+    def matter(self) -> Matter:
+        """What the Gaussians show to be solid."""
+        return matter_of(self.gaussians)
 
     @cached_property
     def observations(self) -> Observations:

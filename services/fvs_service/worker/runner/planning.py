@@ -4,25 +4,45 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
+from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
+from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.mission import plan_mission
-from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
+from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
-from fvs_service.rankings.port import PlanViews, UpdateQuality
+from fvs_service.rankings.port import PlannedFlight, PlanViews, UpdateQuality, ViewsInVolume
 from fvs_service.worker.runner.model_states import ModelState
 
 
-def plan_views(request: PlanViews, state: ModelState) -> Mission:
+def plan_views(request: PlanViews, state: ModelState) -> PlannedFlight:
     """Plan a flight; raises ``InvalidInputError`` for what cannot be flown."""
-    targets = Targets(state.visited, request.views, request.targets, state.observations)
+    space: FreeSpace | None = None
+    generated: tuple[PinholeView, ...] = ()
+    if request.clearance is not None:
+        space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly)
+    if request.generate is not None:
+        generated = _generated(request.generate, space or FreeSpace(state.matter))
+    targets = Targets(
+        state.visited, generated or request.views, request.targets, state.observations, taken=request.taken
+    )
     starts = [np.array(start) for start in request.starts] or [state.visited[-1].centre]
     by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
     seen = _seen(request.updates, by_image, targets.spread)
-    return plan_mission(targets, Budget(request.budget, request.distance, request.home), starts, seen)
+    budget = Budget(request.budget, request.distance, request.home)
+    legs = None if space is None else FreeLegs(np.concatenate([targets.centres, starts]), space)
+    mission = plan_mission(targets, budget, starts, seen, legs)
+    shown = with_appearance(mission, targets.later, state.gaussians)
+    return PlannedFlight(mission=shown, generated=generated)
+
+
+def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ...]:
+    aim = Aim(wanted.aim, wanted.level)
+    return candidates_in(wanted.volume, wanted.count, wanted.camera, up=wanted.up, aim=aim, space=space)
 
 
 def _seen(updates: Sequence[UpdateQuality], by_image: dict[str, PinholeView], spread: float) -> list[Seen]:

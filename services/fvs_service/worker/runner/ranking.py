@@ -20,15 +20,16 @@ def rank_views(
     request: RankViews, state: ModelState, rasterizer: Rasterizer, monitor: Monitor
 ) -> RankedViews:
     """Rank the request's views; raises ``InvalidInputError`` for an unknown method, ``Cancelled``."""
-    names = (*(view.name for view in state.visited), *sorted(view.name for view in request.views))
+    visited = (*state.visited, *request.taken)
+    names = (*(view.name for view in visited), *sorted(view.name for view in request.views))
     context = SelectionContext(
         gaussians=state.gaussians,
         rasterizer=rasterizer,
         sh_degree=state.sh_degree,
-        visited=state.visited,
+        visited=visited,
         candidates=request.views,
         order={name: number for number, name in enumerate(names)},
-        budget=len(state.visited) + request.budget,
+        budget=len(visited) + request.budget,
         seed=request.seed,
         step=0,
     )

@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.plan_records import Mission
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
-from fvs_service.rankings.port import PlanViews, RankedViews, RankViews, RenderView
+from fvs_service.rankings.port import PlannedFlight, PlanViews, RankedViews, RankViews, RenderView
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
@@ -116,7 +115,7 @@ class RunnerServer:
             case RenderView():
                 return self._ask(connection, request, request.kind, 1, self._render)[0]
             case PlanViews():
-                return self._ask(connection, request, request.kind, len(request.views), self._plan)[0]
+                return self._ask(connection, request, request.kind, request.size, self._plan)[0]
             case RunJob():
                 return self._run_job(connection, request)
             case CancelJob():
@@ -171,7 +170,7 @@ class RunnerServer:
         monitor.check()
         return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
 
-    def _plan(self, request: PlanViews, monitor: Monitor) -> Mission:
+    def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
         state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
         return plan_views(request, state)

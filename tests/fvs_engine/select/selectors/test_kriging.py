@@ -27,6 +27,15 @@ def test_the_remaining_views_are_planned_together(context, ring, chosen_in_turn)
     assert sorted(chosen) == ["120", "240"]
 
 
+def test_scores_are_the_same_in_whatever_order_candidates_come(context, ring):
+    """Sums in another order differ by rounding, which may decide between views that do as well."""
+    visited, candidates = ring(0, 20), ring(*range(40, 360, 20))
+    order = {view.name: place for place, view in enumerate([*visited, *candidates])}
+    scores = create_selector("kriging").score(context(visited, candidates, order=order, budget=6))
+    again = create_selector("kriging").score(context(visited, candidates[::-1], order=order, budget=6))
+    assert scores == again[::-1]
+
+
 def test_planned_views_are_visited_along_a_short_way(context, ring, chosen_in_turn):
     visited, candidates = ring(0), a_ring(ring)
     views = {view.name: view for view in (*visited, *candidates)}

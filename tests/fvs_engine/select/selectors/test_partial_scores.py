@@ -5,7 +5,10 @@ import pytest
 from fvs_engine.monitor import Monitor
 from fvs_engine.select.selectors import SELECTORS, create_selector
 
-ONE_BY_ONE = ("median-frequency", "spectral-median", "fisher", "d-optimal", "coverage")
+ONE_BY_ONE = (
+    "median-frequency", "median-frequency-fast", "median-frequency-estimate", "spectral-median", "fisher",
+    "d-optimal", "coverage",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("method", SELECTORS)

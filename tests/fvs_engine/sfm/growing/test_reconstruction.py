@@ -400,8 +400,6 @@ def test_files_that_cannot_be_added_are_named(grown: Grown, images_copy: Path, t
         growing.add(["notes.jpg"], Monitor())
     with pytest.raises(InvalidInputError, match=r"nowhere\.jpg does not exist"):
         growing.add(["nowhere.jpg"], Monitor())
-    with pytest.raises(InvalidInputError, match="white space"):
-        growing.add(["two words.jpg"], Monitor())
     assert growing.unregistered == ()
 
 

@@ -1,0 +1,210 @@
+"""``fvs-client fly``."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from fvs_client.cli.exit_codes import NOT_FLOWN
+from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, SceneArgument
+from fvs_client.cli.output import print_json
+from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
+from fvs_client.cli.program import Target
+from fvs_client.cli.session import find_scene, service
+from fvs_client.default_url import DEFAULT_URL
+from fvs_client.fly.flight import Ending, Flight, FlightSettings
+from fvs_client.fly.log import FlightLog
+from fvs_client.fly.photographs import Photographs
+from fvs_client.fly.survey import Survey
+from fvs_client.fly.vehicle import Vehicle
+from fvs_client.models.missions import MissionSettings
+
+_DONE = frozenset({Ending.BUDGET, Ending.BATTERY, Ending.STOPPED, Ending.GOOD_ENOUGH})
+_SURVEY_FORM = "LATITUDE,LONGITUDE,RADIUS,HEIGHT"
+
+
+def fly(
+    context: typer.Context,
+    scene: SceneArgument,
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            metavar="URL", help="The autopilot: tcp:HOST:PORT, udpin:0.0.0.0:14550 or a serial device."
+        ),
+    ],
+    photographs: Annotated[
+        Path,
+        typer.Option(
+            exists=True, file_okay=False, metavar="FOLDER", help="Where the camera writes its photographs."
+        ),
+    ],
+    name: Annotated[
+        str, typer.Option(metavar="NAME", help="The vehicle's name: others leave its views out.")
+    ] = "vehicle-1",
+    views: Annotated[
+        int, typer.Option(min=1, max=10_000, metavar="N", help="How many photographs in all.")
+    ] = 20,
+    method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
+        "median-frequency"
+    ),
+    generator: Annotated[
+        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and around-current.")
+    ] = None,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
+    ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(min=0, max=1e9, metavar="M", help="Only views within M of the vehicle."),
+    ] = None,
+    survey: Annotated[
+        str | None,
+        typer.Option(
+            metavar=_SURVEY_FORM,
+            help="Where the scene has no model: first fly a circle around a point, in degrees and in m "
+            "above home.",
+            show_default=False,
+        ),
+    ] = None,
+    survey_views: Annotated[
+        int, typer.Option(min=3, max=200, metavar="N", help="Photographs of the survey.")
+    ] = 8,
+    survey_arc: Annotated[
+        float, typer.Option(min=1, max=360, metavar="DEG", help="The part of the circle that it flies.")
+    ] = 100.0,
+    survey_start: Annotated[
+        float,
+        typer.Option(
+            min=-360, max=360, metavar="DEG", help="Where it begins, clockwise from north of the point."
+        ),
+    ] = 0.0,
+    reserve: Annotated[
+        float, typer.Option(min=0, max=1, metavar="SHARE", help="Return home with so much of the battery.")
+    ] = 0.3,
+    patience: Annotated[
+        float,
+        typer.Option(
+            min=5, max=3_600, metavar="S", help="The vehicle waits so long for its next view, then returns."
+        ),
+    ] = 300.0,
+    stop_at_db: Annotated[
+        float | None,
+        typer.Option(min=0, max=100, metavar="DB", help="Stop when so much PSNR is to be expected."),
+    ] = None,
+    transit_height: Annotated[
+        float | None,
+        typer.Option(min=0, max=10_000, metavar="M", help="Fly from view to view so high above home."),
+    ] = None,
+    lowest: Annotated[
+        float | None, typer.Option(min=0, max=10_000, metavar="M", help="No view is lower above home.")
+    ] = None,
+    highest: Annotated[
+        float | None, typer.Option(min=0, max=10_000, metavar="M", help="Nothing is flown higher above home.")
+    ] = None,
+    geofence: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON;LAT,LON;…", help="A polygon to stay inside, in degrees.", show_default=False
+        ),
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.1, max=50, metavar="M/S", help="Speed between views.")] = 5.0,
+    iterations: IterationsOption = None,
+    long_side: LongSideOption = None,
+    log: Annotated[
+        Path | None, typer.Option(dir_okay=False, metavar="FILE", help="Append events as lines of JSON.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly a vehicle from view to view: ask, fly, photograph, send, update the model, ask again.
+
+    Ctrl-C sends it home; a second one ends this program, and the vehicle returns by itself. Lines on a
+    terminal: `pause`, `resume`, `home`. Needs the extra `fly` of fvs-client.
+    """
+    if candidates is not None and generator is not None:
+        raise typer.BadParameter("Give --candidates or --generator, not both.")
+    listed = read_candidates(candidates)
+    mission: MissionSettings = {"speed_m_s": speed}
+    if transit_height is not None:
+        mission["transit_height_m"] = transit_height
+    if lowest is not None:
+        mission["lowest_height_m"] = lowest
+    if highest is not None:
+        mission["highest_height_m"] = highest
+    if geofence is not None:
+        mission["geofence"] = geofence
+    settings = FlightSettings(
+        vehicle=name,
+        photographs=views,
+        method=method,
+        generator=generator_of(generator or GeneratorName.ORBIT, count) if listed is None else None,
+        candidates=None if listed is None else tuple(listed),
+        radius_m=radius,
+        survey=None if survey is None else _survey(survey, survey_views, survey_start, survey_arc),
+        reserve=reserve,
+        patience_s=patience,
+        iterations=iterations,
+        long_side_px=long_side,
+        stop_at_db=stop_at_db,
+        mission=mission,
+    )
+    target: Target = context.find_object(Target) or Target(None, None)
+
+    def say(line: str) -> None:
+        typer.echo(line, err=True)
+
+    with service(context, as_json=as_json) as client:
+        found = find_scene(client, scene)
+        sending = Photographs(
+            photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
+        )
+        with Vehicle(vehicle) as connected, sending as sent:
+            flight = Flight(found, connected, sent, settings, FlightLog(log, say))
+            _listen(flight)
+            result = flight.fly()
+    if as_json:
+        print_json(vars(result))
+    else:
+        more = f" {result.unsent} wait in the outbox: `fvs-client spool send`." if result.unsent else ""
+        typer.echo(f"{result.photographs} photographs, {result.failed} failed: {result.reason}{more}")
+    if result.ending not in _DONE:
+        raise typer.Exit(NOT_FLOWN)
+
+
+def _survey(text: str, count: int, start_deg: float, arc_deg: float) -> Survey:
+    try:
+        latitude, longitude, radius, height = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not {_SURVEY_FORM}.", param_hint="--survey") from error
+    return Survey(latitude, longitude, radius, height, count=count, start_deg=start_deg, arc_deg=arc_deg)
+
+
+def _listen(flight: Flight) -> None:
+    """Ctrl-C and SIGTERM send the vehicle home, once; on a terminal, lines are commands."""
+
+    def home(number: int, _frame: FrameType | None) -> None:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+        flight.return_home()
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, home)
+        signal.signal(signal.SIGTERM, home)
+    if sys.stdin is not None and sys.stdin.isatty():
+        threading.Thread(target=_commands, args=(flight,), daemon=True).start()
+
+
+def _commands(flight: Flight) -> None:
+    commands = {"pause": flight.pause, "resume": flight.resume, "home": flight.return_home}
+    for line in sys.stdin:
+        command = commands.get(line.strip())
+        if command is None:
+            typer.echo(f"The commands are {', '.join(commands)}.", err=True)
+        else:
+            command()

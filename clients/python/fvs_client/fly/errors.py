@@ -1,0 +1,11 @@
+"""What can go wrong with a vehicle."""
+
+from fvs_client.errors import FvsError
+
+
+class VehicleError(FvsError):
+    """The vehicle does not answer, refuses something, or its camera brings no photograph."""
+
+
+class NoAnswerError(VehicleError):
+    """The vehicle has been silent for too long: it may still fly its last mission."""

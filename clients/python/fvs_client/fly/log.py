@@ -1,0 +1,49 @@
+"""The log of a flight: a line of JSON for each event."""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fvs_client.fly.vehicle import VehicleState
+
+
+@dataclass
+class FlightLog:
+    """Writes events to a file, if there is one, and says them.
+
+    An event has its time ``t_s`` since the beginning, the vehicle's position and battery, and a text, which
+    is empty for those that are not said.
+    """
+
+    path: Path | None
+    say: Callable[[str], None]
+    _began: float = field(default_factory=time.monotonic)
+
+    def event(self, kind: str, text: str, state: VehicleState | None = None, **more: object) -> None:
+        """Log an event."""
+        if text:
+            self.say(text)
+        if self.path is None:
+            return
+        document: dict[str, object] = {
+            "t_s": round(time.monotonic() - self._began, 3),
+            "event": kind,
+            "text": text,
+        }
+        if state is not None and state.located:
+            document |= {
+                "latitude_deg": state.latitude_deg,
+                "longitude_deg": state.longitude_deg,
+                "height_m": state.height_m,
+                "battery": state.battery,
+            }
+        document |= more
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({key: _plain(value) for key, value in document.items()}) + "\n")
+
+
+def _plain(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

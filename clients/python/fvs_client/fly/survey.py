@@ -1,0 +1,74 @@
+"""The first photographs of a scene, of which its first model is made: a circle around the object."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.items import Command, Frame, MissionItem
+
+_EARTH_RADIUS_M = 6_371_000.0
+_TARGETING = 2.0
+"""``MAV_MOUNT_MODE_MAVLINK_TARGETING``."""
+_STILL_S = 2.0
+"""How long a vehicle stands still before and after a photograph."""
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Survey:
+    """``count`` photographs on a circle of ``radius_m`` at ``height_m`` above home.
+
+    They look at a point ``target_height_m`` above home in the middle of the circle. ``arc_deg`` is the part
+    of the circle that is flown, from ``start_deg``: a direction from the middle, clockwise from north.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    radius_m: float
+    height_m: float
+    target_height_m: float = 0.0
+    count: int = 8
+    start_deg: float = 0.0
+    arc_deg: float = 360.0
+
+    def __post_init__(self) -> None:
+        if self.count < _FEWEST or self.radius_m <= 0 or self.height_m <= 0:
+            raise VehicleError(
+                f"A survey needs {_FEWEST} photographs, a radius and a height above zero.",
+                hint="Structure from motion works well with eight photographs that overlap.",
+            )
+
+    def items(self) -> list[MissionItem]:
+        """The mission, with home as a place holder first, a takeoff, and the way home last."""
+        home = MissionItem(
+            Command.WAYPOINT, Frame.GLOBAL, x=self.latitude_deg, y=self.longitude_deg
+        )  # an autopilot has its own
+        takeoff = MissionItem(
+            Command.TAKEOFF, Frame.RELATIVE, x=self.latitude_deg, y=self.longitude_deg, z=self.height_m
+        )
+        photographs = (item for number in range(self.count) for item in self._photograph(number))
+        return [home, takeoff, *photographs, MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)]
+
+    def _photograph(self, number: int) -> Iterator[MissionItem]:
+        closed = self.arc_deg >= 360.0
+        step_deg = self.arc_deg / (self.count if closed else self.count - 1)
+        direction_deg = self.start_deg + number * step_deg
+        direction = math.radians(direction_deg)
+        north_m, east_m = self.radius_m * math.cos(direction), self.radius_m * math.sin(direction)
+        latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_RADIUS_M)
+        around_m = _EARTH_RADIUS_M * math.cos(math.radians(self.latitude_deg))
+        longitude_deg = self.longitude_deg + math.degrees(east_m / around_m)
+        yaw_deg = (direction_deg + 180.0) % 360.0
+        pitch_deg = math.degrees(math.atan2(self.target_height_m - self.height_m, self.radius_m))
+        place = {"x": latitude_deg, "y": longitude_deg, "z": self.height_m}
+        yield MissionItem(Command.MOUNT_CONTROL, Frame.MISSION, (pitch_deg, 0.0, 0.0, 0.0), z=_TARGETING)
+        yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
+        yield MissionItem(Command.CONDITION_YAW, Frame.MISSION, (yaw_deg, 0.0, 0.0, 0.0))
+        yield _delay()
+        yield MissionItem(Command.DIGICAM_CONTROL, Frame.MISSION, x=1.0)
+        yield _delay()
+
+
+def _delay() -> MissionItem:
+    return MissionItem(Command.DELAY, Frame.MISSION, (_STILL_S, -1.0, -1.0, -1.0))

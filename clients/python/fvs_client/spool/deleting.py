@@ -1,0 +1,50 @@
+"""Delete photographs that the service has acknowledged, if that was asked for."""
+
+from collections.abc import Callable
+
+from fvs_client.spool.outbox import Outbox
+from fvs_client.spool.photograph import Photograph
+from fvs_client.spool.settings import Settings
+from fvs_client.spool.taking import digest_of
+
+
+class Room:
+    """Keeps the photographs of an outbox within their disk space."""
+
+    def __init__(self, outbox: Outbox, settings: Settings, say: Callable[[str], None]) -> None:
+        self._outbox, self._settings, self._say = outbox, settings, say
+        self._told = False
+
+    def make(self) -> None:
+        """Delete what may be deleted: sent photographs, the oldest first, as far as the limit asks for it."""
+        most = self._settings.max_disk_bytes
+        kept = self._outbox.kept_bytes()
+        if self._settings.delete_sent and (most is None or kept > most):
+            for photograph in self._outbox.deletable():
+                if most is not None and kept <= most:
+                    break
+                if self._delete(photograph):
+                    kept -= photograph.size_bytes
+        if most is None or kept <= most:
+            self._told = False
+        elif not self._told:
+            self._told = True
+            why = "None of them is deleted before the service has it."
+            if not self._settings.delete_sent:
+                why = "Nothing is deleted without --delete-sent."
+            self._say(f"The photographs take {kept / 1e6:,.0f} MB, more than {most / 1e6:,.0f} MB. {why}")
+
+    def _delete(self, photograph: Photograph) -> bool:
+        """Delete the file if its bytes are those that were acknowledged; whether it is gone."""
+        path = photograph.path
+        try:
+            if digest_of(path) == photograph.digest:
+                path.unlink()
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            self._say(f"{path} cannot be deleted: {error.strerror}.")
+            return False
+        # What has other bytes now is another photograph, which the outbox has by its own digest.
+        self._outbox.set_deleted(photograph.number)
+        return True

@@ -1,0 +1,102 @@
+"""The photographs in a folder that a camera writes to."""
+
+import os
+import re
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_client.image_files import SUFFIXES, UNREADABLE_SUFFIXES, scene_name
+
+
+@dataclass(frozen=True, slots=True)
+class FoundFile:
+    """A file as it is now; ``sidecar`` is its JSON file, ``sidecar_state`` that file's size and time.
+
+    Of text: a folder may have thousands, and a ``Path`` takes a kilobyte.
+    """
+
+    location: str
+    name: str
+    size_bytes: int
+    mtime_ns: int
+    sidecar: str | None
+    sidecar_state: str
+
+    @property
+    def path(self) -> Path:
+        """Where the file is."""
+        return Path(self.location)
+
+    @property
+    def readable(self) -> bool:
+        """Whether the service reads its format."""
+        return os.path.splitext(self.location)[1].lower() in SUFFIXES  # noqa: PTH122
+
+
+def find_files(folder: Path) -> list[FoundFile]:
+    """The image files in and below a folder, except hidden ones, in the order of their numbers.
+
+    Not by time: a camera's clock jumps when it first hears of the satellites'. Raises ``OSError`` when the
+    folder cannot be read.
+    """
+    return sorted(_below(folder, ()), key=lambda file: _numbers(file.location))
+
+
+def find_file(path: Path) -> FoundFile:
+    """One file, by its own path. Raises ``OSError``."""
+    status = path.stat()
+    state: tuple[str | None, str] = (None, "")
+    for sidecar in (path.with_name(f"{path.name}.json"), path.with_suffix(".json")):
+        if sidecar.is_file():
+            state = (str(sidecar), _state(sidecar.stat()))
+            break
+    return FoundFile(str(path), scene_name([path.name]), status.st_size, status.st_mtime_ns, *state)
+
+
+def _below(folder: Path | str, parts: Sequence[str]) -> Iterator[FoundFile]:
+    names = {name for name in os.listdir(folder) if not name.startswith(".")}  # noqa: PTH208 -- only names
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name not in names:
+                continue
+            try:
+                if entry.is_dir(follow_symlinks=False):
+                    yield from _below(entry.path, (*parts, entry.name))
+                elif _is_wanted(entry.name, names) and entry.is_file():
+                    yield _found(entry, (*parts, entry.name), names)
+            except FileNotFoundError:  # gone since it was listed
+                continue
+
+
+def _is_wanted(name: str, beside: Container[str]) -> bool:
+    """Whether a file is an image; a raw file beside its JPEG, which is sent, is not."""
+    stem, suffix = os.path.splitext(name)  # noqa: PTH122 -- of every file, once a second
+    if suffix.lower() in UNREADABLE_SUFFIXES:
+        return not any(f"{stem}{other}" in beside for other in _BESIDE_RAW)
+    return suffix.lower() in SUFFIXES
+
+
+def _found(entry: os.DirEntry[str], parts: Sequence[str], beside: Container[str]) -> FoundFile:
+    status = entry.stat()
+    sidecar, sidecar_state = None, ""
+    for name in (f"{entry.name}.json", f"{os.path.splitext(entry.name)[0]}.json"):  # noqa: PTH122
+        if name in beside:
+            sidecar = f"{entry.path.removesuffix(entry.name)}{name}"
+            sidecar_state = _state(os.stat(sidecar))  # noqa: PTH116
+            break
+    return FoundFile(
+        entry.path, scene_name(parts), status.st_size, status.st_mtime_ns, sidecar, sidecar_state
+    )
+
+
+_BESIDE_RAW = (".jpg", ".JPG", ".jpeg", ".JPEG")
+
+
+def _state(status: os.stat_result) -> str:
+    return f"{status.st_size}:{status.st_mtime_ns}"
+
+
+def _numbers(location: str) -> list[tuple[int, str]]:
+    """Sorts ``DJI_0009`` before ``DJI_0010`` and ``DJI_10000``."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", location)]

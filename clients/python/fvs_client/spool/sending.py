@@ -1,0 +1,136 @@
+"""Send one photograph until the service has acknowledged its digest."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fvs_client.spool.answers import DAMAGED, RefusedError, require_success
+from fvs_client.spool.connection import Connection, UnreadableFileError
+from fvs_client.spool.errors import LinkError
+from fvs_client.spool.outbox import FILE_MISSING, Outbox
+from fvs_client.spool.photograph import Photograph, Refusal
+from fvs_client.spool.resumable import ResumableCarrier
+from fvs_client.spool.taking import digest_of
+
+_USABLE = frozenset({"accepted", "duplicate"})
+_NOT_FOUND, _FORBIDDEN = 404, 403
+
+
+@dataclass(frozen=True)
+class Acknowledgement:
+    """The scene has the digest. ``verdict`` is None when the API key may not read images."""
+
+    verdict: str | None
+    refusal: Refusal | None = None
+    """Why the image cannot be used."""
+
+
+class Sender:
+    """Sends photographs of an outbox."""
+
+    def __init__(self, outbox: Outbox, connection: Connection, carrier: ResumableCarrier) -> None:
+        self._outbox, self._connection, self._carrier = outbox, connection, carrier
+        self._may_read = True
+
+    def send(self, photograph: Photograph) -> Refusal | None:
+        """Send a photograph; the outbox then has it as sent, or as refused for the reason that is returned.
+
+        Raises ``LinkError``: try again; ``PutOffError``: send the next one first.
+        """
+        number = photograph.number
+        try:
+            found = self._sent(photograph)
+        except RefusedError as error:
+            self._outbox.refuse(number, error.refusal)
+            return error.refusal
+        except FileNotFoundError as error:
+            folder = photograph.path.parent
+            if not folder.exists():  # a card that was taken out
+                raise LinkError(f"{folder} is not there.", hint="Is the card in its place?") from error
+            refusal = Refusal(
+                FILE_MISSING, f"{photograph.path} is gone.", "Put it back, then `fvs-client spool retry`."
+            )
+            self._outbox.refuse(number, refusal)
+            return refusal
+        except (UnreadableFileError, OSError) as error:
+            refusal = Refusal(
+                "file-unreadable",
+                f"{photograph.path} cannot be read: {error}.",
+                "Repair it, then `fvs-client spool retry`; `fvs-client spool add` sends it as it is now.",
+            )
+            self._outbox.refuse(number, refusal)
+            return refusal
+        if found.refusal is not None:
+            self._outbox.refuse(number, found.refusal, found.verdict)
+            return found.refusal
+        self._outbox.acknowledge(number, found.verdict)
+        return None
+
+    def _sent(self, photograph: Photograph) -> Acknowledgement:
+        """Bring the bytes to the service, unless it has them, and get its acknowledgement."""
+        if self._outbox.was_sent(photograph.scene, photograph.digest):  # the same bytes under another name
+            found = self._acknowledgement(photograph)
+            if found is not None:
+                return found
+        with photograph.path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            if (status.st_size, status.st_mtime_ns) != (photograph.size_bytes, photograph.mtime_ns):
+                _require_content(photograph)
+            try:
+                self._carrier.carry(photograph, file)
+            except RefusedError as error:
+                if error.refusal.code != DAMAGED:
+                    raise
+                _require_content(photograph)
+                self._outbox.forget_upload(photograph.number)
+                raise LinkError("Its bytes were damaged on the way.", answered=True) from error
+        found = self._acknowledgement(photograph)
+        if found is None:
+            self._outbox.forget_upload(photograph.number)
+            raise LinkError("The service has all bytes and does not have the image.", answered=True)
+        return found
+
+    def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
+        """Ask for the image of a digest; None when the scene does not have it."""
+        images = f"/v1/scenes/{photograph.scene}/images"
+        digest = f"sha256:{photograph.digest}"
+        if not self._may_read:
+            question = json.dumps({"digests": [digest]}).encode()
+            answer = self._connection.ask(
+                "POST", f"{images}:check", {"Content-Type": "application/json"}, question
+            )
+            known = (require_success(answer).document or {}).get("known", ())
+            return Acknowledgement(None) if digest in known else None
+        answer = self._connection.ask("GET", f"{images}/{digest}")
+        if answer.status == _FORBIDDEN and answer.document is not None:  # a key that may only upload
+            self._may_read = False
+            return self._acknowledgement(photograph)
+        try:
+            document = require_success(answer).document
+        except RefusedError as error:
+            if error.status == _NOT_FOUND:
+                return None
+            raise
+        found = None if document is None else _read(document, photograph)
+        if found is None:
+            raise LinkError("The answer is not from an fvs service.", hint="Is the URL right?", answered=True)
+        return found
+
+
+def _read(image: Mapping[str, Any], photograph: Photograph) -> Acknowledgement | None:
+    """The acknowledgement in an image's document; None when it is that of no image, or of another one."""
+    verdict = image.get("verdict")
+    if image.get("digest") != f"sha256:{photograph.digest}" or not isinstance(verdict, str):
+        return None
+    if verdict in _USABLE:
+        return Acknowledgement(verdict)
+    return Acknowledgement(
+        verdict, Refusal(verdict, str(image.get("reason") or verdict), str(image.get("hint") or ""))
+    )
+
+
+def _require_content(photograph: Photograph) -> None:
+    if digest_of(photograph.path) != photograph.digest:
+        raise UnreadableFileError("it has other content than when it was added")

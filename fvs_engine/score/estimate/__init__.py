@@ -1,0 +1,1 @@
+"""The median frequency of a view, estimated from the projected Gaussians, without a rendering."""

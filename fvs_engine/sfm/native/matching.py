@@ -1,0 +1,179 @@
+"""The native job that matches pairs of images.
+
+Each process matches with one thread. The OpenBLAS in pycolmap is built for OpenMP and is not safe in COLMAP's
+threads: two that search at the same time now and then spoil each other's matches. See
+``docs/adr/0035-matching-in-processes.md``.
+"""
+
+import contextlib
+import math
+import os
+import shutil
+import signal
+import sqlite3
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+from fvs_engine.child_process import kill_with_parent
+from fvs_engine.sfm.colmap.database import pair_number
+
+Report = Callable[[int], None]
+Pair = tuple[int, int]
+
+_LEAST_PAIRS = 4
+"""Number of pairs below which a process of their own takes longer than it saves."""
+
+
+_BLOCK_PAIRS = 50
+"""COLMAP looks after so many pairs for the next images in its list."""
+
+
+def match(
+    _report: Report,
+    *,
+    database: str,
+    parts_dir: str,
+    pair_list: str,
+    batch: int,
+    seed: int,
+    threads: int | None,
+) -> None:
+    """Match and verify the pairs of image ids in the lines of the file ``pair_list``.
+
+    ``threads`` is the number of processes, None for one per core. After ``batch`` pairs in each of them the
+    results are written into ``database``; until then they are in databases in ``parts_dir``.
+    """
+    lines = Path(pair_list).read_text(encoding="ascii").splitlines()
+    pairs = sorted((min(pair), max(pair)) for pair in (tuple(map(int, line.split())) for line in lines))
+    most = threads or len(os.sched_getaffinity(0))
+    folder = Path(parts_dir)
+    try:
+        for start in range(0, len(pairs), most * batch):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            some = pairs[start : start + most * batch]
+            parts = [
+                _Part.of(Path(database), folder / f"{number}.db", share)
+                for number, share in enumerate(_shares(some, most))
+            ]
+            _match_all(parts, seed)
+            for part in parts:
+                part.merge_into(Path(database))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _shares(pairs: Sequence[Pair], most: int) -> list[Sequence[Pair]]:
+    """Up to ``most`` runs of neighbours in the list: the pairs of one image stay together."""
+    size = max(_LEAST_PAIRS, math.ceil(len(pairs) / most))
+    return [pairs[start : start + size] for start in range(0, len(pairs), size)]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A database with the images of some pairs, which one process matches."""
+
+    database: Path
+    pairs: Sequence[Pair]
+
+    @staticmethod
+    def of(whole: Path, path: Path, pairs: Sequence[Pair]) -> "_Part":
+        """Write cameras, images and features of ``pairs`` into a new database, and matches that exist.
+
+        Images have their ids as names, which COLMAP's list of pairs can hold.
+        """
+        pycolmap.Database.open(path).close()  # makes the tables
+        with _attached(path, whole) as db:
+            db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")
+            images = sorted({image_id for pair in pairs for image_id in pair})
+            db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in images])
+            for table in ("cameras", "rigs", "rig_sensors"):
+                db.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")
+            frames = f"data_id IN wanted AND sensor_type = {int(pycolmap.SensorType.CAMERA)}"
+            db.execute(f"INSERT INTO frame_data SELECT * FROM other.frame_data WHERE {frames}")
+            some = "frame_id IN (SELECT frame_id FROM frame_data)"
+            db.execute(f"INSERT INTO frames SELECT * FROM other.frames WHERE {some}")
+            named = "image_id, CAST(image_id AS TEXT), camera_id"
+            db.execute(f"INSERT INTO images SELECT {named} FROM other.images WHERE image_id IN wanted")
+            for table in ("keypoints", "descriptors"):
+                db.execute(f"INSERT INTO {table} SELECT * FROM other.{table} WHERE image_id IN wanted")
+            numbers = [(pair_number(*pair),) for pair in pairs]
+            db.executemany("INSERT INTO matches SELECT * FROM other.matches WHERE pair_id = ?", numbers)
+        return _Part(path, pairs)
+
+    def match(self, seed: int) -> None:
+        """Match and verify the pairs in this process."""
+        listed = self.database.with_suffix(".txt")
+        listed.write_text("".join(f"{first} {second}\n" for first, second in self.pairs), encoding="ascii")
+        pycolmap.set_random_seed(seed)
+        matching = pycolmap.FeatureMatchingOptions()
+        matching.num_threads = 1
+        matching.use_gpu = False
+        verification = pycolmap.TwoViewGeometryOptions()
+        verification.ransac.random_seed = seed
+        verification.compute_relative_pose = True
+        pairing = pycolmap.ImportedPairingOptions()
+        pairing.match_list_path = str(listed)
+        pairing.block_size = _BLOCK_PAIRS
+        pycolmap.match_image_pairs(self.database, matching, pairing, verification)
+
+    def merge_into(self, whole: Path) -> None:
+        """Write matches and two-view geometries into the database of all images."""
+        with _attached(whole, self.database) as db:
+            for table in ("matches", "two_view_geometries"):
+                db.execute(f"INSERT OR REPLACE INTO {table} SELECT * FROM other.{table}")
+
+
+@contextlib.contextmanager
+def _attached(path: Path, other: Path) -> Iterator[sqlite3.Connection]:
+    """A transaction on the database ``path``, with a second one as ``other``."""
+    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db:
+        db.execute("ATTACH ? AS other", (str(other),))
+        with db:
+            yield db
+
+
+def _match_all(parts: Sequence[_Part], seed: int) -> None:
+    """Match all parts, each in a process; a single one in this process.
+
+    When one of them crashes, this process ends by the same signal, and the kernel ends the others with it.
+    """
+    if len(parts) == 1:
+        parts[0].match(seed)
+        return
+    for part in parts:
+        _fork(part, seed)
+    failed = False
+    for _ in parts:
+        status = os.waitstatus_to_exitcode(os.wait()[1])
+        if status < 0:
+            _die_of(-status)
+        failed |= status != 0
+    if failed:
+        raise RuntimeError("a process that matches images failed; its traceback is in the log")
+
+
+def _die_of(number: int) -> None:
+    if number != signal.SIGKILL:  # which has no handler
+        signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+
+
+def _fork(part: _Part, seed: int) -> None:
+    """Match ``part`` in a new process; this one has no threads yet."""
+    job = os.getpid()
+    if os.fork() != 0:
+        return
+    kill_with_parent(job)
+    try:
+        part.match(seed)
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+    os._exit(0)  # skips destructors of C++ libraries, which may hang or crash

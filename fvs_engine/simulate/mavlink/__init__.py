@@ -1,0 +1,1 @@
+"""A simulated vehicle that speaks MAVLink as an ArduCopter does. Needs pymavlink."""

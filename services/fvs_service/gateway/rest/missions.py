@@ -1,0 +1,58 @@
+"""Missions over REST."""
+
+from typing import Annotated
+
+from fastapi import Depends, Query, Response
+from starlette.concurrency import run_in_threadpool
+
+from fvs_service.gateway.rest.bodies import unread_json_body
+from fvs_service.gateway.rest.dependencies import App, Caller, RankingId, SceneId, to_read
+from fvs_service.gateway.rest.routing import json_router
+from fvs_service.missions.formats.registry import WRITERS
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest
+from fvs_service.missions.service import ReadRequest
+
+router = json_router("/v1", "missions")
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_FILES = {
+    200: {
+        "description": "The file. `Left-Out` names the views that are not in it.",
+        "content": {writer.media_type.partition(";")[0]: _BINARY for writer in WRITERS.values()},
+    }
+}
+
+
+@router.get(
+    "/rankings/{ranking_id}/mission",
+    response_class=Response,
+    responses=_FILES,  # type: ignore[arg-type]
+)
+def get_ranking_mission(
+    app: App, caller: Caller, ranking_id: RankingId, options: Annotated[MissionOptions, Query()]
+) -> Response:
+    """Write the ranked candidates, in their order, as a mission for an autopilot or a ground station."""
+    return _response(app.missions.of_ranking(caller, ranking_id, options))
+
+
+@router.post(
+    "/scenes/{scene_id}/missions",
+    response_class=Response,
+    responses=_FILES,  # type: ignore[arg-type]
+)
+async def create_mission(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    options: Annotated[MissionOptions, Query()],
+    read: Annotated[ReadRequest, Depends(unread_json_body(MissionRequest, to_read))],
+) -> Response:
+    """Write views, such as the stops of a plan, as a mission. It is not kept."""
+    return _response(await run_in_threadpool(app.missions.of_views, caller, scene_id, read, options))
+
+
+def _response(file: MissionFile) -> Response:
+    headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+    if file.left_out:
+        headers["Left-Out"] = ",".join(file.left_out)
+    return Response(file.content, headers=headers, media_type=file.media_type)

@@ -1,0 +1,55 @@
+"""Locks of resumable uploads: one request at a time writes to an upload.
+
+A device whose link broke comes back while the service still waits for the rest of its last request: that one
+gives way once nothing of it arrives.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+from fvs_service.errors import LockedError
+from fvs_service.images.upload_places import UploadPlace
+
+_STALLED_S = 2.0
+"""Time without a byte after which a request gives way."""
+_LOOK_AGAIN_S = 0.1
+
+
+@dataclass(eq=False)
+class _Lock:
+    place: UploadPlace | None
+    released: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+class UploadLocks:
+    """Gives each upload to one request at a time; all calls are made on one event loop."""
+
+    def __init__(self, stalled_s: float = _STALLED_S) -> None:
+        self._stalled_s = stalled_s
+        self._locks: dict[str, _Lock] = {}
+
+    @contextlib.asynccontextmanager
+    async def locked(
+        self, upload_id: str, place: UploadPlace | None = None, *, by_force: bool = False
+    ) -> AsyncIterator[None]:
+        """Hold the lock of an upload; ``place`` is that of a request which receives bytes of it.
+
+        For a request that receives bytes, too, raises ``LockedError`` while another does. Otherwise waits
+        for it, or with ``by_force`` ends it.
+        """
+        while (other := self._locks.get(upload_id)) is not None:
+            if other.place is not None and other.place.arriving:
+                if by_force or other.place.arrival.idle_s >= self._stalled_s:
+                    other.place.take(LockedError("Another request has taken this upload over."))
+                elif place is not None:
+                    raise LockedError("Another request is sending this upload.", retry_after_s=1)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(other.released.wait(), _LOOK_AGAIN_S)
+        lock = self._locks[upload_id] = _Lock(place)
+        try:
+            yield
+        finally:
+            del self._locks[upload_id]
+            lock.released.set()

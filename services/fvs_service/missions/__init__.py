@@ -1,0 +1,1 @@
+"""Missions: views as files that autopilots, ground stations and robots read."""

@@ -1,0 +1,57 @@
+"""A mission as all formats share it: where a vehicle flies, and where it takes photographs."""
+
+from dataclasses import dataclass
+
+from fvs_service.missions.fence import Corner
+from fvs_service.missions.model import MissionOptions
+from fvs_service.scenes.model import AltitudeDatum
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A position with the camera's attitude there: ``name`` is the view to photograph, None to pass.
+
+    The altitude is above the mission's datum. Yaw is clockwise from north, in [0, 360); pitch is up.
+    """
+
+    name: str | None
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float = 0.0
+
+    @property
+    def place(self) -> Corner:
+        """Its latitude and longitude."""
+        return self.latitude_deg, self.longitude_deg
+
+
+@dataclass(frozen=True)
+class Home:
+    """Where the vehicle takes off; ``sea_level_m`` is its altitude above sea level, None if not known."""
+
+    latitude_deg: float
+    longitude_deg: float
+    sea_level_m: float | None
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A flight through ``waypoints``, in their order, whose altitudes are above ``datum``.
+
+    ``climb_m`` is the altitude to take off to; None without a known home, or when the vehicle is in the air.
+    """
+
+    name: str
+    datum: AltitudeDatum
+    waypoints: tuple[Waypoint, ...]
+    home: Home | None
+    climb_m: float | None
+    options: MissionOptions
+
+    @property
+    def views(self) -> tuple[Waypoint, ...]:
+        """The waypoints where a photograph is taken."""
+        return tuple(waypoint for waypoint in self.waypoints if waypoint.name is not None)

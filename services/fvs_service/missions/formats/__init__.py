@@ -1,0 +1,1 @@
+"""The formats of missions, one a file."""

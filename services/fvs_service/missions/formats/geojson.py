@@ -1,0 +1,87 @@
+"""GeoJSON (RFC 7946): a point for each waypoint, the route, and the geofence.
+
+Its third coordinate is the height above the ellipsoid, so positions have one only there.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import orjson
+
+from fvs_service.missions.fence import Corner
+from fvs_service.missions.flight import Mission, Waypoint
+from fvs_service.scenes.model import AltitudeDatum
+
+_DECIMALS = 9
+"""A tenth of a millimetre."""
+
+
+def write(mission: Mission) -> bytes:
+    """The mission as a feature collection."""
+    features = [_point(mission, number, point) for number, point in enumerate(mission.waypoints, start=1)]
+    features.append(_feature(_route([point.place for point in mission.waypoints]), {"kind": "route"}))
+    if mission.home is not None:
+        position = _position((mission.home.latitude_deg, mission.home.longitude_deg))
+        features.append(_feature({"type": "Point", "coordinates": position}, {"kind": "home"}))
+    if mission.options.fence:
+        features.append(_feature(_area(mission.options.fence), {"kind": "geofence"}))
+    return orjson.dumps({"type": "FeatureCollection", "features": features})
+
+
+def _point(mission: Mission, number: int, point: Waypoint) -> dict[str, Any]:
+    above = [round(point.altitude_m, 4)] if mission.datum is AltitudeDatum.ELLIPSOID else []
+    options = mission.options
+    properties = {
+        "kind": "pass" if point.name is None else "view",
+        "number": number,
+        "id": point.name,
+        "altitude_m": round(point.altitude_m, 4),
+        "altitude_datum": mission.datum,
+        "yaw_deg": round(point.yaw_deg, 4),
+        "pitch_deg": round(point.pitch_deg, 4),
+        "roll_deg": round(point.roll_deg, 4),
+        "speed_m_s": options.speed_m_s,
+        "acceptance_radius_m": options.acceptance_radius_m,
+        "hold_s": 0.0 if point.name is None else options.hold_s,
+    }
+    return _feature({"type": "Point", "coordinates": _position(point.place) + above}, properties)
+
+
+def _feature(geometry: dict[str, Any], properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _position(place: Corner) -> list[float]:
+    return [round(place[1], _DECIMALS), round(place[0], _DECIMALS)]
+
+
+def _route(places: Sequence[Corner]) -> dict[str, Any]:
+    """A line through places, in pieces that meet at the antimeridian (RFC 7946, section 3.1.9)."""
+    pieces = [[_position(places[0])]]
+    for before, after in pairwise(places):
+        east_deg = after[1] - before[1]
+        if abs(east_deg) > 180.0:
+            edge = 180.0 if east_deg < 0.0 else -180.0
+            share = (edge - before[1]) / (east_deg + 2.0 * edge)
+            latitude_deg = before[0] + share * (after[0] - before[0])
+            pieces[-1].append(_position((latitude_deg, edge)))
+            pieces.append([_position((latitude_deg, -edge))])
+        pieces[-1].append(_position(after))
+    lines = [piece if len(piece) > 1 else piece * 2 for piece in pieces]
+    if len(lines) == 1:
+        return {"type": "LineString", "coordinates": lines[0]}
+    return {"type": "MultiLineString", "coordinates": lines}
+
+
+def _area(corners: Sequence[Corner]) -> dict[str, Any]:
+    """A polygon, counter-clockwise; across the antimeridian its longitudes go on beyond 180."""
+    west_deg = corners[0][1]
+    ring = [
+        (latitude_deg, west_deg + (longitude_deg - west_deg + 180.0) % 360.0 - 180.0)
+        for latitude_deg, longitude_deg in corners
+    ]
+    ring.append(ring[0])
+    area = sum(a[1] * b[0] - b[1] * a[0] for a, b in pairwise(ring))
+    ordered = ring if area > 0.0 else ring[::-1]
+    return {"type": "Polygon", "coordinates": [[_position(corner) for corner in ordered]]}

@@ -1,0 +1,66 @@
+"""Which module writes which format, and what its files are called."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fvs_service.missions.camera_poses import CameraPoses
+from fvs_service.missions.flight import Mission
+from fvs_service.missions.formats import (
+    dji_kmz,
+    geojson,
+    mavlink_items,
+    mavsdk,
+    nerfstudio,
+    qgc_plan,
+    qgc_wpl,
+    ros,
+    table,
+)
+from fvs_service.missions.model import MissionFormat
+from fvs_service.scenes.model import AltitudeDatum
+
+_ALL = frozenset(AltitudeDatum)
+_JSON = "application/json"
+
+
+@dataclass(frozen=True)
+class MissionWriter:
+    """A format for vehicles: its name in messages, its files, and the altitudes that it can have."""
+
+    name: str
+    suffix: str
+    media_type: str
+    datums: frozenset[AltitudeDatum]
+    write: Callable[[Mission], bytes]
+
+
+@dataclass(frozen=True)
+class PoseWriter:
+    """A format of poses in the world frame; ``metric``: only where its unit is the metre and z is up."""
+
+    name: str
+    suffix: str
+    media_type: str
+    metric: bool
+    write: Callable[[CameraPoses], bytes]
+
+
+WRITERS: dict[MissionFormat, MissionWriter | PoseWriter] = {
+    MissionFormat.QGC_PLAN: MissionWriter(
+        "QGroundControl", ".plan", _JSON, mavlink_items.DATUMS, qgc_plan.write
+    ),
+    MissionFormat.QGC_WPL: MissionWriter(
+        "MAVLink", ".waypoints", "text/plain; charset=utf-8", mavlink_items.DATUMS, qgc_wpl.write
+    ),
+    MissionFormat.DJI_KMZ: MissionWriter(
+        "DJI", ".kmz", "application/vnd.google-earth.kmz", dji_kmz.DATUMS, dji_kmz.write
+    ),
+    MissionFormat.MAVSDK: MissionWriter("MAVSDK", ".mavsdk.json", _JSON, mavsdk.DATUMS, mavsdk.write),
+    MissionFormat.GEOJSON: MissionWriter("GeoJSON", ".geojson", "application/geo+json", _ALL, geojson.write),
+    MissionFormat.CSV: MissionWriter("CSV", ".csv", "text/csv; charset=utf-8", _ALL, table.write),
+    MissionFormat.ROS_POSEARRAY: PoseWriter("ROS", ".posearray.json", _JSON, True, ros.write_pose_array),
+    MissionFormat.ROS_POSESTAMPED: PoseWriter(
+        "ROS", ".posestamped.json", _JSON, True, ros.write_poses_stamped
+    ),
+    MissionFormat.NERFSTUDIO: PoseWriter("nerfstudio", ".transforms.json", _JSON, False, nerfstudio.write),
+}

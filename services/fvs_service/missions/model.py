@@ -1,0 +1,241 @@
+"""Requests for missions, and the files that they become."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from fvs_service.missions.fence import Corner
+from fvs_service.model import WHOLE, Model, Number, within
+from fvs_service.quantities import Altitude, AsText, Latitude, Longitude, Tilt
+from fvs_service.rankings.model import CandidateId
+from fvs_service.scenes.model import AltitudeDatum
+from fvs_service.scenes.poses import Pose
+
+_MOST_CORNERS = 200
+_MOST_VIA = 200
+_Height = Annotated[Number, Field(ge=-10_000, le=10_000)]
+_Geoid = Annotated[Number, Field(ge=-150, le=150)]
+_Speed = Annotated[Number, Field(ge=0.1, le=50)]
+_Radius = Annotated[Number, Field(ge=0.05, le=100)]
+_Hold = Annotated[Number, Field(ge=0, le=600)]
+
+
+class MissionFormat(StrEnum):
+    """What a mission is written for."""
+
+    QGC_PLAN = "qgc-plan"
+    """QGroundControl's `.plan`."""
+    QGC_WPL = "qgc-wpl"
+    """MAVLink waypoints as text, `QGC WPL 110`: Mission Planner, QGroundControl, MAVProxy."""
+    DJI_KMZ = "dji-kmz"
+    """DJI's WPML in a KMZ: Pilot 2, FlightHub 2, docks."""
+    MAVSDK = "mavsdk"
+    """MAVSDK's mission items, as JSON."""
+    GEOJSON = "geojson"
+    """RFC 7946: for maps."""
+    CSV = "csv"
+    """A table."""
+    ROS_POSEARRAY = "ros-posearray"
+    """ROS 2 `geometry_msgs/PoseArray` as JSON: ENU, bodies that look forward (FLU)."""
+    ROS_POSESTAMPED = "ros-posestamped"
+    """ROS 2 `geometry_msgs/PoseStamped`, a list as JSON."""
+    NERFSTUDIO = "nerfstudio"
+    """nerfstudio's `transforms.json`."""
+
+
+class Autopilot(StrEnum):
+    """The firmware that reads MAVLink commands; the two differ in how they turn and take photographs."""
+
+    ARDUPILOT = "ardupilot"
+    PX4 = "px4"
+
+
+class Drone(StrEnum):
+    """An aircraft of DJI, with its own camera."""
+
+    M30 = "m30"
+    M30T = "m30t"
+    M3E = "m3e"
+    M3T = "m3t"
+    M3M = "m3m"
+    M3D = "m3d"
+    M3TD = "m3td"
+
+
+class Finish(StrEnum):
+    """What a vehicle does after the last view."""
+
+    RETURN = "return"
+    """It returns to where it took off."""
+    HOLD = "hold"
+    """It stays at the last view."""
+
+
+class MissionOptions(Model):
+    """How a mission is flown and written. Heights are above home; altitudes have the scene's datum."""
+
+    format: MissionFormat = Field(description="What the mission is written for.")
+    first: Annotated[int | None, WHOLE] = Field(
+        default=None, ge=1, le=100_000, description="Only so many views, the first ones; by default all."
+    )
+    home_latitude_deg: AsText[Latitude] | None = Field(
+        default=None, description="Where the vehicle takes off."
+    )
+    home_longitude_deg: AsText[Longitude] | None = Field(default=None, description="With the latitude.")
+    home_altitude_m: AsText[Altitude] | None = Field(
+        default=None,
+        description="The altitude of the place of takeoff, above the datum of the scene's altitudes.",
+    )
+    altitude_datum: AltitudeDatum | None = Field(
+        default=None,
+        description="The datum of the file's altitudes: `takeoff` is above home. By default above home if "
+        "its altitude is known, else the scene's.",
+    )
+    geoid_height_m: AsText[_Geoid] | None = Field(
+        default=None,
+        description="The height of the geoid above the ellipsoid at the site, which relates their altitudes.",
+    )
+    transit_height_m: AsText[_Height] | None = Field(
+        default=None,
+        description="Fly from view to view at this height above home, or that of the views if it is more. By "
+        "default straight.",
+    )
+    lowest_height_m: AsText[_Height] | None = Field(
+        default=None, description="No view is lower above home; 0 by default where home's altitude is known."
+    )
+    highest_height_m: AsText[_Height] | None = Field(
+        default=None, description="Nothing is flown higher above home."
+    )
+    geofence: Annotated[str, Field(max_length=_MOST_CORNERS * 50)] | None = Field(
+        default=None,
+        description="A polygon to stay inside: `latitude,longitude;latitude,longitude;…`, in degrees.",
+    )
+    leave_out: bool = Field(
+        default=False,
+        description="Leave out the views that cannot be flown, and name them in the header `Left-Out`; else "
+        "they are an error.",
+    )
+    speed_m_s: AsText[_Speed] = Field(default=5.0, description="The speed between views.")
+    acceptance_radius_m: AsText[_Radius] = Field(
+        default=1.0, description="How near to a waypoint it counts as reached."
+    )
+    hold_s: AsText[_Hold] = Field(
+        default=4.0, description="How long to stand still at a view before the photograph."
+    )
+    gimbal_lowest_deg: AsText[Tilt] = Field(default=-90.0, description="The lowest pitch of the gimbal.")
+    gimbal_highest_deg: AsText[Tilt] = Field(default=30.0, description="The highest pitch of the gimbal.")
+    takeoff: bool = Field(
+        default=True,
+        description="Begin with a takeoff, if home is given; without, the vehicle is in the air.",
+    )
+    finish: Finish = Field(default=Finish.RETURN, description="What to do after the last view.")
+    autopilot: Autopilot = Field(
+        default=Autopilot.ARDUPILOT, description="The firmware that flies MAVLink commands."
+    )
+    drone: Drone = Field(default=Drone.M3E, description="The aircraft that flies a DJI mission.")
+
+    @field_validator("geofence")
+    @classmethod
+    def _polygon(cls, value: str | None) -> str | None:
+        if value is not None:
+            _corners(value)
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.home_latitude_deg is None) != (self.home_longitude_deg is None):
+            raise ValueError("home_latitude_deg and home_longitude_deg belong together")
+        lowest, highest = self.lowest_height_m, self.highest_height_m
+        if lowest is not None and highest is not None and lowest >= highest:
+            raise ValueError("lowest_height_m is not below highest_height_m")
+        if self.gimbal_lowest_deg >= self.gimbal_highest_deg:
+            raise ValueError("gimbal_lowest_deg is not below gimbal_highest_deg")
+        return self
+
+    @property
+    def home(self) -> Corner | None:
+        """The latitude and longitude of home."""
+        if self.home_latitude_deg is None or self.home_longitude_deg is None:
+            return None
+        return self.home_latitude_deg, self.home_longitude_deg
+
+    @property
+    def fence(self) -> tuple[Corner, ...]:
+        """The corners of the geofence; none without one."""
+        return () if self.geofence is None else _corners(self.geofence)
+
+
+def _corners(text: str) -> tuple[Corner, ...]:
+    corners = []
+    for part in text.strip(";").split(";"):
+        try:
+            latitude_deg, longitude_deg = map(float, part.split(","))
+        except ValueError:
+            raise ValueError(f"{part[:40]!r} is not a latitude,longitude") from None
+        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+            raise ValueError(f"{part[:40]} is not on Earth")
+        corners.append((latitude_deg, longitude_deg))
+    if len(corners) > 1 and corners[0] == corners[-1]:
+        corners.pop()
+    if not 3 <= len(corners) <= _MOST_CORNERS:
+        raise ValueError(f"a fence has 3 to {_MOST_CORNERS} corners, and this one has {len(corners)}")
+    return tuple(corners)
+
+
+class MissionView(Model):
+    """A view to photograph: a candidate of a ranking, or a stop of a plan."""
+
+    id: CandidateId
+    pose: Pose
+    via: Annotated[tuple[Pose, ...], Field(fail_fast=True), within(_MOST_VIA)] = ()
+    """Where to pass on the way to it, in order."""
+
+
+class MissionRequest(Model):
+    """Views to photograph, in the order of the flight."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "views": [
+                        {
+                            "id": "north",
+                            "pose": {
+                                "latitude_deg": 47.3977,
+                                "longitude_deg": 8.5456,
+                                "altitude_m": 520.0,
+                                "yaw_deg": 180.0,
+                                "pitch_deg": -30.0,
+                            },
+                        }
+                    ]
+                }
+            ]
+        }
+    )
+
+    views: Annotated[tuple[MissionView, ...], Field(fail_fast=True), within("candidates_per_ranking")] = ()
+    """At least one."""
+    via_home: Annotated[tuple[Pose, ...], Field(fail_fast=True), within(_MOST_VIA)] = ()
+    """Where to pass on the way home, in order."""
+    snapshot_id: str | None = None
+    """The snapshot whose alignment relates poses of the model frame to the world; by default the newest."""
+
+    @model_validator(mode="after")
+    def _different(self) -> Self:
+        if len({view.id for view in self.views}) < len(self.views):
+            raise ValueError("two views have the same id")
+        return self
+
+
+@dataclass(frozen=True)
+class MissionFile:
+    """A mission as bytes, and the ids of views that are not in it."""
+
+    name: str
+    media_type: str
+    content: bytes
+    left_out: tuple[str, ...]

@@ -1,0 +1,98 @@
+"""Why a view, or the way to it, cannot be flown."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_service.missions.altitudes import Altitudes
+from fvs_service.missions.fence import Corner, Fence
+from fvs_service.missions.flight import Waypoint
+from fvs_service.missions.model import Finish, MissionOptions
+
+_ROUNDING_DEG = 1e-6
+
+
+class Objections:
+    """What the options of a mission say against views and ways; None is nothing.
+
+    ``altitudes`` are the scene's; ``ground_m`` is the altitude of the model's lowest point, which counts as
+    the ground where home's altitude is not known. Raises ``InvalidRequestError`` for options that need home's
+    altitude without it, and for a home outside of the geofence.
+    """
+
+    def __init__(self, options: MissionOptions, altitudes: Altitudes, ground_m: float | None) -> None:
+        self._options, self._altitudes, self._ground_m = options, altitudes, ground_m
+        self._fence = Fence(options.fence) if options.fence else None
+        if altitudes.home_m is None:
+            for name in ("transit_height_m", "lowest_height_m", "highest_height_m"):
+                if getattr(options, name) is not None:
+                    raise InvalidRequestError(
+                        f"{name} is above home, whose altitude is not known.",
+                        hint="Give home_altitude_m, above the datum of the scene's altitudes.",
+                        errors=[FieldError(name, "home_altitude_m is missing")],
+                    )
+        if self._fence is not None and options.home is not None and not self._fence.has(options.home):
+            raise InvalidRequestError(
+                "Home is outside of the geofence.",
+                hint="Give another home, or another geofence.",
+                errors=[FieldError("geofence", "home is outside")],
+            )
+
+    def to_view(self, view: Waypoint) -> str | None:
+        """Why a view cannot be photographed, whatever the way to it."""
+        low_deg, high_deg = self._options.gimbal_lowest_deg, self._options.gimbal_highest_deg
+        if not low_deg - _ROUNDING_DEG <= view.pitch_deg <= high_deg + _ROUNDING_DEG:
+            return f"a gimbal pitch of {view.pitch_deg:.1f}° is beyond {low_deg:g}° to {high_deg:g}°"
+        reason = self._to_height("it is", view.altitude_m)
+        if reason is None and self._fence is not None and not self._fence.has(view.place):
+            return "it is outside of the geofence"
+        return reason
+
+    def to_way(self, before: Corner | None, via: Sequence[Waypoint], view: Waypoint) -> str | None:
+        """Why the way to a view cannot be flown, from ``before`` if that is known."""
+        start = [] if before is None else [before]
+        if self._leaves([*start, *(point.place for point in via), view.place]):
+            return "the way to it leaves the geofence"
+        for point in via:
+            if (reason := self._to_height("the way to it is", point.altitude_m)) is not None:
+                return reason
+        transit_m, highest_m = self._options.transit_height_m, self._options.highest_height_m
+        if highest_m is not None and transit_m is not None and transit_m > highest_m:
+            return f"the transit to it is {transit_m:g} m above home, and the highest is {highest_m:g} m"
+        return None
+
+    def to_way_home(self, view: Waypoint, via: Sequence[Waypoint]) -> str | None:
+        """Why the way home from a view cannot be flown."""
+        if self._options.finish is not Finish.RETURN:
+            return None
+        home = [] if self._options.home is None else [self._options.home]
+        if self._leaves([view.place, *(point.place for point in via), *home]):
+            return "the way home from it leaves the geofence"
+        for point in via:
+            if (reason := self._to_height("the way home from it is", point.altitude_m)) is not None:
+                return reason
+        return None
+
+    def _to_height(self, what: str, altitude_m: float) -> str | None:
+        """Why ``what`` is at a wrong altitude."""
+        height_m = self._altitudes.height(altitude_m)
+        if height_m is None:
+            if self._ground_m is None or altitude_m >= self._ground_m:
+                return None
+            below_m = self._ground_m - altitude_m
+            return f"{what} under ground: {below_m:.1f} m below the lowest point of the model"
+        lowest_m, highest_m = self._options.lowest_height_m or 0.0, self._options.highest_height_m
+        if height_m < min(lowest_m, 0.0):
+            return f"{what} under ground: {-height_m:.1f} m below home, and the lowest is {lowest_m:g} m"
+        if height_m < lowest_m:
+            return f"{what} {height_m:.1f} m above home, and the lowest is {lowest_m:g} m"
+        if highest_m is not None and height_m > highest_m:
+            return f"{what} {height_m:.1f} m above home, and the highest is {highest_m:g} m"
+        return None
+
+    def _leaves(self, places: Sequence[Corner]) -> bool:
+        fence = self._fence
+        if fence is None:
+            return False
+        inside = all(map(fence.has, places))
+        return not inside or any(fence.crosses(start, end) for start, end in pairwise(places))

@@ -1,0 +1,86 @@
+"""Missions: the views of a ranking, of a plan or of one's own, as files for vehicles."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from fvs_service.errors import InvalidRequestError, NotFoundError
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, MissionView
+from fvs_service.missions.writing import write_mission
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings.model import Ranking
+from fvs_service.rankings.service import Rankings
+from fvs_service.rankings.snapshot_frames import SnapshotFrames
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+from fvs_service.scenes.poses import WorldFrame, frame_of
+from fvs_service.scenes.repository import scene_head_of
+from fvs_service.snapshots.model import PinholeIntrinsics
+from fvs_service.storage.database import Database
+
+ReadRequest: TypeAlias = Callable[[], MissionRequest]
+"""Gives a request; it is called in a thread, once the permission is checked."""
+
+
+class Missions:
+    """Writes missions. Nothing is kept: the same views give the same bytes again."""
+
+    def __init__(self, database: Database, frames: SnapshotFrames, rankings: Rankings) -> None:
+        self._database, self._frames, self._rankings = database, frames, rankings
+
+    def of_ranking(self, principal: Principal, ranking_id: str, options: MissionOptions) -> MissionFile:
+        """The ranked candidates of a ranking, in its order.
+
+        Raises ``NotFoundError``, and ``InvalidRequestError`` for what cannot be flown or written.
+        """
+        ranking = self._rankings.get(principal, ranking_id)
+        ranked = [item for item in ranking.candidates if item.rank is not None]
+        views = [MissionView(id=item.id, pose=item.pose) for item in ranked[: options.first]]
+        frame = WorldFrame(ranking.origin, ranking.alignment)
+        _require_sure_axes(ranking.alignment, given=_given(ranking))
+        ground, camera = self._surroundings(ranking.snapshot_id)
+        return write_mission(ranking.id, frame, views, (), options, ground, camera)
+
+    def of_views(
+        self, principal: Principal, scene_id: str, read: ReadRequest, options: MissionOptions
+    ) -> MissionFile:
+        """The views of a request, in its order; raises as ``of_ranking``."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.querying() as reader:
+            scene = scene_head_of(reader, principal, scene_id)
+        request = read()
+        snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
+        frame = self._frames.frame(snapshot.id, scene.origin)
+        poses = [view.pose for view in request.views]
+        _require_sure_axes(snapshot.alignment, given=all(frame_of(pose) != "model" for pose in poses))
+        views = request.views[: options.first]
+        # The way home is that from the last view.
+        via_home = request.via_home if len(views) == len(request.views) else ()
+        ground, camera = self._surroundings(snapshot.id)
+        return write_mission(scene.id, frame, views, via_home, options, ground, camera)
+
+    def _surroundings(self, snapshot_id: str) -> tuple[float | None, PinholeIntrinsics | None]:
+        """The height of the model's lowest point in the world frame, and the camera of its images.
+
+        None when the snapshot was deleted.
+        """
+        try:
+            lowest, cameras = self._frames.geometry(snapshot_id).lower[2], self._frames.cameras(snapshot_id)
+        except NotFoundError:
+            return None, None
+        return float(lowest), cameras.camera
+
+
+def _given(ranking: Ranking) -> bool:
+    """Whether its candidates were given, in the world frame or with geodetic poses."""
+    given = ranking.request.candidates
+    return given is not None and all(frame_of(item.pose) != "model" for item in given)
+
+
+def _require_sure_axes(alignment: Alignment, *, given: bool) -> None:
+    """Raise ``InvalidRequestError`` for poses that follow from a rotation which is not known."""
+    if alignment.status is AlignmentStatus.ILL_CONDITIONED and not given:
+        raise InvalidRequestError(
+            "The photographs lie on a line, so the model may be turned about it by tens of degrees: a "
+            "mission could lead into the ground.",
+            hint="Fly a second line beside the first, or send yaw, pitch and roll with every image; or give "
+            "candidates with geodetic poses.",
+        )

@@ -1,0 +1,121 @@
+"""Views in a world frame as the file of a mission: no database, no transport."""
+
+from collections.abc import Sequence
+
+from fvs_service.errors import InvalidRequestError
+from fvs_service.missions.altitudes import Altitudes
+from fvs_service.missions.camera_poses import CameraPoses
+from fvs_service.missions.composition import Composer, Leg, Violation
+from fvs_service.missions.flight import Mission, Waypoint
+from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
+from fvs_service.scenes.model import AltitudeDatum
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, require_on_earth
+from fvs_service.snapshots.model import PinholeIntrinsics
+
+_OF_EARTH = frozenset(
+    {
+        *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
+        *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m"),
+    }
+)
+"""Options that mean nothing without georeference."""
+
+
+def write_mission(
+    name: str,
+    frame: WorldFrame,
+    views: Sequence[MissionView],
+    via_home: Sequence[FramePose | VehiclePose],
+    options: MissionOptions,
+    ground_up_m: float | None,
+    camera: PinholeIntrinsics | None = None,
+) -> MissionFile:
+    """The views, in their order, as a file; ``ground_up_m`` is where the ground is on the world's up axis.
+
+    ``camera`` is that of the scene's images. Raises ``InvalidRequestError`` for a format that needs a
+    georeferenced scene without one, and for what cannot be flown or written.
+    """
+    if not views:
+        raise InvalidRequestError(
+            "There is no view to fly to.", hint="Give views, or a ranking that has ranked candidates."
+        )
+    writer = WRITERS[options.format]
+    if isinstance(writer, MissionWriter):
+        mission, violations = _composed(name, frame, views, via_home, options, ground_up_m, writer)
+        content = writer.write(mission)
+    else:
+        violations = ()
+        if frame.georeferenced:
+            mission, violations = _composed(name, frame, views, via_home, options, ground_up_m)
+            flown = {waypoint.name for waypoint in mission.views}
+            views = [view for view in views if view.id in flown]
+        else:
+            _require_no_earth(frame, options, writer)
+        cameras = frame.world_from_cameras([view.pose for view in views])
+        content = writer.write(CameraPoses(tuple(view.id for view in views), cameras, camera))
+    return MissionFile(
+        name=f"{name}{writer.suffix}",
+        media_type=writer.media_type,
+        content=content,
+        left_out=tuple(violation.view for violation in violations),
+    )
+
+
+def _composed(
+    name: str,
+    frame: WorldFrame,
+    views: Sequence[MissionView],
+    via_home: Sequence[FramePose | VehiclePose],
+    options: MissionOptions,
+    ground_up_m: float | None,
+    writer: MissionWriter | None = None,
+) -> tuple[Mission, tuple[Violation, ...]]:
+    """The mission, and what was left out of it; without a ``writer`` in any datum."""
+    origin = frame.require_origin()
+    altitudes = Altitudes.of(origin.altitude_datum, options.home_altitude_m, options.geoid_height_m)
+    possible = frozenset(AltitudeDatum) if writer is None else writer.datums
+    datum = altitudes.choose(options.altitude_datum, possible, "the file" if writer is None else writer.name)
+    ground_m = None if ground_up_m is None else origin.altitude_m + ground_up_m
+    at_views = _waypoints(frame, [(view.id, view.pose) for view in views])
+    legs = [Leg(at_view, _passed(frame, view.via)) for view, at_view in zip(views, at_views, strict=True)]
+    composer = Composer(options, altitudes, ground_m)
+    return composer.mission(name, legs, _passed(frame, via_home), datum)
+
+
+def _require_no_earth(frame: WorldFrame, options: MissionOptions, writer: PoseWriter) -> None:
+    """Raise ``InvalidRequestError`` for what a scene without georeference cannot have."""
+    if any(getattr(options, name) is not None for name in _OF_EARTH):
+        frame.require_origin()
+    if writer.metric and not frame.aligned:
+        raise InvalidRequestError(
+            f"The scene has no metres, which {writer.name} needs: its world is the model frame.",
+            hint="Send images with GPS, or with positions in a local world.",
+        )
+
+
+def _passed(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> tuple[Waypoint, ...]:
+    """Poses as waypoints where nothing is photographed."""
+    return _waypoints(frame, [(None, pose) for pose in poses]) if poses else ()
+
+
+def _waypoints(
+    frame: WorldFrame, named: Sequence[tuple[str | None, FramePose | VehiclePose]]
+) -> tuple[Waypoint, ...]:
+    """Poses as waypoints, with the altitudes of the scene."""
+    cameras = frame.world_from_cameras([pose for _, pose in named])
+    for (name, _), camera in zip(named, cameras, strict=True):
+        require_on_earth({name or "a waypoint": camera})
+    return tuple(
+        Waypoint(
+            name=name,
+            latitude_deg=pose.latitude_deg,
+            longitude_deg=pose.longitude_deg,
+            altitude_m=pose.altitude_m,
+            yaw_deg=pose.yaw_deg,
+            pitch_deg=pose.pitch_deg,
+            roll_deg=pose.roll_deg,
+        )
+        for (name, _), pose in zip(named, frame.poses(cameras, "geodetic"), strict=True)
+        if isinstance(pose, VehiclePose)
+    )

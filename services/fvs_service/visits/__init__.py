@@ -1,0 +1,1 @@
+"""What vehicles report of views: that they fly there, took the photograph, or could not."""

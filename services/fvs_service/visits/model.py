@@ -1,0 +1,83 @@
+"""Reports of visits, and visits."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from fvs_service.model import WHOLE, Model, Timestamp, within
+from fvs_service.rankings.model import CandidateId, CandidateRequest, VehicleName
+from fvs_service.scenes.poses import Pose
+
+_MOST_VIEWS = 100
+
+
+class VisitState(StrEnum):
+    """What a vehicle does about a view."""
+
+    GOING_TO = "going-to"
+    """It flies there: the view is taken for all other vehicles."""
+    TAKEN = "taken"
+    """It took the photograph, which may still be on its way: the view is taken for all vehicles."""
+    FAILED = "failed"
+    """It could not take the photograph: the view is free for the others."""
+
+
+class VisitReport(Model):
+    """What a vehicle does about views; it replaces its earlier reports of candidates with the same ids."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "vehicle": "north-1",
+                    "state": "going-to",
+                    "views": [
+                        {
+                            "id": "orbit-7",
+                            "pose": {
+                                "frame": "world",
+                                "position": [0.0, 0.0, -3.0],
+                                "orientation_wxyz": [1.0, 0.0, 0.0, 0.0],
+                            },
+                        }
+                    ],
+                    "expires_in_s": 600.0,
+                }
+            ]
+        }
+    )
+
+    vehicle: VehicleName
+    """A name that this vehicle keeps, such as its serial number."""
+    state: VisitState
+    views: Annotated[tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within(_MOST_VIEWS)]
+    """Candidates of a ranking or of a plan, at most 100."""
+    expires_in_s: Annotated[int, Field(strict=True, ge=1, le=86_400), WHOLE] = 600
+    """The report counts for so long, unless it is repeated: a vehicle that is lost blocks no view."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        seen: set[str] = set()
+        for view in self.views:
+            if view.id in seen:
+                raise ValueError(f"two views have the id {view.id}")
+            seen.add(view.id)
+        return self
+
+
+class Visit(Model):
+    """A view that a vehicle has reported."""
+
+    vehicle: VehicleName
+    candidate_id: CandidateId
+    state: VisitState
+    pose: Pose
+    reported_at: Timestamp
+    expires_at: Timestamp
+
+
+class VisitList(Model):
+    """The visits of a scene that have not expired, the oldest report first."""
+
+    visits: tuple[Visit, ...]

@@ -1,0 +1,73 @@
+"""Visits in the database."""
+
+from collections.abc import Sequence
+
+from pydantic import TypeAdapter
+from sqlalchemy import delete, insert, or_, select
+from sqlalchemy.orm import Session
+
+from fvs_service.model import now
+from fvs_service.scenes.poses import FramePose, Pose, VehiclePose
+from fvs_service.storage.database import Reader
+from fvs_service.storage.tables import VisitRow, columns_of
+from fvs_service.visits.model import Visit, VisitState
+
+_VISITS = columns_of(VisitRow)
+_POSE: TypeAdapter[FramePose | VehiclePose] = TypeAdapter(Pose)
+
+
+def visits_of(reader: Reader, scene_id: str) -> tuple[Visit, ...]:
+    """The visits of a scene that have not expired, the oldest report first."""
+    current = (_VISITS.c.scene_id == scene_id) & (_VISITS.c.expires_at > now())
+    order = (_VISITS.c.reported_at, _VISITS.c.vehicle, _VISITS.c.candidate_id)
+    return tuple(
+        Visit(
+            vehicle=row.vehicle,
+            candidate_id=row.candidate_id,
+            state=VisitState(row.state),
+            pose=_POSE.validate_python(row.pose),
+            reported_at=row.reported_at,
+            expires_at=row.expires_at,
+        )
+        for row in reader.execute(select(_VISITS).where(current).order_by(*order))
+    )
+
+
+def taken_poses(reader: Reader, scene_id: str, vehicle: str | None) -> tuple[FramePose | VehiclePose, ...]:
+    """The poses that are taken for ``vehicle``, or for one that gives no name.
+
+    Those that others fly to; those whose photographs were taken; and those where it failed itself.
+    """
+    return tuple(visit.pose for visit in visits_of(reader, scene_id) if takes(visit, vehicle))
+
+
+def takes(visit: Visit, vehicle: str | None) -> bool:
+    """Whether the view is taken for ``vehicle``."""
+    match visit.state:
+        case VisitState.GOING_TO:
+            return visit.vehicle != vehicle
+        case VisitState.TAKEN:
+            return True
+        case VisitState.FAILED:
+            return visit.vehicle == vehicle
+
+
+def put_visits(session: Session, scene_id: str, visits: Sequence[Visit]) -> None:
+    """Add visits of one vehicle; replaces those of the same candidates, and deletes expired ones."""
+    ids = [visit.candidate_id for visit in visits]
+    same = (_VISITS.c.vehicle == visits[0].vehicle) & _VISITS.c.candidate_id.in_(ids)
+    outdated = or_(same, _VISITS.c.expires_at <= now())
+    session.execute(delete(_VISITS).where(_VISITS.c.scene_id == scene_id, outdated))
+    rows = [
+        {
+            "scene_id": scene_id,
+            "vehicle": visit.vehicle,
+            "candidate_id": visit.candidate_id,
+            "state": visit.state.value,
+            "pose": visit.pose.model_dump(mode="json"),
+            "reported_at": visit.reported_at,
+            "expires_at": visit.expires_at,
+        }
+        for visit in visits
+    ]
+    session.execute(insert(_VISITS), rows)

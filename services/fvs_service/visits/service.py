@@ -1,0 +1,99 @@
+"""Visits: several vehicles that photograph one scene get different views."""
+
+from collections.abc import Mapping
+from datetime import timedelta
+
+from fvs_engine.geometry import RigidTransform
+from fvs_service.errors import ConflictError, LimitExceededError
+from fvs_service.model import now
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.snapshot_frames import SnapshotFrames
+from fvs_service.scenes.poses import WorldFrame
+from fvs_service.scenes.repository import scene_head_of
+from fvs_service.storage.database import Database
+from fvs_service.visits.model import Visit, VisitList, VisitReport, VisitState
+from fvs_service.visits.repository import put_visits, takes, visits_of
+
+_MOST = 1_000
+"""Visits of a scene at one time."""
+
+
+class Visits:
+    """Records what vehicles do about views, for rankings and plans."""
+
+    def __init__(self, database: Database, frames: SnapshotFrames) -> None:
+        self._database = database
+        self._frames = frames
+
+    def report(self, principal: Principal, scene_id: str, report: VisitReport) -> VisitList:
+        """Record visits; returns all of the scene.
+
+        Raises ``ConflictError`` for views that are taken when the vehicle wants to go there: none of
+        the report is recorded then. ``NoSnapshotError`` without a model, which views are candidates of.
+        """
+        principal.require(Scope.OPERATE, scene_id)
+        with self._database.reading() as session:
+            scene = scene_head_of(session, principal, scene_id)
+        snapshot = self._frames.snapshot(principal, scene, None)
+        frame = self._frames.frame(snapshot.id, scene.origin)
+        cameras = frame.world_from_cameras([view.pose for view in report.views])
+        wanted = dict(zip((view.id for view in report.views), cameras, strict=True))
+        with self._database.writing(scene_id) as session:
+            scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
+            others = [visit for visit in visits_of(session, scene_id) if not _replaced(visit, report)]
+            if report.state is VisitState.GOING_TO:
+                _require_free(wanted, others, report.vehicle, frame, self._frames.geometry(snapshot.id))
+            if len(others) + len(report.views) > _MOST:
+                raise LimitExceededError(
+                    f"A scene has at most {_MOST} visits at a time.",
+                    hint="Report only the next views of each vehicle, or let them expire sooner.",
+                )
+            put_visits(session, scene_id, _visits(report))
+            return VisitList(visits=visits_of(session, scene_id))
+
+    def of_scene(self, principal: Principal, scene_id: str) -> VisitList:
+        """The visits of a scene that have not expired."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_head_of(session, principal, scene_id)
+            return VisitList(visits=visits_of(session, scene_id))
+
+
+def _replaced(visit: Visit, report: VisitReport) -> bool:
+    return visit.vehicle == report.vehicle and any(view.id == visit.candidate_id for view in report.views)
+
+
+def _visits(report: VisitReport) -> list[Visit]:
+    reported = now()
+    return [
+        Visit(
+            vehicle=report.vehicle,
+            candidate_id=view.id,
+            state=report.state,
+            pose=view.pose,
+            reported_at=reported,
+            expires_at=reported + timedelta(seconds=report.expires_in_s),
+        )
+        for view in report.views
+    ]
+
+
+def _require_free(
+    wanted: Mapping[str, RigidTransform],
+    visits: list[Visit],
+    vehicle: str,
+    frame: WorldFrame,
+    geometry: SceneGeometry,
+) -> None:
+    """Raise ``ConflictError`` for views that another vehicle flies to, or whose photograph was taken."""
+    for visit in visits:
+        if visit.state is VisitState.FAILED or not takes(visit, vehicle):
+            continue
+        near = sorted(geometry.same_view(wanted, frame.known_cameras([visit.pose])))
+        if near:
+            what = "flies to" if visit.state is VisitState.GOING_TO else "has photographed"
+            raise ConflictError(
+                f"Vehicle {visit.vehicle} {what} {near[0]}.",
+                hint="Ask for a ranking with for_vehicle, and go to another view.",
+            )

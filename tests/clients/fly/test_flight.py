@@ -1,0 +1,188 @@
+"""Flights: a simulated vehicle, a real gateway, and a worker that the tests play."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fvs_client import AltitudeDatum, Client, EnuWorld, Origin, Scene, VisitState
+from fvs_client.fly.flight import Ending, Flight, FlightResult, FlightSettings
+from fvs_client.fly.log import FlightLog
+from fvs_client.fly.photographs import Photographs
+from fvs_client.fly.survey import Survey
+from fvs_client.fly.vehicle import Vehicle
+from fvs_client.models.rankings import Orbit
+from fvs_client.spool import Settings
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+pytestmark = pytest.mark.process
+
+SURVEY = Survey(47.3769, 8.5417, radius_m=24.0, height_m=15.0, count=3, arc_deg=90.0)
+ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, scale=6.0, translation=(0.0, 0.0, 10.0), rms_m=0.1)
+"""The small model's cameras are 24 m from home, and 16 m above it."""
+
+
+@pytest.fixture
+def scene(client: Client) -> Scene:
+    """A scene whose world begins at the vehicle's home."""
+    home = Origin(
+        latitude_deg=47.3769, longitude_deg=8.5417, altitude_m=440.0, altitude_datum=AltitudeDatum.SEA_LEVEL
+    )
+    return client.scenes.create("flight", world=EnuWorld(origin=home))
+
+
+@contextmanager
+def working(gateway: Any, scene: Scene) -> Iterator[None]:
+    """Play the worker that makes a model in each update."""
+    done = threading.Event()
+
+    def work() -> None:
+        while not done.wait(0.05):
+            if scene.id in gateway.queued_jobs().values():
+                gateway.model(scene.id, alignment=ALIGNED)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+class Flown:
+    """A flight in a thread; ``result`` waits for its end."""
+
+    def __init__(self, stack: ExitStack, simulator: Any, scene: Scene, url: str, log: Path, **settings: Any):
+        vehicle = stack.enter_context(Vehicle(simulator.url))
+        quick = Settings(settle_s=0.1, look_every_s=0.05)
+        photographs = stack.enter_context(
+            Photographs(
+                simulator.folder, scene.id, url=url, api_key=None, say=lambda _line: None, settings=quick
+            )
+        )
+        wanted = {"vehicle": "north", "photographs": 5, "generator": Orbit(count=8), "survey": SURVEY}
+        self.log = log
+        self.flight = Flight(
+            scene,
+            vehicle,
+            photographs,
+            FlightSettings(**{**wanted, "photograph_s": 2.0, "patience_s": 2_000.0, **settings}),
+            FlightLog(log, lambda _line: None),
+        )
+        self.vehicle = vehicle
+        self._results: list[FlightResult] = []
+        self._thread = threading.Thread(target=lambda: self._results.append(self.flight.fly()))
+        self._thread.start()
+
+    def events(self, kind: str) -> list[dict[str, Any]]:
+        lines = self.log.read_text().splitlines() if self.log.exists() else []
+        return [event for event in map(json.loads, lines) if event["event"] == kind]
+
+    def wait_for(self, kind: str, count: int) -> None:
+        until = time.monotonic() + 60.0
+        while len(self.events(kind)) < count:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+    def result(self) -> FlightResult:
+        self._thread.join(timeout=120.0)
+        return self._results[0]
+
+
+def test_a_vehicle_flies_from_view_to_view(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        result = flown.result()
+        assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 5, 0, 0)
+        assert not flown.vehicle.state.armed
+    assert {image.name for image in scene.images.list()} == {f"{number:05d}.jpg" for number in range(5)}
+    assert all(image.prior is not None for image in scene.images.list())
+    goes = [event["candidate"] for event in flown.events("goes")]
+    assert len(set(goes)) == 2
+    visits = {visit.candidate_id: visit.state for visit in scene.visits()}
+    assert visits == dict.fromkeys(goes, VisitState.TAKEN)
+    photographs = flown.events("photograph")
+    assert [event["file"] for event in photographs] == [f"{number:05d}.jpg" for number in range(5)]
+    assert all(12.0 < event["height_m"] < 19.0 for event in photographs)
+    assert len(flown.events("model")) == 3
+
+
+def test_a_view_whose_photograph_fails_is_left_to_others(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        simulator.autopilot.faults.failing_photographs.add(3)
+        result = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", photographs=4).result()
+    assert (result.ending, result.photographs, result.failed) == (Ending.BUDGET, 4, 1)
+    assert sorted(visit.state for visit in scene.visits()) == [VisitState.FAILED, VisitState.TAKEN]
+
+
+def test_it_returns_when_it_is_asked_to(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        flown.flight.return_home()
+        assert flown.result().ending is Ending.STOPPED
+        assert not flown.vehicle.state.armed
+        assert flown.events("landed")
+    assert len(list(scene.images.list())) >= 1
+
+
+def test_a_reserve_of_the_battery_brings_it_home(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated(endurance_s=300.0) as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", photographs=99, reserve=0.6)
+        assert flown.result().ending is Ending.BATTERY
+        assert 0.2 < flown.vehicle.state.battery < 0.6
+
+
+def test_without_a_model_the_vehicle_returns_by_itself(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:  # nobody works on the update
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", patience_s=60.0)
+        result = flown.result()
+        assert result.ending is Ending.VEHICLE
+        assert "returns by itself" in result.reason
+        assert (result.photographs, result.unsent) == (3, 0)
+        assert not flown.vehicle.state.armed
+
+
+def test_a_scene_without_a_model_needs_a_survey(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", survey=None)
+        result = flown.result()
+        assert result.ending is Ending.NO_VIEW
+        assert "--survey" in result.reason
+
+
+def test_views_that_cannot_be_flown_are_named(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    fence = "47.376,8.541;47.376,8.54175;47.378,8.54175;47.378,8.541"  # the east is outside
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            photographs=9,
+            mission={"geofence": fence},
+        )
+        result = flown.result()
+    assert result.ending is Ending.NO_VIEW
+    assert 3 < result.photographs < 9
+    assert any("geofence" in event["text"] for event in flown.events("refused"))

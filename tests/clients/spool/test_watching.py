@@ -1,0 +1,222 @@
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fvs_client import ImageMetadata
+from fvs_client.spool.outbox import FILE_MISSING, FILE_NAME, Outbox
+from fvs_client.spool.photograph import Refusal, State
+from fvs_client.spool.watching import Watcher
+
+
+class Watching:
+    """A watcher whose time is the test's."""
+
+    def __init__(
+        self, folder: Path, outbox: Outbox, describe: Callable[[Path], ImageMetadata | None] | None
+    ) -> None:
+        self.folder, self.outbox = folder, outbox
+        self.now = 0.0
+        self.said: list[str] = []
+        self._watcher = Watcher(
+            folder,
+            "scn_1",
+            outbox,
+            settle_s=2.0,
+            say=self.said.append,
+            describe=describe,
+            clock=lambda: self.now,
+        )
+
+    def look(self, after_s: float = 1.0) -> list[str]:
+        self.now += after_s
+        return [photograph.name for photograph in self._watcher.look()]
+
+
+@pytest.fixture
+def watching(tmp_path: Path) -> Iterator[Callable[..., Watching]]:
+    folder = tmp_path / "DCIM"
+    folder.mkdir()
+    with Outbox(folder / FILE_NAME) as outbox:
+        yield lambda describe=None: Watching(folder, outbox, describe)
+
+
+def test_a_file_is_taken_when_it_is_whole_and_has_settled(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    content = photograph(1, size=(300, 300))
+    file = watched.folder / "DJI_0001.JPG"
+    written = 0
+    while written < len(content):
+        written += len(content) // 4
+        file.write_bytes(content[:written])
+        assert watched.look() == []
+    assert watched.look() == []
+    assert watched.look() == ["DJI_0001.JPG"]
+    assert watched.look() == []
+    assert watched.outbox.get(1).size_bytes == len(content)
+
+
+def test_a_half_written_file_is_waited_for(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    content = photograph(1)
+    file = watched.folder / "a.jpg"
+    file.write_bytes(content[:-1])
+    for _ in range(5):
+        assert watched.look(30) == []
+    assert len(watched.said) == 1
+    assert "has no end" in watched.said[0]
+    file.write_bytes(content)
+    watched.look()
+    assert watched.look(2) == ["a.jpg"]
+
+
+def test_order_is_that_of_the_numbers_whatever_the_clock_says(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    for number, year_s in ((10_000, 0), (2, 1_700_000_000), (10, 86_400)):
+        file = watched.folder / f"DJI_{number}.jpg"
+        file.write_bytes(photograph(number))
+        os.utime(file, (year_s, year_s))
+    watched.look()
+    assert watched.look(2) == ["DJI_2.jpg", "DJI_10.jpg", "DJI_10000.jpg"]
+    later = watched.folder / "DJI_1.jpg"
+    later.write_bytes(photograph(1))
+    os.utime(later, (0, 0))
+    watched.look()
+    watched.look(2)
+    assert [photograph.name for photograph in watched.outbox.all()][-1] == "DJI_1.jpg"
+
+
+def test_a_known_file_is_not_read_again(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = watching()
+    (watched.folder / "a.jpg").write_bytes(photograph(1))
+    watched.look()
+    assert watched.look(2) == ["a.jpg"]
+    again = watching()
+    monkeypatch.setattr("fvs_client.spool.watching.is_whole", None)
+    monkeypatch.setattr("fvs_client.spool.watching.take", None)
+    again.look()
+    assert again.look(2) == []
+
+
+def test_a_file_with_other_content_is_another_photograph(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    for seed in (1, 2):
+        (watched.folder / "a.jpg").write_bytes(photograph(seed))
+        watched.look()
+        assert watched.look(2) == ["a.jpg"]
+    assert len({photograph.digest for photograph in watched.outbox.all()}) == 2
+
+
+def test_metadata_come_from_the_sidecar_and_the_callback(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching(lambda path: ImageMetadata(yaw_deg=20.0) if path.stem == "a" else None)
+    (watched.folder / "a.jpg").write_bytes(photograph(1))
+    (watched.folder / "a.json").write_text(
+        '{"pitch_deg": -30, "yaw_deg": 10, "captured_at": "2026-05-01T12:00:00Z"}'
+    )
+    (watched.folder / "b.jpg").write_bytes(photograph(2))
+    (watched.folder / "b.jpg.json").write_text('{"name": "left", "x_m": 1, "y_m": 2, "z_m": 3}')
+    (watched.folder / "c.jpg").write_bytes(photograph(3))
+    watched.look()
+    watched.look(2)
+    first, second, third = watched.outbox.all()
+    assert first.metadata == {"pitch_deg": -30.0, "yaw_deg": 20.0, "captured_at": "2026-05-01T12:00:00Z"}
+    assert (second.name, second.metadata) == ("left", {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0})
+    assert third.metadata == {}
+
+
+def test_a_sidecar_may_come_later_than_its_photograph(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    (watched.folder / "a.jpg").write_bytes(photograph(1))
+    watched.look()
+    watched.look(2)
+    (watched.folder / "a.json").write_text('{"yaw_deg": 10}')
+    watched.look()
+    watched.look(2)
+    assert [found.metadata for found in watched.outbox.all()] == [{"yaw_deg": 10.0}]
+
+
+@pytest.mark.parametrize(
+    ("sidecar", "reason"),
+    [("{", "not JSON"), ('{"heading": 1}', "heading"), ('{"yaw_deg": "north"}', "yaw_deg"), ("[]", "it: ")],
+)
+def test_a_sidecar_that_cannot_be_used_keeps_the_photograph_until_it_is_corrected(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], sidecar: str, reason: str
+) -> None:
+    watched = watching()
+    (watched.folder / "a.jpg").write_bytes(photograph(1))
+    (watched.folder / "a.json").write_text(sidecar)
+    watched.look()
+    watched.look(2)
+    found = watched.outbox.get(1)
+    assert found.state is State.REFUSED
+    assert found.refusal is not None
+    assert reason in found.refusal.reason
+    assert "Correct" in watched.said[0]
+    (watched.folder / "a.json").write_text('{"yaw_deg": 10}')
+    watched.look()
+    watched.look(2)
+    assert (watched.outbox.get(1).state, watched.outbox.get(1).metadata) == (State.WAITING, {"yaw_deg": 10.0})
+
+
+def test_what_the_service_does_not_read_is_said_and_not_sent(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    (watched.folder / "a.JPG").write_bytes(photograph(1))
+    (watched.folder / "a.dng").write_bytes(b"raw" * 9)
+    (watched.folder / "b.heic").write_bytes(b"heic" * 9)
+    (watched.folder / "notes.txt").write_text("no photograph")
+    (watched.folder / ".hidden.jpg").write_bytes(photograph(2))
+    watched.look()
+    watched.look(2)
+    assert {found.name: found.state for found in watched.outbox.all()} == {
+        "a.JPG": State.WAITING,
+        "b.heic": State.REFUSED,
+    }
+
+
+def test_a_file_that_comes_back_waits_again(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    (watched.folder / "a.jpg").write_bytes(photograph(1))
+    watched.look()
+    watched.look(2)
+    watched.outbox.refuse(1, Refusal(FILE_MISSING, "It is gone."))
+    away = watched.folder.with_name("a.jpg")
+    (watched.folder / "a.jpg").rename(away)
+    watched.look()
+    away.rename(watched.folder / "a.jpg")
+    watched.look()
+    assert watched.look(2) == ["a.jpg"]
+    assert (watched.outbox.get(1).state, watched.outbox.get(1).refusal) == (State.WAITING, None)
+
+
+def test_a_card_that_is_taken_out_is_waited_for(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    away = watched.folder.with_name("away")
+    watched.folder.rename(away)
+    assert watched.look() == []
+    assert watched.look() == []
+    assert len(watched.said) == 1
+    away.rename(watched.folder)
+    (watched.folder / "100MEDIA").mkdir()
+    (watched.folder / "100MEDIA" / "a.jpg").write_bytes(photograph(1))
+    watched.look()
+    assert watched.look(2) == ["100MEDIA_a.jpg"]

@@ -1,0 +1,52 @@
+"""Terms of a plan that the model tells."""
+
+import pytest
+
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.targets import Targets
+from fvs_engine.plan.tours import Budget
+from fvs_engine.score import MedianFrequencyEstimate, appearance
+from fvs_engine.score.appearance import with_appearance
+from fvs_engine.splat.raster import create_rasterizer
+
+
+@pytest.fixture
+def candidates(candidate_at):
+    return [
+        candidate_at("near", (3, 0, 0)),
+        candidate_at("side", (0, 4, 1)),
+        candidate_at("away", (0, -4, 0), target=(0, -9, 0)),
+    ]
+
+
+@pytest.fixture
+def mission(candidate_at, candidates):
+    visited = [candidate_at("visited", (-3, 0, 0))]
+    return plan_mission(Targets(visited, candidates), Budget(2), [visited[0].centre])
+
+
+def test_terms_say_what_the_model_shows(ball, candidates, mission):
+    estimates = MedianFrequencyEstimate(0.0).score(ball, candidates, create_rasterizer("reference"))
+    expected = {score.name: (score.score, score.coverage) for score in estimates}
+    shown = with_appearance(mission, candidates, ball)
+    assert {term.name: (term.median_frequency, term.coverage) for term in shown.terms} == expected
+    assert expected["away"] == (None, 0.0)
+    plain = [term.model_copy(update={"median_frequency": None, "coverage": None}) for term in shown.terms]
+    assert plain == list(mission.terms)
+    assert shown.tours == mission.tours
+
+
+def test_only_the_first_terms_are_completed(ball, candidates, mission, monkeypatch):
+    monkeypatch.setattr(appearance, "MOST_SHOWN", 1)
+    first, *rest = with_appearance(mission, candidates, ball).terms
+    assert first.coverage is not None
+    assert [term.coverage for term in rest] == [None, None]
+
+
+def test_it_can_be_stopped(ball, candidates, mission):
+    monitor = Monitor()
+    monitor.cancel()
+    with pytest.raises(Cancelled):
+        with_appearance(mission, candidates, ball, monitor)

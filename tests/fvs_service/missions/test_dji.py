@@ -1,0 +1,175 @@
+"""DJI's KMZ, read by an XML parser: namespaces, the order of elements, ranges, and where it leads."""
+
+import io
+import zipfile
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import pytest
+from defusedxml.ElementTree import fromstring
+from fvs_service.errors import InvalidRequestError
+
+KML, WPML = "{http://www.opengis.net/kml/2.2}", "{http://www.dji.com/wpmz/1.0.2}"
+CONFIG = [
+    *("flyToWaylineMode", "finishAction", "exitOnRCLost", "executeRCLostAction", "takeOffSecurityHeight"),
+    *("globalTransitionalSpeed", "globalRTHHeight", "droneInfo", "payloadInfo"),
+]
+HEADING = ["waypointHeadingMode", "waypointHeadingAngle", "waypointPoiPoint", "waypointHeadingPathMode"]
+GROUP = ["actionGroupId", "actionGroupStartIndex", "actionGroupEndIndex", "actionGroupMode", "actionTrigger"]
+TEMPLATE = [
+    *("templateType", "templateId", "waylineCoordinateSysParam", "autoFlightSpeed", "globalHeight"),
+    *("gimbalPitchMode", "globalWaypointHeadingParam", "globalWaypointTurnMode", "globalUseStraightLine"),
+]
+TEMPLATE_POINT = [
+    *("Point", "index", "ellipsoidHeight", "height", "useGlobalHeight", "useGlobalSpeed"),
+    *("useGlobalHeadingParam", "waypointHeadingParam", "useGlobalTurnParam", "gimbalPitchAngle"),
+]
+WAYLINE = ["templateId", "executeHeightMode", "waylineId", "autoFlightSpeed"]
+WAYLINE_POINT = [
+    *("Point", "index", "executeHeight", "waypointSpeed", "waypointHeadingParam", "waypointTurnParam"),
+    "useStraightLine",
+]
+
+
+def _documents(content: bytes) -> tuple[Element, Element]:
+    """The Documents of template.kml and waylines.wpml."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert archive.testzip() is None
+        assert archive.namelist() == ["wpmz/template.kml", "wpmz/waylines.wpml"]
+        roots = [fromstring(archive.read(name)) for name in archive.namelist()]
+    for root in roots:
+        assert root.tag == f"{KML}kml"
+        assert [child.tag for child in root] == [f"{KML}Document"]
+    return roots[0][0], roots[1][0]
+
+
+def _names(element: Element) -> list[str]:
+    return [child.tag.rpartition("}")[2] for child in element]
+
+
+def _text(element: Element, *path: str) -> str:
+    found = element.findtext("/".join(f"{WPML}{name}" for name in path))
+    assert found is not None, path
+    return found
+
+
+def _place(placemark: Element) -> tuple[float, float]:
+    longitude, latitude = placemark.findtext(f"{KML}Point/{KML}coordinates", "").split(",")
+    assert -180 <= float(longitude) <= 180
+    return float(latitude), float(longitude)
+
+
+def _actions(placemark: Element) -> list[Element]:
+    return placemark.findall(f"{WPML}actionGroup/{WPML}action")
+
+
+def test_a_thousand_missions_come_back_from_the_waylines(flights: Any, errors: Any) -> None:
+    for flight in flights:
+        _, document = _documents(flight.write(format="dji-kmz"))
+        marks = document.findall(f"{KML}Folder/{KML}Placemark")
+        views = [mark for mark in marks if _actions(mark)]
+        assert [int(_text(mark, "index")) for mark in marks] == list(range(len(marks)))
+        for view, mark in zip(flight.views, views, strict=True):
+            gimbal = _actions(mark)[0].find(f"{WPML}actionActuatorFuncParam")
+            assert gimbal is not None
+            altitude = float(_text(mark, "executeHeight")) - flight.to_takeoff_m
+            yaw = float(_text(mark, "waypointHeadingParam", "waypointHeadingAngle"))
+            assert -180 <= yaw <= 180
+            errors.add(
+                flight, view, (*_place(mark), altitude), yaw, float(_text(gimbal, "gimbalPitchRotateAngle"))
+            )
+    errors.check("DJI waylines.wpml")
+
+
+def test_elements_are_in_djis_order_and_namespaces(flights: Any) -> None:
+    for flight in flights[:50]:
+        template, waylines = _documents(flight.write(format="dji-kmz"))
+        assert _names(template) == ["author", "missionConfig", "Folder"]
+        assert _names(waylines) == ["missionConfig", "Folder"]
+        for document in (template, waylines):
+            config = document.find(f"{WPML}missionConfig")
+            assert config is not None
+            assert _names(config) == CONFIG
+            for element in document.iter():
+                of_kml = element.tag.rpartition("}")[2] in (
+                    *("Document", "Folder", "Placemark", "Point", "coordinates"),
+                )
+                assert element.tag.startswith(KML if of_kml else WPML), element.tag
+        for document, start, inside in (
+            (template, TEMPLATE, TEMPLATE_POINT),
+            (waylines, WAYLINE, WAYLINE_POINT),
+        ):
+            folder = document.find(f"{KML}Folder")
+            assert folder is not None
+            marks = folder.findall(f"{KML}Placemark")
+            assert _names(folder) == start + ["Placemark"] * len(marks)
+            for mark in marks:
+                found = _names(mark)
+                assert found in (inside, [*inside, "actionGroup"])
+                heading = mark.find(f"{WPML}waypointHeadingParam")
+                assert heading is not None
+                assert _names(heading) == HEADING
+                if found[-1] == "actionGroup":
+                    group = mark.find(f"{WPML}actionGroup")
+                    assert group is not None
+                    assert _names(group) == [*GROUP, "action", "action", "action"]
+                    assert _text(group, "actionGroupStartIndex") == _text(mark, "index")
+                    functions = [_text(action, "actionActuatorFunc") for action in _actions(mark)]
+                    assert functions == ["gimbalRotate", "hover", "takePhoto"]
+        places = [
+            [_place(mark) for mark in document.iter(f"{KML}Placemark")] for document in (template, waylines)
+        ]
+        assert places[0] == places[1]
+
+
+def test_settings_are_in_the_file(flights: Any) -> None:
+    options = {"speed_m_s": 7.5, "hold_s": 2.0, "transit_height_m": 60.0, "finish": "hold", "drone": "m30t"}
+    template, waylines = _documents(flights[0].write(format="dji-kmz", **options))
+    for document in (template, waylines):
+        config = document.find(f"{WPML}missionConfig")
+        assert config is not None
+        assert _text(config, "finishAction") == "noAction"
+        assert _text(config, "exitOnRCLost") == "executeLostAction"  # it comes back
+        assert _text(config, "executeRCLostAction") == "goBack"
+        assert float(_text(config, "takeOffSecurityHeight")) == 60.0
+        assert float(_text(config, "globalTransitionalSpeed")) == 7.5
+        assert _text(config, "droneInfo", "droneEnumValue") == "67"
+        assert _text(config, "droneInfo", "droneSubEnumValue") == "1"
+        assert _text(config, "payloadInfo", "payloadEnumValue") == "53"
+        hovers = [float(found.text or "") for found in document.iter(f"{WPML}hoverTime")]
+        assert hovers == [2.0] * len(flights[0].views)
+    folder = waylines.find(f"{KML}Folder")
+    assert folder is not None
+    assert _text(folder, "executeHeightMode") == "relativeToStartPoint"
+    assert _text(folder, "autoFlightSpeed") == "7.5"
+
+
+def test_altitudes_above_the_ellipsoid_come_with_those_above_sea_level(flights: Any) -> None:
+    flight = next(one for one in flights if one.origin.altitude_datum == "ellipsoid")
+    content = flight.write(format="dji-kmz", altitude_datum="ellipsoid", geoid_height_m=47.0)
+    template, waylines = _documents(content)
+    assert next(waylines.iter(f"{WPML}executeHeightMode")).text == "WGS84"
+    assert next(template.iter(f"{WPML}heightMode")).text == "EGM96"
+    for mark, flown in zip(template.iter(f"{KML}Placemark"), waylines.iter(f"{KML}Placemark"), strict=True):
+        above = float(_text(mark, "ellipsoidHeight"))
+        assert above == float(_text(flown, "executeHeight"))
+        assert above - float(_text(mark, "height")) == pytest.approx(47.0, abs=1e-5)
+    with pytest.raises(InvalidRequestError, match="sea level beside those above the ellipsoid") as refused:
+        flight.write(format="dji-kmz", altitude_datum="ellipsoid")
+    assert "geoid_height_m" in refused.value.hint
+
+
+def test_what_djis_aircraft_cannot_do_is_refused(flights: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for speed in (0.5, 16.0):
+        with pytest.raises(InvalidRequestError, match="at 1 to 15 m/s") as refused:
+            flights[0].write(format="dji-kmz", speed_m_s=speed)
+        assert [error.field for error in refused.value.errors] == ["speed_m_s"]
+    monkeypatch.setattr("fvs_service.missions.formats.dji_kmz._MOST_WAYPOINTS", 3)
+    flight = next(one for one in flights if len(one.views) == 5)
+    with pytest.raises(InvalidRequestError, match="DJI's format has room for 3") as refused:
+        flight.write(format="dji-kmz")
+    assert "fewer views" in refused.value.hint
+
+
+def test_the_same_mission_gives_the_same_bytes(flights: Any) -> None:
+    assert flights[0].write(format="dji-kmz") == flights[0].write(format="dji-kmz")
