@@ -1,16 +1,23 @@
-"""The command ``fvs simulate-vehicle``: a vehicle in a made-up world that speaks MAVLink."""
+"""The command ``fvs simulate-vehicle``: a vehicle in a made-up or replayed world that speaks MAVLink."""
 
 import signal
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fvs_engine.cli.options import MAX_SEED
 
+if TYPE_CHECKING:
+    from fvs_engine.geometry.geodetic import GeodeticPosition
+    from fvs_engine.pipeline.replay import ReplayPlace
+    from fvs_engine.simulate import SimulatedCamera
+    from fvs_engine.simulate.scenery import Scenery
+
 _ORIGIN_FORM = "LATITUDE,LONGITUDE,ALTITUDE"
 _WIND_FORM = "EAST,NORTH"
+_SIZE = (640, 480)
 
 
 def simulate_vehicle(
@@ -25,9 +32,58 @@ def simulate_vehicle(
     scale: Annotated[
         float, typer.Option(min=1.0, max=100.0, help="Enlarge the courtyard, whose walls are 8 m long.")
     ] = 10.0,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN",
+            help="Fly in the model of an output folder of `fvs reconstruct`, instead of the courtyard.",
+            show_default=False,
+        ),
+    ] = None,
+    distance: Annotated[
+        float,
+        typer.Option(
+            min=0.1, max=10_000.0, metavar="M", help="Replay: the cameras' median distance from home."
+        ),
+    ] = 30.0,
+    lowest: Annotated[
+        float,
+        typer.Option(min=0.1, max=1_000.0, metavar="M", help="Replay: the height of the lowest camera."),
+    ] = 6.0,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Replay: write the photographs' poses, as candidates for `fvs-client fly --candidates`.",
+            show_default=False,
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Append where each photograph was really taken, as lines of JSON.",
+            show_default=False,
+        ),
+    ] = None,
     size: Annotated[
-        tuple[int, int], typer.Option(min=64, max=4096, metavar="W H", help="Size of the photographs in px.")
-    ] = (640, 480),
+        tuple[int, int] | None,
+        typer.Option(
+            min=64,
+            max=4096,
+            metavar="W H",
+            help="Size of the photographs in px; in a replay that of the model's.",
+            show_default="640 480",
+        ),
+    ] = None,
+    auto_exposure: Annotated[
+        bool,
+        typer.Option("--auto-exposure", help="The camera brings each photograph to the same brightness."),
+    ] = False,
+    shutter: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, metavar="S", help="Exposure time: what moves is blurred."),
+    ] = 0.004,
     gps_noise: Annotated[
         float, typer.Option(min=0.0, max=100.0, metavar="M", help="Noise of a fix: standard deviation.")
     ] = 1.5,
@@ -56,17 +112,20 @@ def simulate_vehicle(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the world and all errors.")] = 0,
 ) -> None:
-    """Simulate a copter with a camera over a courtyard, until Ctrl-C; it speaks MAVLink like ArduPilot's.
+    """Simulate a copter with a camera, until Ctrl-C; it speaks MAVLink like ArduPilot's.
 
-    Photographs have the receiver's fix in EXIF and a sidecar. Needs the extra `simulate`.
+    It flies over a made-up courtyard, or in a model of real photographs (--replay). Photographs have the
+    receiver's fix in EXIF and a sidecar. Needs the extra `simulate`.
     """
     try:
         from fvs_engine.simulate.mavlink.autopilot import Autopilot
     except ModuleNotFoundError as error:
         typer.echo("Error: MAVLink needs pymavlink: pip install 'fvs[simulate]'.", err=True)
         raise typer.Exit(2) from error
+    from fvs_engine.cli.jobs import fail as end
+    from fvs_engine.errors import EngineError
     from fvs_engine.geometry.geodetic import GeodeticPosition
-    from fvs_engine.simulate import SimulatedCamera, courtyard
+    from fvs_engine.pipeline.replay import ReplayPlace
     from fvs_engine.simulate.vehicle import GpsErrors, Vehicle, Wind
     from fvs_engine.simulate.vehicle_camera import VehicleCamera
 
@@ -80,8 +139,26 @@ def simulate_vehicle(
         endurance_s=endurance,
         seed=seed,
     )
+    if replay is not None and size is not None:
+        raise typer.BadParameter("A replay has the size of the model's photographs.", param_hint="--size")
+    if replay is None and poses is not None:
+        raise typer.BadParameter("The courtyard has no photographs: give --replay.", param_hint="--poses")
+    try:
+        if replay is None:
+            scenery, sensor = _courtyard(seed, scale, size or _SIZE)
+        else:
+            scenery, sensor = _replay(replay, ReplayPlace(distance, lowest), home, poses)
+    except EngineError as error:
+        end(error, machine=False)
     camera = VehicleCamera(
-        photographs, courtyard(seed), home, SimulatedCamera.like_a_drone(*size), scale, seed=seed
+        photographs,
+        scenery,
+        home,
+        sensor,
+        exposure_s=shutter,
+        auto_exposure=auto_exposure,
+        truth=truth,
+        seed=seed,
     )
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -95,6 +172,36 @@ def simulate_vehicle(
     typer.echo(f"Listening on {autopilot.url}")
     autopilot.run(stopped.is_set)
     autopilot.close()
+
+
+def _courtyard(seed: int, scale: float, size: tuple[int, int]) -> "tuple[Scenery, SimulatedCamera]":
+    from fvs_engine.simulate import SimulatedCamera, courtyard
+    from fvs_engine.simulate.scenery import MadeUpScenery
+
+    sensor = SimulatedCamera.like_a_drone(*size)
+    return MadeUpScenery(courtyard(seed), sensor.camera, scale), sensor
+
+
+def _replay(
+    root: Path, place: "ReplayPlace", home: "GeodeticPosition", poses: Path | None
+) -> "tuple[Scenery, SimulatedCamera]":
+    """A replay world; says where its photographs were taken, and writes their poses where asked to."""
+    import numpy as np
+
+    from fvs_engine.pipeline.replay import open_replay, write_poses
+    from fvs_engine.simulate import SimulatedCamera
+
+    scenery = open_replay(root, place)
+    heights = np.array([view.centre[2] for view in scenery.views])
+    away = np.array([np.hypot(*view.centre[:2]) for view in scenery.views])
+    typer.echo(
+        f"{len(scenery.views)} photographs, {away.min():.0f} to {away.max():.0f} m from home, "
+        f"{heights.min():.0f} to {heights.max():.0f} m high; most look at {scenery.target_height_m:.0f} m"
+    )
+    if poses is not None:
+        write_poses(poses, scenery.views, home)
+    # The vignetting of the real camera is in the photographs that the model was trained on.
+    return scenery, SimulatedCamera(scenery.camera, vignetting=0.0)
 
 
 def _numbers(text: str, count: int, form: str, option: str) -> tuple[float, ...]:

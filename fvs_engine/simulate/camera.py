@@ -59,8 +59,11 @@ class SimulatedCamera:
         self, world: PackedWorld, world_from_camera: RigidTransform, seed: int
     ) -> NDArray[np.uint8]:
         """A photograph [H, W, 3]; ``seed`` fixes its noise."""
-        light = trace(world, self._corner_rays, world_from_camera) * 2.0**self.exposure_ev
-        light *= self._falloff
+        return self.develop(trace(world, self._corner_rays, world_from_camera), seed)
+
+    def develop(self, light: Array, seed: int) -> NDArray[np.uint8]:
+        """The photograph [H, W, 3] of linear light [H, W, 3] in [0, 1]; ``seed`` fixes its noise."""
+        light = light * 2.0**self.exposure_ev * self._falloff
         generator = np.random.default_rng(seed)
         if self.full_well is not None:
             light = light + generator.normal(size=light.shape) * np.sqrt(light / self.full_well)

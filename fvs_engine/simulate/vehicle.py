@@ -86,6 +86,8 @@ class Vehicle:
     pitch_deg: float = 0.0
     """Of the gimbal."""
     battery: float = 1.0
+    flown_m: float = 0.0
+    """Length of its way."""
 
     def __post_init__(self) -> None:
         if self.endurance_s <= 0:
@@ -123,7 +125,9 @@ class Vehicle:
         change = wanted - self.velocity
         most = limits.acceleration_m_s2 * seconds
         self.velocity += change * min(1.0, most / max(float(np.linalg.norm(change)), 1e-9))
-        self.position += (self.velocity + _HELD_GUSTS * self._gust) * seconds
+        way = (self.velocity + _HELD_GUSTS * self._gust) * seconds
+        self.position += way
+        self.flown_m += float(np.linalg.norm(way))
         self.position[2] = max(self.position[2], 0.0)
         turn = (goal.yaw_deg - self.yaw_deg + 180.0) % 360.0 - 180.0
         self.yaw_deg = (self.yaw_deg + _towards(turn, limits.yaw_rate_deg_s * seconds)) % 360.0

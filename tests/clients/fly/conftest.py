@@ -12,6 +12,7 @@ import pytest
 from fvs_engine.geometry.geodetic import GeodeticPosition
 from fvs_engine.simulate import SimulatedCamera, courtyard
 from fvs_engine.simulate.mavlink.autopilot import Autopilot
+from fvs_engine.simulate.scenery import MadeUpScenery
 from fvs_engine.simulate.vehicle import GpsErrors, Vehicle
 from fvs_engine.simulate.vehicle_camera import VehicleCamera
 
@@ -25,7 +26,8 @@ class Simulator:
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         self.folder, self.url = folder, f"tcp:127.0.0.1:{port}"
-        camera = VehicleCamera(folder, courtyard(0), HOME, SimulatedCamera.like_a_drone(64, 48), scale=10.0)
+        sensor = SimulatedCamera.like_a_drone(64, 48)
+        camera = VehicleCamera(folder, MadeUpScenery(courtyard(0), sensor.camera, scale=10.0), HOME, sensor)
         simulated = Vehicle(**{"gps": GpsErrors(0.0, 0.0), **vehicle})
         self.autopilot = Autopilot(f"tcpin:127.0.0.1:{port}", simulated, camera, HOME, speed_up=30.0)
         self._stop = threading.Event()

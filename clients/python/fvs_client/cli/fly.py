@@ -77,6 +77,10 @@ def fly(
     survey_views: Annotated[
         int, typer.Option(min=3, max=200, metavar="N", help="Photographs of the survey.")
     ] = 8,
+    survey_target: Annotated[
+        float,
+        typer.Option(min=-1_000, max=10_000, metavar="M", help="The height above home that it looks at."),
+    ] = 0.0,
     survey_arc: Annotated[
         float, typer.Option(min=1, max=360, metavar="DEG", help="The part of the circle that it flies.")
     ] = 100.0,
@@ -147,7 +151,9 @@ def fly(
         generator=generator_of(generator or GeneratorName.ORBIT, count) if listed is None else None,
         candidates=None if listed is None else tuple(listed),
         radius_m=radius,
-        survey=None if survey is None else _survey(survey, survey_views, survey_start, survey_arc),
+        survey=None
+        if survey is None
+        else _survey(survey, survey_target, survey_views, survey_start, survey_arc),
         reserve=reserve,
         patience_s=patience,
         iterations=iterations,
@@ -178,12 +184,12 @@ def fly(
         raise typer.Exit(NOT_FLOWN)
 
 
-def _survey(text: str, count: int, start_deg: float, arc_deg: float) -> Survey:
+def _survey(text: str, target_m: float, count: int, start_deg: float, arc_deg: float) -> Survey:
     try:
         latitude, longitude, radius, height = (float(part) for part in text.split(","))
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} is not {_SURVEY_FORM}.", param_hint="--survey") from error
-    return Survey(latitude, longitude, radius, height, count=count, start_deg=start_deg, arc_deg=arc_deg)
+    return Survey(latitude, longitude, radius, height, target_m, count, start_deg=start_deg, arc_deg=arc_deg)
 
 
 def _listen(flight: Flight) -> None:
