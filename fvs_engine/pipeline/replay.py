@@ -12,7 +12,6 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import PinholeCamera, RigidTransform, SimilarityTransform, level_axes
-from fvs_engine.geometry.cameras import Camera
 from fvs_engine.geometry.geodetic import GeodeticPosition, attitude_of, geodetic_from_enu
 from fvs_engine.pipeline.model import open_model
 from fvs_engine.simulate.camera import GAMMA
@@ -72,15 +71,14 @@ class ReplayScenery:
             )
             for view in views
         )
-        self._pinhole = camera
-        self.camera: Camera = camera
+        self.camera = camera
         self._rasterizer = create_rasterizer(backend)
         self._gaussians = gaussians.to(self._rasterizer.device)
 
     def light(self, world_from_camera: RigidTransform) -> Array:
         """See ``fvs_engine.simulate.scenery.Scenery``."""
         model_from_camera = self._world_from_model.inverse().move_camera(world_from_camera)
-        view = PinholeView("photograph", self._pinhole, model_from_camera.inverse())
+        view = PinholeView("photograph", self.camera, model_from_camera.inverse())
         return np.asarray(render_color(self._gaussians, view, self._rasterizer), dtype=np.float64) ** GAMMA
 
 

@@ -16,8 +16,10 @@ Array = NDArray[np.float64]
 class Scenery(Protocol):
     """The surroundings of a vehicle, in ENU metres around its home."""
 
-    camera: Camera
-    """Of all photographs."""
+    @property
+    def camera(self) -> Camera:
+        """That of all photographs."""
+        ...
 
     def light(self, world_from_camera: RigidTransform) -> Array:
         """Linear light [H, W, 3] in [0, 1] that reaches the camera's pixels."""
