@@ -3,11 +3,12 @@
 python benchmarks/flight_faults.py OUT [--runs 20]
 
 Service, simulated copter and ``fvs-client fly`` are processes. What goes wrong, and when, is drawn from the
-seed. After a flight whose program or service is gone, the service is started again and ``fvs-client spool send``
-sends what waits, as a pilot would. A run whose result is in OUT is not flown again.
+seed. After a flight whose program or service is gone, the service is started again, and
+``fvs-client spool send`` sends what waits, as a pilot would. A run whose result is in OUT is not flown again.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import random
@@ -107,6 +108,8 @@ class Relay:
     def close(self) -> None:
         """Close all connections."""
         for one in self._open:
+            with contextlib.suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
             one.close()
 
     def _accept(self) -> None:
@@ -181,6 +184,7 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
         time.sleep(chance.uniform(0.0, 6.0))
         _break(kind, chance, service, relay, program)
         status = program.wait()
+        relay.close()  # the vehicle speaks with one station at a time
         landed_m, battery = _landing(url)
         seconds = time.monotonic() - began
         if kind == "service away":

@@ -22,12 +22,14 @@ HOME = GeodeticPosition(47.3769, 8.5417, 440.0)
 class Simulator:
     """An autopilot in a thread; ``url`` is where it listens."""
 
-    def __init__(self, folder: Path, **vehicle: Any) -> None:
+    def __init__(self, folder: Path, seed: int, **vehicle: Any) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         self.folder, self.url = folder, f"tcp:127.0.0.1:{port}"
         sensor = SimulatedCamera.like_a_drone(64, 48)
-        camera = VehicleCamera(folder, MadeUpScenery(courtyard(0), sensor.camera, scale=10.0), HOME, sensor)
+        camera = VehicleCamera(
+            folder, MadeUpScenery(courtyard(0), sensor.camera, scale=10.0), HOME, sensor, seed=seed
+        )
         simulated = Vehicle(**{"gps": GpsErrors(0.0, 0.0), **vehicle})
         self.autopilot = Autopilot(f"tcpin:127.0.0.1:{port}", simulated, camera, HOME, speed_up=30.0)
         self._stop = threading.Event()
@@ -42,13 +44,13 @@ class Simulator:
 
 @pytest.fixture
 def simulated(tmp_path: Path) -> Callable[..., AbstractContextManager[Simulator]]:
-    """Run a simulator in a ``with`` block; its camera writes into a folder."""
+    """Run a simulator in a ``with`` block; its camera writes into a folder of its ``name``."""
 
     @contextmanager
-    def run(**vehicle: Any) -> Iterator[Simulator]:
-        folder = tmp_path / "camera"
+    def run(name: str = "camera", seed: int = 0, **vehicle: Any) -> Iterator[Simulator]:
+        folder = tmp_path / name
         folder.mkdir(exist_ok=True)
-        simulator = Simulator(folder, **vehicle)
+        simulator = Simulator(folder, seed, **vehicle)
         try:
             yield simulator
         finally:

@@ -114,6 +114,27 @@ def test_a_vehicle_flies_from_view_to_view(
     assert len(flown.events("model")) == 3
 
 
+def test_two_vehicles_share_a_scene(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with working(gateway, scene), ExitStack() as stack:
+        flights = []
+        for seed, name in enumerate(("north", "south")):
+            simulator = stack.enter_context(simulated(name, seed))
+            log = tmp_path / f"{name}.jsonl"
+            flights.append(Flown(stack, simulator, scene, url, log, vehicle=name, photographs=6))
+        results = [flown.result() for flown in flights]
+    assert [(result.ending, result.photographs, result.unsent) for result in results] == [
+        (Ending.BUDGET, 6, 0)
+    ] * 2
+    goes = [event["candidate"] for flown in flights for event in flown.events("goes")]
+    assert len(goes) == len(set(goes)) >= 3  # no view twice
+    visits = [(visit.vehicle, visit.state) for visit in scene.visits()]
+    assert {vehicle for vehicle, _ in visits} == {"north", "south"}
+    assert [state for _, state in visits] == [VisitState.TAKEN] * len(goes)
+    assert len(list(scene.images.list())) == 12  # although both cameras number theirs from 0
+
+
 def test_a_view_whose_photograph_fails_is_left_to_others(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
