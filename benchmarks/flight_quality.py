@@ -181,19 +181,22 @@ def _measured(
             for pose in site.held_out
         ]
         scores = [psnr(*pair) for pair in zip(renders, site.photographs, strict=True)]
-        last = max(told.flown_m for told in truth if told.file in poses)
+        photographs = snapshot.metrics.registered + snapshot.metrics.unregistered
         found.append(
             {
                 "registered": len(poses),
-                "photographs": snapshot.metrics.registered + snapshot.metrics.unregistered,
-                "flown_m": last,
+                "photographs": photographs,
+                "flown_m": truth[photographs - 1].flown_m,
                 "psnr_db": float(np.mean(scores)),
                 "worst_db": float(np.min(scores)),
                 "alignment_rms": report.rms / report.transform.scale,
                 "gaussians": len(gaussians),
+                "iterations": snapshot.metrics.iterations,
             }
         )
-    return sorted(found, key=lambda model: model["flown_m"])
+    # Of an update that made more than one model, the last counts, which was trained for longest.
+    last = {model["photographs"]: model for model in sorted(found, key=lambda model: model["iterations"])}
+    return [last[photographs] for photographs in sorted(last)]
 
 
 def _seen_from(
@@ -237,9 +240,9 @@ def _draw(path: Path, results: Sequence[dict[str, Any]]) -> None:
         label = result["method"] if result["seed"] == min(r["seed"] for r in results) else None
         worth = [model["psnr_db"] for model in models]
         by_distance.plot([m["flown_m"] for m in models], worth, ".-", color=color, label=label, alpha=0.8)
-        by_count.plot([m["registered"] for m in models], worth, ".-", color=color, alpha=0.8)
+        by_count.plot([m["photographs"] for m in models], worth, ".-", color=color, alpha=0.8)
     by_distance.set(xlabel="flown, m", ylabel="PSNR at held-out poses, dB")
-    by_count.set(xlabel="registered photographs")
+    by_count.set(xlabel="photographs")
     by_distance.legend()
     figure.savefig(path, dpi=110)
 

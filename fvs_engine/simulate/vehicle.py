@@ -18,6 +18,9 @@ _RESPONSE_S = 1.0
 _HELD_GUSTS = 0.15
 """Share of a gust's speed that moves the vehicle: its controller holds against the rest."""
 
+_STEP_M = 1.0
+"""Shortest step that counts as flown."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -87,13 +90,14 @@ class Vehicle:
     """Of the gimbal."""
     battery: float = 1.0
     flown_m: float = 0.0
-    """Length of its way."""
+    """Length of its way, in steps of a metre: a hover adds nothing."""
 
     def __post_init__(self) -> None:
         if self.endurance_s <= 0:
             raise InvalidInputError("A battery lasts longer than no time.")
         self._random = np.random.default_rng(self.seed)
         self._gust = np.zeros(3)
+        self._measured_at = self.position.copy()
         vertical = np.array([1.0, 1.0, 1.5])
         self._bias_m = self.gps.bias_m * vertical
         self._noise_m = self.gps.noise_m * vertical
@@ -125,10 +129,9 @@ class Vehicle:
         change = wanted - self.velocity
         most = limits.acceleration_m_s2 * seconds
         self.velocity += change * min(1.0, most / max(float(np.linalg.norm(change)), 1e-9))
-        way = (self.velocity + _HELD_GUSTS * self._gust) * seconds
-        self.position += way
-        self.flown_m += float(np.linalg.norm(way))
+        self.position += (self.velocity + _HELD_GUSTS * self._gust) * seconds
         self.position[2] = max(self.position[2], 0.0)
+        self._measure()
         turn = (goal.yaw_deg - self.yaw_deg + 180.0) % 360.0 - 180.0
         self.yaw_deg = (self.yaw_deg + _towards(turn, limits.yaw_rate_deg_s * seconds)) % 360.0
         pitch = float(np.clip(goal.pitch_deg, limits.gimbal_lowest_deg, limits.gimbal_highest_deg))
@@ -136,6 +139,13 @@ class Vehicle:
         through_air = self.velocity[:2] - np.array(self.wind.mean_m_s) - self._gust[:2]
         load = 1.0 + 0.5 * min(1.0, float(np.hypot(*through_air)) / limits.speed_m_s) ** 2
         self.battery = max(0.0, self.battery - load * seconds / self.endurance_s)
+
+    def _measure(self) -> None:
+        """Add to the way what is a step away from where it was added last."""
+        moved_m = float(np.linalg.norm(self.position - self._measured_at))
+        if moved_m >= _STEP_M:
+            self.flown_m += moved_m
+            self._measured_at = self.position.copy()
 
     def _blow(self, seconds: float) -> None:
         """Change the gust: a random one that fades."""

@@ -64,6 +64,15 @@ def test_gusts_move_it_and_it_comes_back() -> None:
     assert 0.1 < np.linalg.norm(path - [0.0, 0.0, 10.0], axis=1).max() < 5.0
 
 
+def test_a_hover_is_no_way() -> None:
+    vehicle = Vehicle(gps=GpsErrors(1.5, 0.1), wind=Wind((3.0, 1.0), 1.0))
+    flown(vehicle, goal(0.0, 30.0, 10.0), 20.0)
+    there_m = vehicle.flown_m
+    assert there_m == pytest.approx(np.hypot(30.0, 10.0), rel=0.15)
+    flown(vehicle, goal(0.0, 30.0, 10.0), 300.0)
+    assert vehicle.flown_m - there_m < 10.0
+
+
 def test_the_battery_lasts_as_long_as_it_is_said_to_and_wind_costs() -> None:
     still, windy = (Vehicle(gps=EXACT, endurance_s=100.0, wind=wind) for wind in (Wind(), Wind((8.0, 0.0))))
     for vehicle in (still, windy):
