@@ -31,6 +31,7 @@ from fvs_service.gateway.rest import (
     visits,
 )
 from fvs_service.gateway.rest.body_guard import BodyGuard
+from fvs_service.gateway.rest.compression import Compression
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
 from fvs_service.gateway.rest.refusal_guard import RefusalGuard
@@ -116,6 +117,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         redirect_slashes=False,
     )
     app.state.refusals = refusals
+    app.add_middleware(Compression)
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(RefusalGuard, refusals=refusals)
     app.add_middleware(OriginGuard, settings=settings)
