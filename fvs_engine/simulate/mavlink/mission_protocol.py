@@ -1,0 +1,90 @@
+"""The mission protocol of a simulated autopilot: https://mavlink.io/en/services/mission.html."""
+
+from collections.abc import Callable
+from typing import Any
+
+from fvs_engine.simulate.mavlink.dialect import mavlink
+from fvs_engine.simulate.mavlink.flight_state import FlightState
+from fvs_engine.simulate.mavlink.mission import Item, Reception
+
+_ANYBODY = (0, 0)
+"""The ground station that is spoken to: whoever listens."""
+
+
+class MissionProtocol:
+    """Receives and returns the mission ``items``; ``replaced`` is called when there are new ones.
+
+    While ``refuses`` is true, all are refused.
+    """
+
+    def __init__(
+        self,
+        state: FlightState,
+        tell: Callable[..., None],
+        replaced: Callable[[], None],
+        refuses: Callable[[], bool],
+    ) -> None:
+        self.items: list[Item] = []
+        self._state, self._tell, self._replaced, self._refuses = state, tell, replaced, refuses
+        self._reception: Reception | None = None
+
+    def on_count(self, message: Any) -> None:
+        """Begin to receive a mission."""
+        self._reception = Reception(message.count)
+        refusal = mavlink.MAV_MISSION_DENIED if self._refuses() else self._reception.refusal
+        if refusal is not None:
+            self._refuse(refusal)
+        elif message.count == 0:
+            self._accept([])
+        else:
+            self._request(0)
+
+    def on_item_int(self, message: Any) -> None:
+        """Receive an item, and ask for the next one."""
+        reception = self._reception
+        if reception is None:
+            return
+        if message.seq != len(reception.items):  # one of an earlier request
+            self._request(len(reception.items))
+            return
+        item = Item.of(message)
+        if item.refusal is not None:
+            self._refuse(item.refusal)
+            return
+        reception.items.append(item)
+        if reception.whole:
+            self._accept(reception.items)
+        else:
+            self._request(len(reception.items))
+
+    def on_request_list(self, _message: Any) -> None:
+        """Tell how many items there are."""
+        self._tell("mission_count_send", *_ANYBODY, len(self.items))
+
+    def on_request_int(self, message: Any) -> None:
+        """Send an item."""
+        if not 0 <= message.seq < len(self.items):
+            self._tell("mission_ack_send", *_ANYBODY, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            return
+        item = self.items[message.seq]
+        factor = 1e7 if item.frame != mavlink.MAV_FRAME_MISSION else 1.0
+        place = (round(item.latitude_deg * factor), round(item.longitude_deg * factor), item.altitude_m)
+        current = int(message.seq == self._state.item)
+        fields = (message.seq, item.frame, item.command, current, 1, *item.parameters, *place)
+        self._tell("mission_item_int_send", *_ANYBODY, *fields)
+
+    def on_clear_all(self, _message: Any) -> None:
+        """Forget the mission."""
+        self._accept([])
+
+    def _request(self, number: int) -> None:
+        self._tell("mission_request_int_send", *_ANYBODY, number)
+
+    def _refuse(self, result: int) -> None:
+        self._reception = None
+        self._tell("mission_ack_send", *_ANYBODY, result)
+
+    def _accept(self, items: list[Item]) -> None:
+        self.items, self._reception = list(items), None
+        self._replaced()
+        self._tell("mission_ack_send", *_ANYBODY, mavlink.MAV_MISSION_ACCEPTED)
