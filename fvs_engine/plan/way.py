@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 
 WIDTH = 200
 """Ways that are kept at every step; 500 found ways that are 0.1 % better (docs/adr/0031)."""
+_MOST_STEPS = 4_000
+"""Steps of all ways that are kept: of ways of 100 steps 40 are, which costs up to 1 % of their gain."""
+_LEAST_WIDTH = 20
 
 
 @dataclass(frozen=True)
@@ -30,31 +33,29 @@ def plan_way(
     centres: Array,
     here: Array,
     reach: Reach,
-    width: int = WIDTH,
+    width: int | None = None,
 ) -> ViewPlan:
     """Plan ``count`` steps from ``here`` [3], each to a candidate in ``reach`` of the last.
 
     ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on.
     ``chosen`` is in the order of the visit, and ``ends`` holds the end of the best way that begins with each
-    candidate in reach; infinite for the others.
+    candidate in reach; infinite for the others. ``width``: how many ways are kept at every step (None: as
+    many as take a second or so).
     """
+    width = width or max(_LEAST_WIDTH, min(WIDTH, _MOST_STEPS // max(1, count)))
     neighbours = _Neighbours(centres, reach)
     ends = np.full(len(centres), np.inf)
     best = _Way((), 0.0)
     ways = [best]
     for _ in range(count):
-        found: dict[tuple[frozenset[int], int], _Way] = {}
+        steps = []
         for way in ways:
             near = neighbours.of(here if not way.views else way.views[-1], way.views)
             near = near[admissible(way.views)[near]]
-            for index, gain in zip(near.tolist(), variance.gains(way.views, near).tolist(), strict=True):
-                longer = _Way((*way.views, index), way.gain + gain)
-                key = (frozenset(longer.views), index)
-                if key not in found or found[key].gain < longer.gain:
-                    found[key] = longer
-        if not found:
+            steps.append((near, way.gain + variance.gains(way.views, near)))
+        ways = _best(ways, steps, width)
+        if not ways:
             break
-        ways = sorted(found.values(), key=lambda way: (-way.gain, way.views))[:width]
         best = ways[0]
         for way in reversed(ways):  # a first step whose ways were all given up keeps what they had reached
             ends[way.views[0]] = variance.variance - way.gain
@@ -65,6 +66,23 @@ def plan_way(
         variance.variance - best.gain,
         ends,
     )
+
+
+def _best(ways: Sequence[_Way], steps: Sequence[tuple[NDArray[np.int64], Array]], width: int) -> list[_Way]:
+    """The ``width`` best ways that go on from each of ``ways`` by ``steps``: candidates, and the gain there.
+
+    Of ways through the same views to the same last one, the best is enough. Equal gains are ordered by views.
+    """
+    order_of_views = np.argsort(sorted(range(len(ways)), key=lambda number: ways[number].views))
+    parents = np.repeat(np.arange(len(ways)), [len(near) for near, _ in steps])
+    last, gains = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+    found: dict[tuple[frozenset[int], int], _Way] = {}
+    for place in np.lexsort((last, order_of_views[parents], -gains)).tolist():
+        longer = (*ways[parents[place]].views, int(last[place]))
+        found.setdefault((frozenset(longer), longer[-1]), _Way(longer, float(gains[place])))
+        if len(found) == width:
+            break
+    return list(found.values())
 
 
 def _gains(variance: TargetVariance, views: Sequence[int]) -> list[float]:

@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
@@ -23,10 +26,10 @@ class SelectionContext:
     """The input of a selector.
 
     ``gaussians``, rendered by ``rasterizer`` with ``sh_degree`` degrees (None: all), are the model so far.
-    ``visited`` are the photographed views in the order of their visit, the last one where the camera is now;
-    ``candidates`` those in reach; both in the model frame. ``order`` maps the name of every view that may
-    be visited to its index in the order of capture. ``budget``: views at the end, the first ones
-    included. ``seed`` and ``step`` (from 0) are the only source of chance.
+    ``visited`` are the photographed views in the order of their visit, ``candidates`` those in reach, and
+    ``here`` is where the camera is now (None: at the last visited view); all in the model frame. ``order``
+    maps the name of every view that may be visited to its index in the order of capture. ``budget``: views at
+    the end, the first ones included. ``seed`` and ``step`` (from 0) are the only source of chance.
 
     For selectors that plan: ``later`` are the unvisited views that may be visited later, the candidates among
     them (empty: the candidates), ``reach`` what each step can reach, in units of the model frame (None:
@@ -51,6 +54,7 @@ class SelectionContext:
     reach: Reach | None = None
     targets: tuple[PinholeView, ...] = ()
     observations: Observations | None = None
+    here: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         known: set[str] = set()
@@ -67,6 +71,13 @@ class SelectionContext:
     def remaining(self) -> int:
         """Views that may still be visited; a budget that is used up counts as one."""
         return max(1, self.budget - len(self.visited))
+
+    @property
+    def centre(self) -> NDArray[np.float64] | None:
+        """Where the camera is [3]; None when that is not known, because nothing was visited."""
+        if self.here is None and self.visited:
+            return self.visited[-1].centre
+        return self.here
 
     def planning(self) -> Targets:
         """The context as the input of a plan: the same to the last bit in whatever order candidates come."""

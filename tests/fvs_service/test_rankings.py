@@ -355,3 +355,21 @@ def test_rankings_leave_half_of_the_reserve(open_gateway: Any, monkeypatch: pyte
         assert (refused.status_code, refused.json()["code"]) == (507, "out-of-space")
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=501))
     assert _rank(gateway, scene).status_code == 201
+
+
+def test_the_runner_is_told_where_the_vehicle_is_and_what_is_out_of_range(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=2.0, rms_m=0.1))
+    orbit = {"kind": "orbit", "count": 24, "radius_m": 8.0, "height_m": 2.0}
+    here = {**LOOK, "position": [4.0, 6.9, 2.0]}
+    gateway.runners.asked.clear()
+    ranking = _rank(gateway, scene, generator=orbit, current_pose=here, radius_m=5.0).json()
+    (asked,) = gateway.runners.asked
+    by_status = {
+        status: {place["id"] for place in ranking["candidates"] if place["status"] == status}
+        for status in ("out-of-range", "visited")
+    }
+    assert {view.name for view in asked.later} == by_status["out-of-range"]
+    assert len(by_status["out-of-range"]) > 12
+    assert asked.reach == pytest.approx(2.5)  # half of it in the model frame
+    assert asked.here == pytest.approx([2.0, 3.45, 1.0])

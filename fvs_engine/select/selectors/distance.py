@@ -33,10 +33,10 @@ class Farthest:
 
 
 class Nearest:
-    """Scores a candidate by how far the camera, at the last visited view, has to travel to its centre.
+    """Scores a candidate by how far the camera has to travel to its centre, in units of the model frame.
 
-    In units of the model frame. Source: the nearest neighbour tour, a bound for travel. Nothing is rendered.
-    Raises ``InvalidInputError`` without a visited view.
+    Source: the nearest neighbour tour, a bound for travel. Nothing is rendered. Raises ``InvalidInputError``
+    where nothing says where the camera is.
     """
 
     name = "nearest"
@@ -47,9 +47,9 @@ class Nearest:
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``."""
-        if not context.visited:
+        here = context.centre
+        if here is None:
             raise InvalidInputError("The nearest view is not known before the first visit.")
-        here = context.visited[-1].centre
         return tuple(
             CandidateScore(
                 candidate.name,

@@ -51,7 +51,7 @@ class Kriging:
 def _planned(context: SelectionContext, targets: Targets) -> tuple[ViewPlan, NDArray[np.float64]]:
     """The plan, and how far the camera travels in all if it goes to each of the later views next."""
     centres = targets.centres
-    here = context.visited[-1].centre if context.visited else centres.mean(axis=0)
+    here = centres.mean(axis=0) if context.centre is None else context.centre
     if context.reach is not None and not context.reach.reaches_all(len(centres)):
         plan = plan_way(
             targets.variance,

@@ -43,8 +43,11 @@ class RankViews(Question):
     """Rank ``views``, named by candidate id, of one camera, by ``method`` with the model of a scene.
 
     ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
-    ``taken`` are views that count as visited, though they have no image yet.
-    When ``streamed``, scores are sent before the result.
+    ``taken`` are views that count as visited, though they have no image yet. When ``streamed``, scores are
+    sent before the result.
+
+    For methods that plan: ``here`` is where the camera is, ``reach`` the length of a step (None: any), both
+    in the model frame, and ``later`` are views that are out of reach now.
     """
 
     kind: Literal["rank"] = "rank"
@@ -52,6 +55,9 @@ class RankViews(Question):
     views: PackedViews
     distances: Mapping[str, float] = {}
     taken: PackedViews = ()
+    later: PackedViews = ()
+    here: tuple[float, float, float] | None = None
+    reach: float | None = None
     budget: int = 1
     seed: int = 0
     streamed: bool = False

@@ -198,6 +198,12 @@ class Rankings:
         taken = taken_cameras(frame, taken_poses)
         excluded = _excluded(poses, distances, geometry, taken, request.radius_m)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
+        later = {
+            name: poses[name]
+            for name, candidate in excluded.items()
+            if candidate.status is CandidateStatus.OUT_OF_RANGE
+        }
+        scale = frame.world_from_model.scale
         camera = self._frames.cameras(snapshot.id).camera.pinhole
         question = RankViews(
             scene_id=scene.id,
@@ -209,6 +215,9 @@ class Rankings:
             views=frame.views(scored, camera),
             distances={name: distances[name] for name in scored if name in distances},
             taken=frame.views(taken, camera),
+            later=frame.views(later, camera),
+            here=None if current is None else tuple(frame.model_from_world.apply(current).tolist()),
+            reach=None if request.radius_m is None else request.radius_m / scale,
             budget=request.budget,
             seed=request.seed,
         )
@@ -354,12 +363,12 @@ def _excluded(
     taken_views = geometry.same_view(poses, tuple(taken.values()))
     for name in sorted(poses, key=lambda name: (distances.get(name, 0.0), name)):
         distance = distances.get(name)
-        if radius is not None and distance is not None and distance > radius:
-            status = CandidateStatus.OUT_OF_RANGE
-        elif name in visited:
+        if name in visited:
             status = CandidateStatus.VISITED
         elif name in taken_views:
             status = CandidateStatus.TAKEN
+        elif radius is not None and distance is not None and distance > radius:
+            status = CandidateStatus.OUT_OF_RANGE
         else:
             continue
         found[name] = engine.RankedCandidate(None, name, None, status, None, distance)

@@ -7,9 +7,11 @@ import numpy as np
 from PIL import Image
 
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.reach import Reach
 from fvs_engine.score.log_magnitude import log_magnitude
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
+from fvs_engine.select.selectors.kriging import Kriging
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color, to_pixels
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, ViewImage
@@ -22,6 +24,7 @@ def rank_views(
     """Rank the request's views; raises ``InvalidInputError`` for an unknown method, ``Cancelled``."""
     visited = (*state.visited, *request.taken)
     names = (*(view.name for view in visited), *sorted(view.name for view in request.views))
+    selector = create_selector(request.method)
     context = SelectionContext(
         gaussians=state.gaussians,
         rasterizer=rasterizer,
@@ -32,9 +35,13 @@ def rank_views(
         budget=len(visited) + request.budget,
         seed=request.seed,
         step=0,
+        later=(*request.views, *request.later),
+        reach=None if request.reach is None else Reach(radius=request.reach),
+        observations=state.observations if isinstance(selector, Kriging) else None,
+        here=None if request.here is None else np.array(request.here),
     )
     started = time.perf_counter()
-    selection = select(context, create_selector(request.method), request.distances, monitor)
+    selection = select(context, selector, request.distances, monitor)
     return RankedViews(
         snapshot_id=state.snapshot_id,
         iterations=state.iterations,
