@@ -41,3 +41,6 @@ ProtocolName = Literal["paper", "fisherrf", "nearest5"]
 
 ViewGroup = Literal["held-out", "training", "all", "path"]
 """Views of a model that can be rendered together; ``path`` is a smooth path through the training views."""
+
+Firmware = Literal["ardupilot", "px4"]
+"""Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks, see ``fvs_engine.simulate.mavlink.firmware``."""

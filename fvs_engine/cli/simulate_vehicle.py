@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvs_engine.choices import Firmware
 from fvs_engine.cli.options import MAX_SEED
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ def simulate_vehicle(
     listen: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Where ground stations connect, with MAVLink over TCP.")
     ] = "127.0.0.1:5760",
+    firmware: Annotated[
+        Firmware, typer.Option("--autopilot", help="Whose modes, commands and parameters it has.")
+    ] = "ardupilot",
     origin: Annotated[
         str,
         typer.Option(metavar=_ORIGIN_FORM, help="Home, in the middle of the world: degrees and m above sea."),
@@ -112,7 +116,7 @@ def simulate_vehicle(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the world and all errors.")] = 0,
 ) -> None:
-    """Simulate a copter with a camera, until Ctrl-C; it speaks MAVLink like ArduPilot's.
+    """Simulate a copter with a camera, until Ctrl-C; it speaks MAVLink as ArduPilot's or PX4's do.
 
     It flies over a made-up courtyard, or in a model of real photographs (--replay). Photographs have the
     receiver's fix in EXIF and a sidecar. Needs the extra `simulate`.
@@ -164,7 +168,15 @@ def simulate_vehicle(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     try:
-        autopilot = Autopilot(f"tcpin:{listen}", vehicle, camera, home, speed_up=speed_up, say=typer.echo)
+        autopilot = Autopilot(
+            f"tcpin:{listen}",
+            vehicle,
+            camera,
+            home,
+            firmware=firmware,
+            speed_up=speed_up,
+            say=typer.echo,
+        )
     except (OSError, ValueError) as error:
         typer.echo(f"Error: {listen} cannot be listened on: {error}.", err=True)
         raise typer.Exit(2) from error

@@ -1,1 +1,1 @@
-"""A simulated vehicle that speaks MAVLink as an ArduCopter does. Needs pymavlink."""
+"""A simulated vehicle that speaks MAVLink as an ArduCopter or a PX4 does. Needs pymavlink."""

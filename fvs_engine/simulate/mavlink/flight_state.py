@@ -1,18 +1,25 @@
 """The state of a simulated autopilot that its telemetry tells."""
 
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import dataclass, field
+from enum import Enum, auto
 
 
-class Mode(IntEnum):
-    """ArduCopter's flight modes that a mission needs."""
+class Mode(Enum):
+    """What an autopilot flies; each firmware has its own numbers and names for it."""
 
-    AUTO = 3
-    GUIDED = 4
-    LOITER = 5
-    RTL = 6
-    LAND = 9
-    BRAKE = 17
+    MISSION = auto()
+    GUIDED = auto()
+    """It stays where it is, and waits for targets."""
+    LOITER = auto()
+    """It stays where it is."""
+    BRAKE = auto()
+    """It stops at once, and stays."""
+    RETURN = auto()
+    LAND = auto()
+
+
+HOLDING = frozenset({Mode.GUIDED, Mode.LOITER, Mode.BRAKE})
+"""Modes in which it stays where it is."""
 
 
 @dataclass
@@ -32,3 +39,17 @@ class FlightState:
     def clock_ms(self) -> int:
         """The time as messages have it."""
         return round(self.time_s * 1e3)
+
+
+@dataclass
+class Faults:
+    """What goes wrong on purpose, and what is not there."""
+
+    failing_photographs: set[int] = field(default_factory=set)
+    """Numbers of photographs, from 0, that fail."""
+    refuses_missions: bool = False
+    silent: bool = False
+    """It receives and sends nothing."""
+    no_camera: bool = False
+    no_gimbal: bool = False
+    """Its camera looks ahead, level."""

@@ -7,14 +7,11 @@ from fvs_engine.simulate.mavlink.dialect import mavlink
 from fvs_engine.simulate.mavlink.flight_state import FlightState
 from fvs_engine.simulate.mavlink.mission import Item, Reception
 
-_ANYBODY = (0, 0)
-"""The ground station that is spoken to: whoever listens."""
-
 
 class MissionProtocol:
     """Receives and returns the mission ``items``; ``replaced`` is called when there are new ones.
 
-    While ``refuses`` is true, all are refused.
+    While ``refuses`` is true, all are refused, and always those with commands that are ``unknown``.
     """
 
     def __init__(
@@ -23,13 +20,18 @@ class MissionProtocol:
         tell: Callable[..., None],
         replaced: Callable[[], None],
         refuses: Callable[[], bool],
+        unknown: frozenset[int],
     ) -> None:
         self.items: list[Item] = []
         self._state, self._tell, self._replaced, self._refuses = state, tell, replaced, refuses
+        self._unknown = unknown
         self._reception: Reception | None = None
+        self._station = (0, 0)
+        """The system and component that sends or reads a mission."""
 
     def on_count(self, message: Any) -> None:
         """Begin to receive a mission."""
+        self._station = _sender(message)
         self._reception = Reception(message.count)
         refusal = mavlink.MAV_MISSION_DENIED if self._refuses() else self._reception.refusal
         if refusal is not None:
@@ -43,13 +45,16 @@ class MissionProtocol:
         """Receive an item, and ask for the next one."""
         reception = self._reception
         if reception is None:
+            if message.seq == len(self.items) - 1:  # whoever sends it has not heard that all is there
+                self._tell("mission_ack_send", *_sender(message), mavlink.MAV_MISSION_ACCEPTED)
             return
         if message.seq != len(reception.items):  # one of an earlier request
             self._request(len(reception.items))
             return
         item = Item.of(message)
-        if item.refusal is not None:
-            self._refuse(item.refusal)
+        refusal = mavlink.MAV_MISSION_UNSUPPORTED if item.command in self._unknown else item.refusal
+        if refusal is not None:
+            self._refuse(refusal)
             return
         reception.items.append(item)
         if reception.whole:
@@ -57,34 +62,41 @@ class MissionProtocol:
         else:
             self._request(len(reception.items))
 
-    def on_request_list(self, _message: Any) -> None:
+    def on_request_list(self, message: Any) -> None:
         """Tell how many items there are."""
-        self._tell("mission_count_send", *_ANYBODY, len(self.items))
+        self._station = _sender(message)
+        self._tell("mission_count_send", *self._station, len(self.items))
 
     def on_request_int(self, message: Any) -> None:
         """Send an item."""
+        self._station = _sender(message)
         if not 0 <= message.seq < len(self.items):
-            self._tell("mission_ack_send", *_ANYBODY, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            self._tell("mission_ack_send", *self._station, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
         item = self.items[message.seq]
         factor = 1e7 if item.frame != mavlink.MAV_FRAME_MISSION else 1.0
         place = (round(item.latitude_deg * factor), round(item.longitude_deg * factor), item.altitude_m)
         current = int(message.seq == self._state.item)
         fields = (message.seq, item.frame, item.command, current, 1, *item.parameters, *place)
-        self._tell("mission_item_int_send", *_ANYBODY, *fields)
+        self._tell("mission_item_int_send", *self._station, *fields)
 
-    def on_clear_all(self, _message: Any) -> None:
+    def on_clear_all(self, message: Any) -> None:
         """Forget the mission."""
+        self._station = _sender(message)
         self._accept([])
 
     def _request(self, number: int) -> None:
-        self._tell("mission_request_int_send", *_ANYBODY, number)
+        self._tell("mission_request_int_send", *self._station, number)
 
     def _refuse(self, result: int) -> None:
         self._reception = None
-        self._tell("mission_ack_send", *_ANYBODY, result)
+        self._tell("mission_ack_send", *self._station, result)
 
     def _accept(self, items: list[Item]) -> None:
         self.items, self._reception = list(items), None
         self._replaced()
-        self._tell("mission_ack_send", *_ANYBODY, mavlink.MAV_MISSION_ACCEPTED)
+        self._tell("mission_ack_send", *self._station, mavlink.MAV_MISSION_ACCEPTED)
+
+
+def _sender(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()

@@ -1,42 +1,27 @@
-"""Parameters of a simulated autopilot: those that change how it flies, as ArduCopter has them.
+"""Parameters of a simulated autopilot: those that change how it flies, named as its firmware names them.
 
-https://mavlink.io/en/services/parameter.html, https://ardupilot.org/copter/docs/parameters.html
+https://mavlink.io/en/services/parameter.html
 """
 
 from collections.abc import Callable
 from typing import Any
 
 from fvs_engine.simulate.mavlink.dialect import mavlink
-
-_RANGES = {
-    "RTL_ALT": (1_500.0, 30.0, 300_000.0),
-    "WPNAV_RADIUS": (100.0, 5.0, 1_000.0),
-    "WPNAV_SPEED": (500.0, 10.0, 2_000.0),
-}
-"""Name → value, least and largest value: cm and cm/s."""
+from fvs_engine.simulate.mavlink.firmware import Firmware, Meaning
 
 
 class Parameters:
     """Answers ground stations by ``tell``; values out of range are not taken, and the answer shows that."""
 
-    def __init__(self, tell: Callable[..., None]) -> None:
-        self._tell = tell
-        self._values = {name: value for name, (value, _, _) in _RANGES.items()}
+    def __init__(self, firmware: Firmware, tell: Callable[..., None]) -> None:
+        self._tell, self._meanings = tell, firmware.parameters
+        self._kinds = {kind.name: kind for kind in firmware.parameters.values()}
+        self._values = {name: kind.value for name, kind in self._kinds.items()}
 
-    @property
-    def return_height_m(self) -> float:
-        """How high above home it returns."""
-        return self._values["RTL_ALT"] / 100.0
-
-    @property
-    def radius_m(self) -> float:
-        """How near to a waypoint it is there."""
-        return self._values["WPNAV_RADIUS"] / 100.0
-
-    @property
-    def speed_m_s(self) -> float:
-        """Between waypoints, until a mission changes it."""
-        return self._values["WPNAV_SPEED"] / 100.0
+    def of(self, meaning: Meaning) -> float:
+        """What a parameter is, in m, m/s or as a share."""
+        parameter = self._meanings[meaning]
+        return self._values[parameter.name] * parameter.unit
 
     def on_request_list(self, _message: Any) -> None:
         """Send all."""
@@ -52,12 +37,12 @@ class Parameters:
 
     def on_set(self, message: Any) -> None:
         """Change one, and send what it is now."""
-        if message.param_id not in _RANGES:
+        kind = self._kinds.get(message.param_id)
+        if kind is None:
             return
-        _, least, largest = _RANGES[message.param_id]
-        if least <= message.param_value <= largest:
-            self._values[message.param_id] = message.param_value
-        self._send(message.param_id)
+        if kind.least <= message.param_value <= kind.largest:
+            self._values[kind.name] = message.param_value
+        self._send(kind.name)
 
     def _send(self, name: str) -> None:
         index, kind = list(self._values).index(name), mavlink.MAV_PARAM_TYPE_REAL32

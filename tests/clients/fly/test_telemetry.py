@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from pymavlink import mavparm, mavutil
+from pymavlink import mavparm, mavutil, mavwp
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.quaternion import QuaternionBase
+
+from fvs_engine.simulate.mavlink.flight_state import Faults
 
 pytestmark = pytest.mark.process
 
@@ -40,6 +42,16 @@ class Station:
     def next(self, name: str) -> Any:
         """The next message of a type."""
         return self.link.recv_match(type=name, blocking=True, timeout=10)
+
+    def parameters(self, count: int) -> dict[str, float]:
+        """All parameters, of which there are ``count``."""
+        self.link.param_fetch_all()
+        found: dict[str, float] = {}
+        while len(found) < count:
+            value = self.next("PARAM_VALUE")
+            assert value.param_count == count
+            found[value.param_id] = value.param_value
+        return found
 
     def received(self, name: str, seconds: float) -> int:
         """How many messages of a type come in this time."""
@@ -85,6 +97,7 @@ def test_it_says_what_it_is(station: Any) -> None:
         assert status.gimbal_device_id == gimbal.gimbal_device_id == camera.gimbal_device_id
         battery = ground.next("BATTERY_STATUS")
         assert (battery.battery_remaining, battery.time_remaining) == (100, 1_500)
+        assert ground.next("SYSTEM_TIME").time_unix_usec >= 1_767_268_800_000_000
         assert ground.next("GPS_RAW_INT").fix_type == mavlink.GPS_FIX_TYPE_3D_FIX
         unknown = ground.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_WIND_COV)
         assert unknown == mavlink.MAV_RESULT_UNSUPPORTED
@@ -136,12 +149,14 @@ def test_messages_come_as_often_as_they_are_asked_for(station: Any) -> None:
 
 def test_parameters_are_those_that_change_the_flight(station: Any) -> None:
     with station() as (simulator, ground):
-        ground.link.param_fetch_all()
-        found = {}
-        while len(found) < 3:
-            value = ground.next("PARAM_VALUE")
-            found[value.param_id] = value.param_value
-        assert found == {"RTL_ALT": 1_500.0, "WPNAV_RADIUS": 100.0, "WPNAV_SPEED": 500.0}
+        assert ground.parameters(6) == {
+            "RTL_ALT": 1_500.0,
+            "WPNAV_RADIUS": 100.0,
+            "WPNAV_SPEED": 500.0,
+            "BATT_CAPACITY": 5_000.0,
+            "BATT_LOW_MAH": 750.0,
+            "BATT_CRT_MAH": 150.0,
+        }
         assert mavparm.MAVParmDict().mavset(ground.link, "RTL_ALT", 2_500.0)
         assert ground.link.param_fetch_one("RTL_ALT") is None
         assert ground.next("PARAM_VALUE").param_value == 2_500.0
@@ -157,3 +172,75 @@ def test_parameters_are_those_that_change_the_flight(station: Any) -> None:
             assert time.monotonic() < until
             time.sleep(0.005)
         assert highest == pytest.approx(25.0, abs=1.5)
+
+
+def test_a_battery_parameter_is_the_failsafe(station: Any) -> None:
+    with station() as (simulator, ground):
+        assert mavparm.MAVParmDict().mavset(ground.link, "BATT_LOW_MAH", 4_500.0)
+        simulator.autopilot.vehicle.battery = 0.91
+        assert ground.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == mavlink.MAV_RESULT_ACCEPTED
+        until = time.monotonic() + 30.0
+        while ground.next("STATUSTEXT").text != "RTL: Battery low":
+            assert time.monotonic() < until
+        assert 0.88 < simulator.autopilot.vehicle.battery <= 0.9
+        battery = ground.next("BATTERY_STATUS")
+        assert battery.current_consumed >= 500
+
+
+def test_px4_has_its_own_modes_and_parameters(station: Any) -> None:
+    with station(firmware="px4") as (_simulator, ground):
+        assert ground.next("HEARTBEAT").autopilot == mavlink.MAV_AUTOPILOT_PX4
+        assert ground.link.flightmode == "LOITER"
+        for name in ("RTL", "LAND", "LOITER"):  # pymavlink knows their numbers
+            _, main, sub = mavutil.px4_map[name]
+            assert ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, main, sub) == mavlink.MAV_RESULT_ACCEPTED
+            until = time.monotonic() + 10.0
+            while ground.link.flightmode != name:
+                ground.next("HEARTBEAT")
+                assert time.monotonic() < until
+        manual = ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 1.0, 0.0)
+        assert manual == mavlink.MAV_RESULT_DENIED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == mavlink.MAV_RESULT_DENIED  # it has none
+        found = ground.parameters(5)
+        assert (found["RTL_RETURN_ALT"], found["NAV_ACC_RAD"]) == (15.0, 1.0)
+        assert found["BAT_CRIT_THR"] == pytest.approx(0.15)
+
+
+def test_missions_go_there_and_back_by_pymavlinks_loader(station: Any) -> None:
+    with station() as (_simulator, ground):
+        loader = mavwp.MAVWPLoader()
+        for number in range(4):
+            loader.add_latlonalt(47.3769 + number * 1e-4, 8.5417, 10.0 + number)
+        ground.link.waypoint_count_send(loader.count())
+        while (asked := ground.link.recv_match(blocking=True, timeout=10)) is not None:
+            if asked.get_type() == "MISSION_REQUEST_INT":
+                assert (asked.target_system, asked.target_component) == (254, ground.link.source_component)
+                item = loader.wp(asked.seq)
+                ground.link.mav.send(mavutil.mavlink.MAVLink_mission_item_int_message(
+                    1, 1, asked.seq, item.frame, item.command, item.current, 1, item.param1, item.param2,
+                    item.param3, item.param4, round(item.x * 1e7), round(item.y * 1e7), item.z,
+                ))  # fmt: skip
+            elif asked.get_type() == "MISSION_ACK":
+                assert asked.type == mavlink.MAV_MISSION_ACCEPTED
+                break
+        ground.link.waypoint_request_list_send()
+        assert ground.next("MISSION_COUNT").count == loader.count()
+        for number in range(loader.count()):
+            ground.link.mav.mission_request_int_send(1, 1, number)
+            got = ground.next("MISSION_ITEM_INT")
+            assert got.x * 1e-7 == pytest.approx(loader.wp(number).x, abs=1e-7)
+            assert got.z == loader.wp(number).z
+
+
+def test_without_camera_and_gimbal_it_says_so(station: Any) -> None:
+    faults = Faults(no_camera=True, no_gimbal=True)
+    with station(faults=faults) as (simulator, ground):
+        for message in (
+            mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
+            mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION,
+        ):
+            answer = ground.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message)
+            assert answer == mavlink.MAV_RESULT_UNSUPPORTED
+        ground.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        ground.command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1)
+        assert list(simulator.folder.glob("*.jpg")) == []
