@@ -116,7 +116,7 @@ def _fly(scene: Scene, url: str, camera: Path, service: str, log: Path, options:
         vehicle="copter",
         photographs=options.views,
         method=options.method,
-        generator=Orbit(count=24, radius_m=RADIUS_M),
+        generator=Orbit(count=48, radius_m=RADIUS_M),
         radius_m=REACH_M,
         survey=survey,
         patience_s=6_000.0,
