@@ -52,8 +52,10 @@ from fvs_engine.views import PinholeView
 
 SPEED_UP = 20
 RADIUS_M, HEIGHT_M, TARGET_M = 30.0, 13.0, 5.0
-REACH_M = 18.0
+REACH_M, REPLAY_REACH_M = 18.0, 12.0
 """Views farther than this from the one before share too little with it to be registered."""
+ARC_DEG, REPLAY_ARC_DEG = 100.0, 60.0
+"""Of the survey: real things hide one another more than the courtyard's boxes do."""
 HELD_OUT = 24
 MOST_VIEWS = 110
 """Photographs of a replay world that are used: every fifth is held out, the others are candidates."""
@@ -67,6 +69,7 @@ class Site:
 
     def __init__(self, replay: Path | None, seed: int) -> None:
         start_deg = 360.0 * seed / 7
+        self.reach_m, arc_deg = (REACH_M, ARC_DEG) if replay is None else (REPLAY_REACH_M, REPLAY_ARC_DEG)
         if replay is None:
             self.arguments = ["--size", *map(str, SIZE)]
             width, height = SIZE
@@ -89,7 +92,7 @@ class Site:
                 self.candidates = tuple(map(Candidate.model_validate, json.loads(path.read_text())))
         self.arguments += ["--seed", str(seed), "--speed-up", str(SPEED_UP), "--endurance", "90000", *FIELD]
         home = (HOME.latitude_deg, HOME.longitude_deg)
-        self.survey = Survey(*home, RADIUS_M, middle, target, 8, start_deg, 100.0)
+        self.survey = Survey(*home, RADIUS_M, middle, target, 8, start_deg, arc_deg)
         self.camera = pinhole.resized(*reduced_size(pinhole.width, pinhole.height, LONG_SIDE_PX))
         still = SimulatedCamera(scenery.camera, vignetting=vignetting, full_well=None, read_noise=0.0)
         self.photographs = [
@@ -142,7 +145,7 @@ def _flown(site: Site, method: str, seed: int, options: argparse.Namespace) -> d
                 method=method,
                 generator=Orbit(count=48, radius_m=RADIUS_M) if site.candidates is None else None,
                 candidates=site.candidates,
-                radius_m=REACH_M,
+                radius_m=site.reach_m,
                 survey=site.survey,
                 patience_s=6_000.0,
                 iterations=ITERATIONS,
@@ -251,6 +254,9 @@ def _show(results: Sequence[dict[str, Any]], methods: Sequence[str]) -> None:
     table = Table("method", "seed", "ending", "registered", "flown, m", "first, dB", "last, dB", "s")
     for result in results:
         models = result["models"]
+        if not models:
+            table.add_row(result["method"], str(result["seed"]), result["ending"], *["none"] * 4)
+            continue
         table.add_row(
             result["method"],
             str(result["seed"]),
@@ -263,7 +269,7 @@ def _show(results: Sequence[dict[str, Any]], methods: Sequence[str]) -> None:
         )
     console.print(table)
     for method in methods:
-        flights = [result["models"] for result in results if result["method"] == method]
+        flights = [result["models"] for result in results if result["method"] == method and result["models"]]
         longest = min(models[-1]["flown_m"] for models in flights)
         for share in (0.25, 0.5, 0.75, 1.0):
             at_m = share * longest

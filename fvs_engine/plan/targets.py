@@ -56,6 +56,11 @@ class Targets:
             return np.ones(len(self.later), dtype=bool)
         return self.familiarity.enough(plan)
 
+    @property
+    def chances(self) -> Array:
+        """The probability of being registered now, of every later view [n]; 1 where poses are known."""
+        return np.ones(len(self.later)) if self.familiarity is None else self.familiarity.probability()
+
     def registrable(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
         """Those of ``candidates`` that are likely to be registered; the likeliest where none is."""
         if self.familiarity is None:

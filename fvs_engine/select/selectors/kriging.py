@@ -40,8 +40,10 @@ class Kriging:
         targets = context.planning()
         plan, travel = _planned(context, targets)
         price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
-        # A view that cannot be registered takes nothing from the variance.
-        ends = np.where(np.isfinite(plan.ends), plan.ends, targets.variance.variance) + price * travel
+        # A view that cannot be registered takes nothing from the variance. Where none in reach can be, the
+        # likeliest goes first: it leads back to what is known.
+        unlikely = targets.variance.variance + TRAVEL * (1.0 - targets.chances)
+        ends = np.where(np.isfinite(plan.ends), plan.ends, unlikely) + price * travel
         return tuple(
             CandidateScore(view.name, float(ends[targets.index[view.name]]), CandidateStatus.RANKED, None)
             for view in context.candidates

@@ -104,6 +104,12 @@ def test_kriging_keeps_to_what_can_be_registered() -> None:
     assert min(near, key=near.__getitem__) in {"04", "05", "06", "21", "22", "23"}
 
 
+def test_where_nothing_in_range_can_be_registered_kriging_goes_back() -> None:
+    found = ranks(ranked(state(0, 1, 2, 3, seen=False), "kriging", here=7.0, reach=2.2, budget=4))
+    assert set(found) == {f"{number:02d}" for number in range(5, 10)}
+    assert (found["05"], found["06"]) == (1, 2)
+
+
 def test_nearest_is_near_the_vehicle() -> None:
     found: Any = ranked(state(0, 2, 4, 6), "nearest", here=15.0, reach=None, budget=1)
     assert found.candidates[0].name == "15"
