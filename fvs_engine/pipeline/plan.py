@@ -1,6 +1,7 @@
 """Plan of the views to photograph next, for a reconstruction in an output folder."""
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,6 +25,7 @@ from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
@@ -34,6 +36,8 @@ from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
 
 Position = tuple[float, float, float]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,9 @@ def plan_next_views(
     mission = with_appearance(
         plan_mission(targets, budget, places, _seen(model), legs), later, model.gaussians
     )
+    few = few_registrable(mission.registrable, len(later))
+    if few is not None:
+        _log.warning("%s %s", few, NEARER)
     poses = {view.name: view for view in later}
     planned = [stop.name for tour in mission.tours for stop in tour.stops]
     result = PlanResult(

@@ -88,6 +88,7 @@ def plan_mission(
         target_variances=tuple(
             zip(targets.variances_after([]).tolist(), targets.variances_after(chosen).tolist(), strict=True)
         ),
+        registrable=None if targets.likely is None else int(targets.likely.sum()),
     )
 
 

@@ -89,7 +89,8 @@ class Mission(Record):
     """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
 
     What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
-    the targets, in their order, before and after.
+    the targets, in their order, before and after. ``registrable``: how many candidates are likely to be
+    registered now (None: poses are known).
     """
 
     now: Expectation
@@ -97,6 +98,7 @@ class Mission(Record):
     tours: tuple[VehicleTour, ...]
     terms: tuple[Term, ...]
     target_variances: tuple[tuple[float, float], ...]
+    registrable: int | None = None
 
     @property
     def stops(self) -> int:

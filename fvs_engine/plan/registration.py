@@ -68,6 +68,11 @@ class Familiarity:
         self._enough = min(ENOUGH, max(_LEAST, _SHARE_OF_MOST * self._most))
         self._bridge = cache(self._uncached_bridge)
 
+    @property
+    def likely(self) -> Mask:
+        """Which candidates [n] are familiar enough now."""
+        return np.asarray(self.counts >= self._enough)
+
     def enough(self, plan: Sequence[int] = ()) -> Mask:
         """Which candidates [n] are familiar enough, beside the views of ``plan`` that are so themselves.
 
@@ -75,7 +80,7 @@ class Familiarity:
         """
         if self._most < self._enough:
             return np.asarray(self.counts == self._most)
-        mask = np.asarray(self.counts >= self._enough)
+        mask = self.likely
         left = set(plan)
         while not mask.all() and (ready := {index for index in left if mask[index]}):
             for index in ready:
@@ -92,7 +97,7 @@ class Familiarity:
         visible = np.flatnonzero(self._weights[index] > _RELEVANT)
         points, likely = self._points[visible], self._weights[index][visible]
         directions, lengths = _directions(points, self._centres[index])
-        enough = self.counts >= self._enough
+        enough = self.likely
         unknown = np.flatnonzero(~enough)
         for part in np.array_split(unknown, -(-len(unknown) * max(1, len(visible)) // _AT_ONCE) or 1):
             now = self._weights[np.ix_(part, visible)]

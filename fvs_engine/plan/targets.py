@@ -61,6 +61,11 @@ class Targets:
         """The probability of being registered now, of every later view [n]; 1 where poses are known."""
         return np.ones(len(self.later)) if self.familiarity is None else self.familiarity.probability()
 
+    @property
+    def likely(self) -> Mask | None:
+        """Which later views [n] are likely to be registered now; None where poses are known."""
+        return None if self.familiarity is None else self.familiarity.likely
+
     def registrable(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
         """Those of ``candidates`` that are likely to be registered; the likeliest where none is."""
         if self.familiarity is None:

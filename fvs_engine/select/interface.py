@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -79,6 +80,7 @@ class SelectionContext:
             return self.visited[-1].centre
         return self.here
 
+    @cached_property
     def planning(self) -> Targets:
         """The context as the input of a plan: the same to the last bit in whatever order candidates come."""
         later = sorted(self.later or self.candidates, key=lambda view: view.name)

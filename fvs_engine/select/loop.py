@@ -212,7 +212,7 @@ class SelectionLoop:
 
     def expected(self) -> Expectation:
         """What to expect of the renders of all views that may be visited, by the quick model."""
-        targets = self.context(self.unvisited, self.align()).planning()
+        targets = self.context(self.unvisited, self.align()).planning
         return Expectations(self._seen).at(targets.variance.variance)
 
     def align(self) -> DatasetAlignment:
@@ -291,7 +291,7 @@ class SelectionLoop:
         distances = self.reach.distances(here, self._unvisited_centres())
         alignment = self.align()
         context = self.context(distances, alignment)
-        targets = context.planning()
+        targets = context.planning
         outlook = look_ahead(targets, tuple(distances), context.remaining, self._seen)
         stop = quality_reached(outlook, self.settings.stop_at_db) or gain_too_small(
             outlook, self.settings.stop_at_gain_db

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 from PIL import Image
 
@@ -373,3 +374,31 @@ def test_the_runner_is_told_where_the_vehicle_is_and_what_is_out_of_range(gatewa
     assert len(by_status["out-of-range"]) > 12
     assert asked.reach == pytest.approx(2.5)  # half of it in the model frame
     assert asked.here == pytest.approx([2.0, 3.45, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("registrable", "candidates", "said"),
+    [
+        (None, 40, None),
+        (3, 40, None),
+        (2, 2, None),
+        (2, 40, "Only 2 of the 40 candidates are likely"),
+        (1, 40, "Only 1 of the 40 candidates is likely"),
+        (0, 1, "None of the 1 candidates is likely"),
+    ],
+)
+def test_a_warning_says_when_hardly_any_candidate_can_be_registered(
+    registrable: int | None, candidates: int, said: str | None
+) -> None:
+    found = warnings_of(Alignment(), in_model=False, candidates=candidates, registrable=registrable)
+    assert [warning.code for warning in found] == ([] if said is None else ["few-registrable"])
+    assert all(warning.message.startswith(said or "") and "nearer" in warning.hint for warning in found)
+
+
+def test_a_ranking_has_the_warning(gateway: Any, scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rank = gateway.runners._rank
+    monkeypatch.setattr(
+        gateway.runners, "_rank", lambda request: rank(request).model_copy(update={"registrable": 1})
+    )
+    ranking = _rank(gateway, scene, generator={"kind": "orbit", "count": 7}).json()
+    assert [warning["code"] for warning in ranking["warnings"]] == ["few-registrable"]

@@ -37,7 +37,7 @@ class Kriging:
         monitor: Monitor | None = None,  # noqa: ARG002 - over at once
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``. A budget that is used up counts as one remaining view."""
-        targets = context.planning()
+        targets = context.planning
         plan, travel = _planned(context, targets)
         price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
         # A view that cannot be registered takes nothing from the variance. Where none in reach can be, the

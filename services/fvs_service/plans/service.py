@@ -191,7 +191,12 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         photographed=tuple(sorted(prepared.photographed)),
         alignment=snapshot.alignment,
         origin=prepared.scene.origin if frame.georeferenced else None,
-        warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
+        warnings=warnings_of(
+            snapshot.alignment,
+            in_model=request.in_model,
+            candidates=len(flight.generated or prepared.question.views),
+            registrable=mission.registrable,
+        ),
     )
 
 

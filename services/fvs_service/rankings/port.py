@@ -66,8 +66,9 @@ class RankViews(Question):
 class RankedViews(Record):
     """All candidates in order, and the model that scored them: that of a snapshot, after ``iterations``.
 
-    ``fallback`` names the rule that ordered candidates when the method could not,
-    else None. ``seconds`` is the time of scoring, ``waited_s`` that in the runner's queue.
+    ``fallback`` names the rule that ordered candidates when the method could not, else None. ``registrable``:
+    how many are likely to be registered (None: the method does not ask). ``seconds`` is the time of scoring,
+    ``waited_s`` that in the runner's queue.
     """
 
     snapshot_id: str
@@ -75,6 +76,7 @@ class RankedViews(Record):
     gaussians: int
     candidates: tuple[RankedCandidate, ...] = ()
     fallback: str | None = None
+    registrable: int | None = None
     seconds: float = 0.0
     waited_s: float = 0.0
 

@@ -243,7 +243,12 @@ class Rankings:
             total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,
-            warnings=warnings_of(snapshot.alignment, in_model=request.in_model),
+            warnings=warnings_of(
+                snapshot.alignment,
+                in_model=request.in_model,
+                candidates=len(result.candidates),
+                registrable=result.registrable,
+            ),
             created_at=now(),
         )
         # A ranking that a power cut undoes can be asked for again; a sync would take as long as all else.

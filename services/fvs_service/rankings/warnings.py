@@ -2,6 +2,7 @@
 
 from enum import StrEnum
 
+from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_service.model import Model
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 
@@ -11,6 +12,8 @@ class RankingWarningCode(StrEnum):
 
     ILL_CONDITIONED = "ill-conditioned"
     """The axes of the world frame may be turned about the line of the cameras."""
+    FEW_REGISTRABLE = "few-registrable"
+    """Hardly any candidate sees enough of what the images show to be registered."""
 
 
 class RankingWarning(Model):
@@ -30,8 +33,19 @@ _ILL_CONDITIONED = RankingWarning(
 )
 
 
-def warnings_of(alignment: Alignment, *, in_model: bool) -> tuple[RankingWarning, ...]:
-    """The warnings on a ranking with this alignment; ``in_model``: all its poses are in the model frame."""
+def warnings_of(
+    alignment: Alignment, *, in_model: bool, candidates: int, registrable: int | None
+) -> tuple[RankingWarning, ...]:
+    """The warnings on a ranking or a plan with this alignment.
+
+    ``in_model``: all its poses are in the model frame. ``registrable`` of its ``candidates`` are likely to be
+    registered (None: that is not known).
+    """
+    found = []
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
-        return (_ILL_CONDITIONED,)
-    return ()
+        found.append(_ILL_CONDITIONED)
+    few = few_registrable(registrable, candidates)
+    if few is not None:
+        code = RankingWarningCode.FEW_REGISTRABLE
+        found.append(RankingWarning(code=code, message=few, hint=NEARER))
+    return tuple(found)

@@ -10,6 +10,7 @@ from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.registration import Observations
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import Box, Cylinder
@@ -116,3 +117,12 @@ def test_the_way_home_goes_around_what_is_in_the_way() -> None:
     assert stop.via == tour.via_home == (tuple(targets.centres[1].tolist()),)
     assert tour.length == pytest.approx(2 * stop.distance)
     assert not plan_mission(targets, Budget(views=1), [start], (), legs).tours[0].via_home
+
+
+def test_it_says_how_many_candidates_can_be_registered() -> None:
+    assert mission(Targets(ring(0), ring(10, 20)), views=1).registrable is None  # poses are known
+    points = np.random.default_rng(0).normal(scale=0.2, size=(300, 3))
+    eyes = np.stack([view.centre for view in ring(0, 10)])
+    observations = Observations(points, np.repeat(np.arange(300), 2), np.tile(eyes, (300, 1)))
+    targets = Targets(ring(0, 10), ring(15, 20, 90, 180), (), observations)
+    assert mission(targets, views=1).registrable == 2

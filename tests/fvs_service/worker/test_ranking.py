@@ -110,6 +110,15 @@ def test_where_nothing_in_range_can_be_registered_kriging_goes_back() -> None:
     assert (found["05"], found["06"]) == (1, 2)
 
 
+def test_how_many_can_be_registered_is_told_where_the_method_asks() -> None:
+    known = state(0, 1, 2, 3, seen=False)
+    beyond = ranked(known, "kriging", here=9.0, reach=2.2, budget=4)
+    assert (len(beyond.candidates), beyond.registrable) == (5, 0)
+    beside = ranked(known, "kriging", here=4.0, reach=2.2, budget=4)
+    assert 0 < (beside.registrable or 0) < len(beside.candidates)
+    assert ranked(known, "nearest", here=4.0, reach=2.2, budget=4).registrable is None
+
+
 def test_nearest_is_near_the_vehicle() -> None:
     found: Any = ranked(state(0, 2, 4, 6), "nearest", here=15.0, reach=None, budget=1)
     assert found.candidates[0].name == "15"

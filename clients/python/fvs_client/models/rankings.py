@@ -126,7 +126,8 @@ class RankingWarning(Answer):
     """What limits the use of a ranking, and the remedy."""
 
     code: str
-    """`ill-conditioned`: the world frame may be turned about the line of the photographs."""
+    """`ill-conditioned`: the world frame may be turned about the line of the photographs.
+    `few-registrable`: hardly any candidate sees enough of what the images show to be registered."""
     message: str
     hint: str
 

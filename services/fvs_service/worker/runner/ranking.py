@@ -48,8 +48,17 @@ def rank_views(
         gaussians=len(state.gaussians),
         candidates=selection.ranked,
         fallback=selection.fallback,
+        registrable=_registrable(context) if isinstance(selector, Kriging) else None,
         seconds=time.perf_counter() - started,
     )
+
+
+def _registrable(context: SelectionContext) -> int | None:
+    """How many candidates are likely to be registered."""
+    targets = context.planning
+    if targets.likely is None:
+        return None
+    return int(targets.likely[[targets.index[view.name] for view in context.candidates]].sum())
 
 
 def render_view(request: RenderView, state: ModelState, rasterizer: Rasterizer) -> bytes:

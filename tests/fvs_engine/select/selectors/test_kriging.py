@@ -21,7 +21,7 @@ def test_the_remaining_views_are_planned_together(context, ring, chosen_in_turn)
     chosen = chosen_in_turn(here, create_selector("kriging"), 2)
     best = min(
         itertools.combinations(range(len(candidates)), 2),
-        key=lambda pair: here.planning().variance.variance_after(pair),
+        key=lambda pair: here.planning.variance.variance_after(pair),
     )
     assert sorted(chosen) == sorted(candidates[index].name for index in best)
     assert sorted(chosen) == ["120", "240"]
@@ -83,11 +83,11 @@ def test_with_estimated_poses_only_familiar_views_are_planned(context, ring):
     here = context(visited, candidates, budget=2, observations=observations)
     estimated = {s.name: s.score for s in create_selector("kriging").score(here)}
     assert estimated["020"] < estimated["180"]
-    targets = here.planning()
+    targets = here.planning
     assert [view.name for view in targets.registrable(candidates)] == ["020"]
     assert targets.registrable(candidates[1:]) == candidates[1:]  # nothing better
     far = ring(150, 170, 190)
-    beyond = context(visited, far, budget=2, observations=observations).planning()
+    beyond = context(visited, far, budget=2, observations=observations).planning
     assert [view.name for view in beyond.registrable(far)] == ["150"]  # the likeliest
 
 
