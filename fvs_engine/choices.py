@@ -17,6 +17,9 @@ Poses = Literal["sfm", "known"]
 InitialChoice = Literal["first", "consecutive", "farthest"]
 """The initial views of a selection, see ``fvs_engine.select.initial_views``."""
 
+HoldOut = Literal["every", "random"]
+"""Which views are held out, see ``fvs_engine.hold_out``."""
+
 RankingMethod = Literal["median-frequency", "median-frequency-fast", "median-frequency-estimate"]
 """Scorers of ``fvs rank``, see ``fvs_engine.score``; all of them are selectors, too."""
 

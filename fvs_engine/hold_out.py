@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
+import numpy as np
+
+from fvs_engine.choices import HoldOut
 from fvs_engine.errors import InvalidInputError
 
 
@@ -14,15 +17,27 @@ class _Named(Protocol):
 NamedT = TypeVar("NamedT", bound=_Named)
 
 
-def hold_out(names: Sequence[str], every: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+_SEED = 0
+"""Of a random choice: all runs on the same names hold out the same."""
+
+
+def hold_out(
+    names: Sequence[str], every: int, choice: HoldOut = "every"
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split ``names``, sorted, into those to use and those held out: index % ``every`` == 0 is held out.
 
-    Nothing is held out when ``every`` is 0 or exceeds the number of names. Source: Mip-NeRF 360 (every 8th).
+    With the ``choice`` ``random`` as many are drawn at random, the same ones whenever names are the same: a
+    selector that spreads views evenly picks neighbours of every n-th one more often than chance. Nothing is
+    held out when ``every`` is 0 or exceeds the number of names. Source: Mip-NeRF 360 (every 8th).
+
     Raises ``InvalidInputError`` for ``every`` of 1 or less than 0.
     """
     require_views_left(every)
     ordered = sorted(names)
     held_out = tuple(ordered[::every]) if every and len(ordered) >= every else ()
+    if choice == "random":
+        drawn = np.random.default_rng(_SEED).permutation(len(ordered))[: len(held_out)]
+        held_out = tuple(ordered[index] for index in sorted(drawn.tolist()))
     return tuple(sorted(set(ordered) - set(held_out))), held_out
 
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from fvs_engine.choices import Method, ProtocolName
+from fvs_engine.choices import HoldOut, Method, ProtocolName
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
 
@@ -67,6 +67,9 @@ def evaluate(
             min=2, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view and measure on these."
         ),
     ] = 8,
+    hold_out: Annotated[
+        HoldOut, typer.Option(help="Hold out every n-th view, or as many at random, the same in every run.")
+    ] = "every",
     trainings: Annotated[
         int | None,
         typer.Option(
@@ -100,8 +103,9 @@ def evaluate(
         from fvs_engine.evaluate.protocol import protocol_from_preset
         from fvs_engine.pipeline.evaluate import evaluate_selectors
 
+        held_out = {"test_every": test_every, "hold_out": hold_out}
         protocol = protocol_from_preset(
-            preset, view_counts=counts, test_every=test_every, trainings=trainings, **loop.given()
+            preset, view_counts=counts, trainings=trainings, **held_out, **loop.given()
         )
         return evaluate_selectors(
             source.dataset,

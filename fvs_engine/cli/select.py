@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.choices import InitialChoice, Method, Quality
+from fvs_engine.choices import HoldOut, InitialChoice, Method, Quality
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
 
@@ -50,6 +50,9 @@ def select(
             min=0, max=MAX_VIEWS, metavar="N", help="Hold out every n-th view for testing; 0 holds out none."
         ),
     ] = 8,
+    hold_out: Annotated[
+        HoldOut, typer.Option(help="Hold out every n-th view, or as many at random, the same in every run.")
+    ] = "every",
     quality: Annotated[
         Quality, typer.Option(help="Training preset: coarse has SH degree 0, fine 3.")
     ] = "coarse",
@@ -95,6 +98,7 @@ def select(
             budget=budget,
             initial_choice=initial_choice,
             test_every=test_every,
+            hold_out=hold_out,
             quality=quality,
             seed=seed,
             stop_at_db=stop_at_db,

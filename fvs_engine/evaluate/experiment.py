@@ -161,7 +161,7 @@ def _check(dataset: Dataset, protocol: Protocol, methods: Sequence[str], seeds: 
             raise InvalidInputError(f"A {kind} is given twice: {', '.join(map(str, given))}.")
     if min(seeds) < 0:
         raise InvalidInputError(f"A seed cannot be negative, as {min(seeds)} is.")
-    pool, held_out = hold_out(dataset.names, protocol.test_every)
+    pool, held_out = hold_out(dataset.names, protocol.test_every, protocol.hold_out)
     if not held_out:
         raise InvalidInputError(
             f"{dataset.name} has {len(pool)} views: too few to hold out every {protocol.test_every}th.",

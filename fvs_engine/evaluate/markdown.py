@@ -52,12 +52,16 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
     if protocol.initial_choice != "first":
         differs = f"initial views, {differs}"
     repeated = f"; {protocol.trainings} models of the last views" if protocol.trainings > 1 else ""
+    held_out = {
+        "every": f"every {protocol.test_every}th photograph is test",
+        "random": f"one photograph in {protocol.test_every}, drawn at random, is test",
+    }[protocol.hold_out]
     facts = (
         ("preset", protocol.name),
         ("initial views", initial),
         ("candidates", reach),
         ("camera poses", poses),
-        ("images", f"long side {protocol.long_side_px} px; every {protocol.test_every}th photograph is test"),
+        ("images", f"long side {protocol.long_side_px} px; {held_out}"),
         (
             "training",
             f"{protocol.iterations_per_view} iterations per view, at least {protocol.initial_iterations}, "

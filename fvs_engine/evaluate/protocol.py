@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from fvs_engine.choices import InitialChoice, Poses, ProtocolName
+from fvs_engine.choices import HoldOut, InitialChoice, Poses, ProtocolName
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.records import Record, first_error
 
@@ -17,7 +17,8 @@ class Protocol(Record):
     one by one among the unvisited ones in ``reach`` of the current camera until ``budget`` are visited:
     ``all``; those within a ``radius`` of its centre, in the dataset's unit (None: as the loop derives it from
     the dataset); or the ``nearest`` N views. Quality is measured when the numbers in ``view_counts``
-    are reached, on every ``test_every``-th photograph by name, which no selector has access to.
+    are reached, on every ``test_every``-th photograph by name, or as many ``random`` ones (``hold_out``),
+    which no selector has access to.
 
     ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited images. With ``sfm``
     and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
@@ -46,6 +47,7 @@ class Protocol(Record):
     radius: float | None = Field(default=None, gt=0)
     nearest: int | None = Field(default=None, ge=1)
     test_every: int = Field(default=8, ge=2)
+    hold_out: HoldOut = "every"
     long_side_px: int = Field(default=640, ge=64)
     initial_iterations: int = Field(default=1_000, ge=1)
     iterations_per_view: int = Field(default=100, ge=0)

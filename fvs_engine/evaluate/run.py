@@ -90,6 +90,7 @@ class Setup:
             radius=protocol.radius,
             nearest=everything or protocol.nearest,
             test_every=protocol.test_every,
+            hold_out=protocol.hold_out,
             seed=seed,
             time_limit_s=protocol.time_limit_s,
             registrable=protocol.registrable,

@@ -2,7 +2,7 @@
 
 from pydantic import ValidationError
 
-from fvs_engine.choices import InitialChoice, Method, Poses, Quality
+from fvs_engine.choices import HoldOut, InitialChoice, Method, Poses, Quality
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.hold_out import hold_out
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
@@ -32,6 +32,7 @@ class SelectionRequest(Record):
     radius: float | None = None
     nearest: int | None = None
     test_every: int = 8
+    hold_out: HoldOut = "every"
     poses: Poses = "sfm"
     priors: bool = True
     position_noise_percent: float = 2.0
@@ -71,7 +72,7 @@ class SelectionRequest(Record):
 
         Raises ``InvalidInputError`` for values that contradict each other, the dataset, or are out of range.
         """
-        pool, _ = hold_out(dataset.names, self.test_every)
+        pool, _ = hold_out(dataset.names, self.test_every, self.hold_out)
         if len(pool) < self.initial:
             raise InvalidInputError(
                 f"{dataset.name} has only {len(pool)} views to visit, and the selection begins with "
@@ -88,6 +89,7 @@ class SelectionRequest(Record):
                 radius=self.radius,
                 nearest=self.nearest,
                 test_every=self.test_every,
+                hold_out=self.hold_out,
                 seed=self.seed,
                 time_limit_s=self.time_limit_s,
                 stop_at_db=self.stop_at_db,

@@ -93,7 +93,7 @@ class SelectionLoop:
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
-        self.pool, self.held_out_names = hold_out(dataset.names, settings.test_every)
+        self.pool, self.held_out_names = hold_out(dataset.names, settings.test_every, settings.hold_out)
         """In order of capture: the views that may be visited, and the held-out ones."""
         records, self._pending = folder.read_steps()
         self._records = records
@@ -115,7 +115,7 @@ class SelectionLoop:
         else or another selection; ``StorageError``.
         """
         create_selector(settings.method)
-        pool, held_out = hold_out(dataset.names, settings.test_every)
+        pool, held_out = hold_out(dataset.names, settings.test_every, settings.hold_out)
         if len(pool) < settings.budget:
             raise InvalidInputError(
                 f"The budget is {settings.budget} views, but {dataset.name} has only {len(pool)} to visit: "

@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from fvs_engine.choices import InitialChoice
+from fvs_engine.choices import HoldOut, InitialChoice
 from fvs_engine.records import Record
 from fvs_engine.scene.settings import SceneSettings
 
@@ -16,11 +16,12 @@ class LoopSettings(Record):
     ``radius`` of the current camera centre (in the dataset's unit), or the ``nearest`` N views; a number as
     large as the dataset puts all views in reach, and without either the radius is derived from the dataset
     (``fvs_engine.plan.reach.default_radius``). ``test_every``: of the views in order of capture, those with
-    index % test_every == 0 are neither visited nor candidates; 0 holds out none. ``initial_choice``: the
-    ``first`` views in order of capture, as in the paper; ``consecutive`` ones from an index that ``seed``
-    draws; or those ``farthest`` from one another, beginning with one that it draws. ``time_limit_s`` bounds
-    one run, not a selection that is resumed. ``stop_at_db``: end when the expected PSNR over all views that
-    may be visited is that high; ``stop_at_gain_db``: when no view in reach is expected to add that much.
+    index % test_every == 0 are neither visited nor candidates; 0 holds out none; with ``hold_out`` ``random``
+    as many others (``fvs_engine.hold_out``). ``initial_choice``: the ``first`` views in order of capture, as
+    in the paper; ``consecutive`` ones from an index that ``seed`` draws; or those ``farthest`` from one
+    another, beginning with one that it draws. ``time_limit_s`` bounds one run, not a selection that is
+    resumed. ``stop_at_db``: end when the expected PSNR over all views that may be visited is that high;
+    ``stop_at_gain_db``: when no view in reach is expected to add that much.
     ``registrable``: with estimated poses, choose only among views that are likely to be registered.
     """
 
@@ -32,6 +33,7 @@ class LoopSettings(Record):
     radius: float | None = Field(default=None, gt=0)
     nearest: int | None = Field(default=None, ge=1)
     test_every: int = Field(default=8, ge=0)
+    hold_out: HoldOut = "every"
     seed: int = Field(default=0, ge=0)
     time_limit_s: float | None = Field(default=None, gt=0)
     stop_at_db: float | None = Field(default=None, gt=0, le=100)

@@ -19,9 +19,18 @@ def test_every_eighth_by_name_is_held_out() -> None:
     assert used == tuple(name for name in NAMES if name not in held_out)
 
 
+def test_as_many_are_drawn_at_random_and_always_the_same() -> None:
+    used, held_out = hold_out(NAMES[::-1], 8, "random")
+    assert len(held_out) == 3
+    assert (used, held_out) == hold_out(NAMES, 8, "random")
+    assert sorted((*used, *held_out)) == list(NAMES)
+    assert held_out != hold_out(NAMES, 8)[1]
+
+
 @pytest.mark.parametrize("every", [0, 21])
 def test_none_or_too_few_to_hold_out_any(every: int) -> None:
     assert hold_out(NAMES, every) == (NAMES, ())
+    assert hold_out(NAMES, every, "random") == (NAMES, ())
 
 
 def test_views_are_split_by_their_names() -> None:

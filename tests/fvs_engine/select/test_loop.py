@@ -194,6 +194,8 @@ def test_another_seed_and_method_may_choose_otherwise_but_not_in_the_same_folder
         open_loop(tmp_path / "a", room, method="random", budget=5, seed=1)
     with pytest.raises(OutputExistsError, match="method was random and is farthest"):
         open_loop(tmp_path / "a", room, method="farthest", budget=5)
+    with pytest.raises(OutputExistsError, match="hold_out was every and is random"):
+        open_loop(tmp_path / "a", room, method="random", budget=5, hold_out="random")
     scene = SCENE.model_copy(update={"iterations_per_view": 6})
     with pytest.raises(OutputExistsError, match=r"scene\.iterations_per_view was 5 and is 6"):
         open_loop(tmp_path / "a", room, method="random", budget=5, scene=scene)
