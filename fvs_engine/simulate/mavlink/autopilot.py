@@ -17,6 +17,7 @@ from fvs_engine.simulate.mavlink.dialect import mavlink, mavutil
 from fvs_engine.simulate.mavlink.firmware import FIRMWARES
 from fvs_engine.simulate.mavlink.flight_state import Faults, FlightState, Mode
 from fvs_engine.simulate.mavlink.gimbal import Gimbal
+from fvs_engine.simulate.mavlink.mission import Item
 from fvs_engine.simulate.mavlink.mission_protocol import MissionProtocol
 from fvs_engine.simulate.mavlink.parameters import Parameters
 from fvs_engine.simulate.mavlink.pilot import Pilot
@@ -108,6 +109,11 @@ class Autopilot:
     def mode(self) -> Mode:
         """The flight mode."""
         return self._state.mode
+
+    @property
+    def mission(self) -> tuple[Item, ...]:
+        """Its mission."""
+        return tuple(self._mission.items)
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Fly until ``stop`` returns True."""

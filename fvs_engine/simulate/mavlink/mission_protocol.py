@@ -1,11 +1,16 @@
 """The mission protocol of a simulated autopilot: https://mavlink.io/en/services/mission.html."""
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any
 
 from fvs_engine.simulate.mavlink.dialect import mavlink
 from fvs_engine.simulate.mavlink.flight_state import FlightState
 from fvs_engine.simulate.mavlink.mission import Item, Reception
+
+_AGAIN_S = 0.2
+"""An item is not asked for more often: what comes twice would be answered twice, and so on."""
 
 
 class MissionProtocol:
@@ -26,6 +31,7 @@ class MissionProtocol:
         self._state, self._tell, self._replaced, self._refuses = state, tell, replaced, refuses
         self._unknown = unknown
         self._reception: Reception | None = None
+        self._requested_s = -math.inf
         self._station = (0, 0)
         """The system and component that sends or reads a mission."""
 
@@ -48,8 +54,9 @@ class MissionProtocol:
             if message.seq == len(self.items) - 1:  # whoever sends it has not heard that all is there
                 self._tell("mission_ack_send", *_sender(message), mavlink.MAV_MISSION_ACCEPTED)
             return
-        if message.seq != len(reception.items):  # one of an earlier request
-            self._request(len(reception.items))
+        if message.seq != len(reception.items):  # one of an earlier request: ours may be lost
+            if time.monotonic() - self._requested_s > _AGAIN_S:
+                self._request(len(reception.items))
             return
         item = Item.of(message)
         refusal = mavlink.MAV_MISSION_UNSUPPORTED if item.command in self._unknown else item.refusal
@@ -86,6 +93,7 @@ class MissionProtocol:
         self._accept([])
 
     def _request(self, number: int) -> None:
+        self._requested_s = time.monotonic()
         self._tell("mission_request_int_send", *self._station, number)
 
     def _refuse(self, result: int) -> None:

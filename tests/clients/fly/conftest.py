@@ -1,9 +1,10 @@
 """A simulated vehicle behind a real MAVLink connection."""
 
+import select
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from fvs_engine.choices import Firmware as FirmwareName
 from fvs_engine.geometry.geodetic import GeodeticPosition
 from fvs_engine.simulate import SimulatedCamera, courtyard
 from fvs_engine.simulate.mavlink.autopilot import Autopilot
+from fvs_engine.simulate.mavlink.dialect import mavlink
 from fvs_engine.simulate.mavlink.flight_state import Faults
 from fvs_engine.simulate.scenery import MadeUpScenery
 from fvs_engine.simulate.vehicle import GpsErrors, Vehicle
@@ -57,6 +59,69 @@ class Simulator:
         self._stop.set()
         self._thread.join()
         self.autopilot.close()
+
+
+class Relay:
+    """Stands between a simulator and those who connect to ``url``: ``edit`` changes what the vehicle says.
+
+    It gets each message, and returns those that are passed on. While ``cut`` is true, nothing is.
+    """
+
+    def __init__(self, upstream: str) -> None:
+        _, host, port = upstream.split(":")
+        self._upstream = (host, int(port))
+        self._listen = socket.create_server(("127.0.0.1", 0))
+        self._listen.settimeout(0.1)
+        self.url = f"tcp:127.0.0.1:{self._listen.getsockname()[1]}"
+        self.edit: Callable[[Any], list[Any]] = lambda message: [message]
+        self.cut = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._listen.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                client, _ = self._listen.accept()
+            except TimeoutError:
+                continue
+            with client, socket.create_connection(self._upstream) as vehicle, suppress(OSError):
+                self._pass(client, vehicle)
+
+    def _pass(self, client: socket.socket, vehicle: socket.socket) -> None:
+        parser = mavlink.MAVLink(None)
+        parser.robust_parsing = True
+        while not self._stop.is_set():
+            for ready in select.select([client, vehicle], [], [], 0.05)[0]:
+                data = ready.recv(4096)
+                if not data:
+                    return
+                if self.cut:
+                    continue
+                if ready is client:
+                    vehicle.sendall(data)
+                    continue
+                for message in parser.parse_buffer(data) or ():
+                    for passed in self.edit(message):
+                        client.sendall(bytes(passed.get_msgbuf()))
+
+
+@pytest.fixture
+def relay() -> Iterator[Callable[[str], Relay]]:
+    """Put a relay in front of a simulator's URL."""
+    with ExitStack() as stack:
+
+        def between(upstream: str) -> Relay:
+            made = Relay(upstream)
+            stack.callback(made.close)
+            return made
+
+        yield between
 
 
 @pytest.fixture

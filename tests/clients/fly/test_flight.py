@@ -19,6 +19,8 @@ from fvs_client.models.rankings import Orbit
 from fvs_client.spool import Settings
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 
+from fvs_engine.simulate.mavlink.flight_state import Faults
+
 pytestmark = pytest.mark.process
 
 SURVEY = Survey(47.3769, 8.5417, radius_m=24.0, height_m=15.0, count=3, arc_deg=90.0)
@@ -57,8 +59,17 @@ def working(gateway: Any, scene: Scene) -> Iterator[None]:
 class Flown:
     """A flight in a thread; ``result`` waits for its end."""
 
-    def __init__(self, stack: ExitStack, simulator: Any, scene: Scene, url: str, log: Path, **settings: Any):
-        vehicle = stack.enter_context(Vehicle(simulator.url))
+    def __init__(
+        self,
+        stack: ExitStack,
+        simulator: Any,
+        scene: Scene,
+        url: str,
+        log: Path,
+        link: str | None = None,
+        **settings: Any,
+    ) -> None:
+        vehicle = stack.enter_context(Vehicle(link or simulator.url))
         quick = Settings(settle_s=0.1, look_every_s=0.05)
         photographs = stack.enter_context(
             Photographs(
@@ -94,10 +105,11 @@ class Flown:
         return self._results[0]
 
 
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_a_vehicle_flies_from_view_to_view(
-    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
 ) -> None:
-    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+    with simulated(firmware=firmware) as simulator, working(gateway, scene), ExitStack() as stack:
         flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
         result = flown.result()
         assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 5, 0, 0)
@@ -207,3 +219,147 @@ def test_views_that_cannot_be_flown_are_named(
     assert result.ending is Ending.NO_VIEW
     assert 3 < result.photographs < 9
     assert any("geofence" in event["text"] for event in flown.events("refused"))
+
+
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+def test_legs_of_several_views(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
+) -> None:
+    with simulated(firmware=firmware) as simulator, working(gateway, scene), ExitStack() as stack:
+        simulator.autopilot.faults.failing_photographs.add(4)  # the second of the first leg
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            photographs=7,
+            leg_views=3,
+        )
+        result = flown.result()
+    assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 7, 1, 0)
+    first, second = (event["candidates"] for event in flown.events("goes"))
+    assert (len(first), len(second)) == (3, 2)  # the second leg is what is left of the budget
+    assert [event.get("candidate") for event in flown.events("photograph")] == [
+        *[None] * 3,
+        *(first[0], first[2]),
+        *second,
+    ]
+    assert [event["candidate"] for event in flown.events("failed")] == [first[1]]
+    states = {visit.candidate_id: visit.state for visit in scene.visits()}
+    taken = dict.fromkeys([first[0], first[2], *second], VisitState.TAKEN)
+    assert states == ({first[1]: VisitState.FAILED} | taken)
+    assert len(flown.events("model")) == 3  # of the survey, and of each leg
+
+
+def test_a_leg_leaves_out_views_that_cannot_be_flown(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    fence = "47.376,8.541;47.376,8.54175;47.378,8.54175;47.378,8.541"  # the east is outside
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            photographs=20,
+            leg_views=8,
+            mission={"geofence": fence},
+        )
+        result = flown.result()
+    assert result.ending is Ending.NO_VIEW
+    goes = [name for event in flown.events("goes") for name in event["candidates"]]
+    refused = {event["candidate"] for event in flown.events("refused")}
+    assert goes
+    assert refused
+    assert not refused & set(goes)
+    assert result.photographs == 3 + len(goes)
+    assert len(goes) + len(refused) <= 8
+
+
+@pytest.mark.parametrize("missing", ["camera", "gimbal"])
+def test_a_vehicle_without_camera_or_gimbal_stays_on_the_ground(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path, missing: str
+) -> None:
+    faults = Faults(**{f"no_{missing}": True})
+    with simulated(faults=faults) as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        result = flown.result()
+        assert simulator.autopilot.vehicle.flown_m == 0.0
+    assert result.ending is Ending.VEHICLE
+    assert f"reports no {missing}" in result.reason
+    assert "--unchecked" in result.reason
+
+
+def test_a_link_that_is_lost_in_mid_mission_comes_back(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url, silence_s=60.0)
+        flown.wait_for("photograph", 1)
+        link.cut = True
+        flown.wait_for("silent", 1)
+        until = time.monotonic() + 60.0
+        while len(list(simulator.folder.glob("*.jpg"))) < 3:  # the vehicle flies on
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        link.cut = False
+        result = flown.result()
+    assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 5, 0, 0)
+    assert flown.events("heard")
+    files = [event["file"] for event in flown.events("photograph")]
+    assert sorted(files) == [f"{number:05d}.jpg" for number in range(5)]
+
+
+def test_a_vehicle_that_stays_silent_is_said_to_fly_home(
+    simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, ExitStack() as stack:
+        link = relay(simulator.url)
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            link=link.url,
+            silence_s=1.0,
+            patience_s=60.0,
+        )
+        flown.wait_for("photograph", 1)
+        link.cut = True
+        result = flown.result()
+        assert result.ending is Ending.VEHICLE
+        assert "ends at home" in result.reason
+        assert flown.events("lost")
+        until = time.monotonic() + 60.0
+        while simulator.autopilot.vehicle.position[2] > 0.0:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+    assert result.unsent == 0
+    assert len(list(scene.images.list())) >= 1
+
+
+def test_a_mission_that_is_refused_in_the_air_brings_the_vehicle_home(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        simulator.autopilot.faults.refuses_missions = True
+        result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert result.ending is Ending.VEHICLE
+    assert "MAV_MISSION_DENIED" in result.reason
+    assert [visit.state for visit in scene.visits()] == [VisitState.FAILED]  # free for others
+    assert (result.photographs, result.unsent) == (3, 0)

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from fvs_client.fly.dialects import ARDUPILOT, PX4
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.items import Command, Frame, MissionItem, holding, read_waypoints
 from fvs_client.fly.survey import Survey
@@ -56,7 +57,7 @@ def test_a_mission_waits_at_its_last_view_and_then_ends_at_home() -> None:
 
 def test_a_survey_looks_at_the_middle_from_all_around() -> None:
     survey = Survey(60.0, 8.0, radius_m=100.0, height_m=50.0, target_height_m=10.0, count=4, start_deg=90.0)
-    items = survey.items()
+    items = survey.items(ARDUPILOT)
     places = [item for item in items[1:] if item.command == Command.WAYPOINT]
     assert [item.parameters[3] for item in places] == pytest.approx([270.0, 0.0, 90.0, 180.0])
     north_m = [(item.x - 60.0) * 111_194.9 for item in places]
@@ -69,8 +70,19 @@ def test_a_survey_looks_at_the_middle_from_all_around() -> None:
     assert (items[1].command, items[-1].command) == (Command.TAKEOFF, Command.RETURN_TO_LAUNCH)
 
 
+def test_px4_turns_at_waypoints_and_starts_captures() -> None:
+    items = Survey(60.0, 8.0, radius_m=100.0, height_m=50.0, count=3).items(PX4)
+    assert math.isnan(items[1].parameters[3])  # the takeoff keeps its yaw
+    waypoints = [item for item in items[1:] if item.command == Command.WAYPOINT]
+    assert [item.parameters[3] for item in waypoints] == pytest.approx([180.0, 300.0, 60.0])
+    assert all(item.parameters[0] > 0.0 for item in waypoints)  # it stands still before the photograph
+    captures = [item for item in items if item.command == Command.IMAGE_START_CAPTURE]
+    assert [item.parameters for item in captures] == [(0.0, 0.0, 1.0, float(n)) for n in (1, 2, 3)]
+    assert not {item.command for item in items} & {Command.CONDITION_YAW, Command.DIGICAM_CONTROL}
+
+
 def test_an_arc_has_a_photograph_at_either_end() -> None:
-    items = Survey(0.0, 0.0, 10.0, 5.0, count=3, start_deg=-45.0, arc_deg=90.0).items()
+    items = Survey(0.0, 0.0, 10.0, 5.0, count=3, start_deg=-45.0, arc_deg=90.0).items(ARDUPILOT)
     yaws = [item.parameters[3] for item in items[1:] if item.command == Command.WAYPOINT]
     assert yaws == pytest.approx([135.0, 180.0, 225.0])
 

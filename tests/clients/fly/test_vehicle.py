@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import pytest
+from fvs_client.fly.dialects import ARDUPILOT
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import Command, Frame, MissionItem, holding
 from fvs_client.fly.survey import Survey
@@ -28,13 +29,17 @@ def captured(vehicle: Vehicle, count: int) -> list[Any]:
     return found
 
 
-def test_a_survey_is_flown_and_photographed(simulated: Any) -> None:
-    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+def test_a_survey_is_flown_and_photographed(simulated: Any, firmware: str) -> None:
+    with simulated(firmware=firmware) as simulator, Vehicle(simulator.url) as vehicle:
+        assert vehicle.dialect.autopilot == firmware
         assert vehicle.state.latitude_deg == pytest.approx(47.3769, abs=1e-6)
         assert not vehicle.state.armed
-        vehicle.upload(holding(SURVEY.items(), 5.0))
+        items = holding(SURVEY.items(vehicle.dialect), 5.0)
+        vehicle.upload(items)
         vehicle.fly()
         photographs = captured(vehicle, 3)
+        vehicle.wait(lambda: vehicle.state.item >= len(items) - 2, 60.0, "does not wait for more")
         assert [photograph.succeeded for photograph in photographs] == [True] * 3
         # It returns by itself. Height and arming come in messages of their own: either may be first.
         vehicle.wait(
@@ -59,7 +64,7 @@ def test_a_survey_is_flown_and_photographed(simulated: Any) -> None:
 
 
 def test_a_mission_arrives_as_it_was_sent(simulated: Any) -> None:
-    items = holding(SURVEY.items(), 7.0)
+    items = holding(SURVEY.items(ARDUPILOT), 7.0)
     with simulated() as simulator:
         with Vehicle(simulator.url) as vehicle:
             vehicle.upload(items)
@@ -79,21 +84,22 @@ def test_a_mission_arrives_as_it_was_sent(simulated: Any) -> None:
 
 
 def test_a_mission_that_the_autopilot_refuses_names_the_item(simulated: Any) -> None:
-    items = SURVEY.items()
+    items = SURVEY.items(ARDUPILOT)
     items.insert(3, MissionItem(82, Frame.RELATIVE, x=47.0, y=8.0))  # a spline
     with simulated() as simulator, Vehicle(simulator.url) as vehicle:
         with pytest.raises(VehicleError, match=r"MAV_MISSION_UNSUPPORTED, at item 3 \(command 82\)"):
             vehicle.upload(items)
         simulator.autopilot.faults.refuses_missions = True
         with pytest.raises(VehicleError, match="MAV_MISSION_DENIED"):
-            vehicle.upload(SURVEY.items())
+            vehicle.upload(SURVEY.items(ARDUPILOT))
         with pytest.raises(VehicleError, match="MAV_CMD_MISSION_START"):
             vehicle.command(300)
 
 
-def test_a_pause_holds_and_home_is_home(simulated: Any) -> None:
-    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
-        vehicle.upload(SURVEY.items())
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
+    with simulated(firmware=firmware) as simulator, Vehicle(simulator.url) as vehicle:
+        vehicle.upload(SURVEY.items(vehicle.dialect))
         vehicle.fly()
         captured(vehicle, 1)
         vehicle.pause()
@@ -101,11 +107,17 @@ def test_a_pause_holds_and_home_is_home(simulated: Any) -> None:
         before = vehicle.state
         time.sleep(0.4)  # twenty seconds of the vehicle's
         after = vehicle.state
-        assert (after.mode, after.item) == (Mode.BRAKE, before.item)
+        assert (after.mode, after.item) == (
+            Mode.HOLD if firmware == "px4" else Mode.PAUSE,  # PX4 has one mode for both
+            before.item,
+        )
         assert abs(after.latitude_deg - before.latitude_deg) * 111_195.0 < 1.0
         assert vehicle.captures() == []
         vehicle.resume()
-        captured(vehicle, 1)
+        [photograph] = captured(vehicle, 1)
+        assert photograph.place is not None
+        north_m = (photograph.place[0] - 47.3769) * 111_195.0
+        assert north_m == pytest.approx(25.0 * math.cos(math.radians(120.0)), abs=1.5)  # not where it paused
         vehicle.return_home()
         vehicle.wait(lambda: not vehicle.state.armed, 60.0, "does not land")
         assert vehicle.captures() == []
@@ -113,7 +125,7 @@ def test_a_pause_holds_and_home_is_home(simulated: Any) -> None:
 
 def test_a_low_battery_sends_it_home(simulated: Any) -> None:
     with simulated(endurance_s=120.0) as simulator, Vehicle(simulator.url) as vehicle:
-        items = holding(SURVEY.items(), 3_600.0)
+        items = holding(SURVEY.items(ARDUPILOT), 3_600.0)
         vehicle.upload(items)
         vehicle.fly()
         vehicle.wait(lambda: vehicle.state.mode == Mode.RETURN, 60.0, "does not return")
@@ -123,15 +135,15 @@ def test_a_low_battery_sends_it_home(simulated: Any) -> None:
 def test_a_photograph_that_fails_is_told(simulated: Any) -> None:
     with simulated() as simulator, Vehicle(simulator.url) as vehicle:
         simulator.autopilot.faults.failing_photographs.add(1)
-        vehicle.upload(SURVEY.items())
+        vehicle.upload(SURVEY.items(ARDUPILOT))
         vehicle.fly()
         assert [photograph.succeeded for photograph in captured(vehicle, 3)] == [True, False, True]
         assert len(list(simulator.folder.glob("*.jpg"))) == 2
 
 
 def test_a_vehicle_that_never_answers_is_named(simulated: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fvs_client.fly.vehicle._ANSWER_S", 0.2)
-    monkeypatch.setattr("fvs_client.fly.vehicle._SILENCE_S", 1.0)
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.2)
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
     with simulated() as simulator:
         with Vehicle(simulator.url) as vehicle:
             simulator.autopilot.faults.silent = True

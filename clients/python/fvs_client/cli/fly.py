@@ -42,12 +42,38 @@ def fly(
             exists=True, file_okay=False, metavar="FOLDER", help="Where the camera writes its photographs."
         ),
     ],
+    system: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=254,
+            metavar="ID",
+            help="The vehicle's MAVLink id, if several are on the link.",
+            show_default=False,
+        ),
+    ] = None,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="Fly also without a camera and a gimbal that it reports.")
+    ] = False,
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The vehicle's name: others leave its views out.")
     ] = "vehicle-1",
     views: Annotated[
         int, typer.Option(min=1, max=10_000, metavar="N", help="How many photographs in all.")
     ] = 20,
+    leg: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=100,
+            metavar="N",
+            help="Photograph N views of a plan before the next update, instead of the first of a ranking.",
+        ),
+    ] = 1,
+    safety: Annotated[
+        float | None,
+        typer.Option(min=0, max=2e7, metavar="M", help="Legs of a plan keep so far from matter; with --leg."),
+    ] = None,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
     ),
@@ -134,6 +160,14 @@ def fly(
     """
     if candidates is not None and generator is not None:
         raise typer.BadParameter("Give --candidates or --generator, not both.")
+    if leg == 1 and safety is not None:
+        raise typer.BadParameter(
+            "Only plans keep away from matter: give --leg, of 2 or more.", param_hint="--safety"
+        )
+    if leg > 1 and generator is GeneratorName.AROUND_CURRENT:
+        raise typer.BadParameter(
+            "A plan has no candidates around a place: give another --generator, or --leg 1."
+        )
     listed = read_candidates(candidates)
     mission: MissionSettings = {"speed_m_s": speed}
     if transit_height is not None:
@@ -151,6 +185,9 @@ def fly(
         generator=generator_of(generator or GeneratorName.ORBIT, count) if listed is None else None,
         candidates=None if listed is None else tuple(listed),
         radius_m=radius,
+        leg_views=leg,
+        safety_m=safety,
+        equipment=not unchecked,
         survey=None
         if survey is None
         else _survey(survey, survey_target, survey_views, survey_start, survey_arc),
@@ -171,7 +208,7 @@ def fly(
         sending = Photographs(
             photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
         )
-        with Vehicle(vehicle) as connected, sending as sent:
+        with Vehicle(vehicle, system=system) as connected, sending as sent:
             flight = Flight(found, connected, sent, settings, FlightLog(log, say))
             _listen(flight)
             result = flight.fly()

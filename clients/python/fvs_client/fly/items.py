@@ -33,6 +33,11 @@ class Command(IntEnum):
     CONDITION_YAW = 115
     DIGICAM_CONTROL = 203
     MOUNT_CONTROL = 205
+    IMAGE_START_CAPTURE = 2000
+
+
+PHOTOGRAPHS = frozenset({Command.DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE})
+"""Commands that take a photograph."""
 
 
 @dataclass(frozen=True)

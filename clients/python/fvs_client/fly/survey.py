@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from fvs_client.fly.dialects import Dialect
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.items import Command, Frame, MissionItem
 
@@ -39,18 +40,18 @@ class Survey:
                 hint="Structure from motion works well with eight photographs that overlap.",
             )
 
-    def items(self) -> list[MissionItem]:
+    def items(self, dialect: Dialect) -> list[MissionItem]:
         """The mission, with home as a place holder first, a takeoff, and the way home last."""
         home = MissionItem(
             Command.WAYPOINT, Frame.GLOBAL, x=self.latitude_deg, y=self.longitude_deg
         )  # an autopilot has its own
-        takeoff = MissionItem(
-            Command.TAKEOFF, Frame.RELATIVE, x=self.latitude_deg, y=self.longitude_deg, z=self.height_m
-        )
-        photographs = (item for number in range(self.count) for item in self._photograph(number))
+        place = {"x": self.latitude_deg, "y": self.longitude_deg, "z": self.height_m}
+        yaw_deg = math.nan if dialect.turns_at_waypoints else 0.0
+        takeoff = MissionItem(Command.TAKEOFF, Frame.RELATIVE, (0.0, 0.0, 0.0, yaw_deg), **place)
+        photographs = (item for number in range(self.count) for item in self._photograph(number, dialect))
         return [home, takeoff, *photographs, MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)]
 
-    def _photograph(self, number: int) -> Iterator[MissionItem]:
+    def _photograph(self, number: int, dialect: Dialect) -> Iterator[MissionItem]:
         closed = self.arc_deg >= 360.0
         step_deg = self.arc_deg / (self.count if closed else self.count - 1)
         direction_deg = self.start_deg + number * step_deg
@@ -63,10 +64,14 @@ class Survey:
         pitch_deg = math.degrees(math.atan2(self.target_height_m - self.height_m, self.radius_m))
         place = {"x": latitude_deg, "y": longitude_deg, "z": self.height_m}
         yield MissionItem(Command.MOUNT_CONTROL, Frame.MISSION, (pitch_deg, 0.0, 0.0, 0.0), z=_TARGETING)
-        yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
-        yield MissionItem(Command.CONDITION_YAW, Frame.MISSION, (yaw_deg, 0.0, 0.0, 0.0))
-        yield _delay()
-        yield MissionItem(Command.DIGICAM_CONTROL, Frame.MISSION, x=1.0)
+        if dialect.turns_at_waypoints:
+            yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (_STILL_S, 1.0, 0.0, yaw_deg), **place)
+            yield MissionItem(Command.IMAGE_START_CAPTURE, Frame.MISSION, (0.0, 0.0, 1.0, float(number + 1)))
+        else:
+            yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
+            yield MissionItem(Command.CONDITION_YAW, Frame.MISSION, (yaw_deg, 0.0, 0.0, 0.0))
+            yield _delay()
+            yield MissionItem(Command.DIGICAM_CONTROL, Frame.MISSION, x=1.0)
         yield _delay()
 
 

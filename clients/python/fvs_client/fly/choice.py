@@ -1,0 +1,239 @@
+"""Chooses where a vehicle flies next: the first of a ranking, or several views of a plan."""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from fvs_client import (
+    AltitudeDatum,
+    Candidate,
+    ConflictError,
+    InvalidRequestError,
+    Plan,
+    Ranking,
+    Scene,
+    Tour,
+    VehiclePose,
+    VisitState,
+)
+from fvs_client.fly.items import holding, read_waypoints
+from fvs_client.fly.leg import Leg
+from fvs_client.fly.log import FlightLog
+from fvs_client.fly.settings import EndedError, Ending, FlightSettings
+from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.watch import Watch
+from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings
+from fvs_client.models.rankings import AroundCurrent
+from fvs_client.models.scenes import Origin
+
+_TAKEN_S = 3_600.0
+"""How long a photograph may be on its way before others may take it again."""
+_MOST_REFUSED = 10
+"""Candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
+_DEGREE_M = 111_195.0
+
+
+class Choice:
+    """Asks for views, and reports what becomes of them.
+
+    The candidates are those of the first ranking: generated again, they would be elsewhere, and those that
+    were photographed could not be told.
+    """
+
+    def __init__(
+        self, scene: Scene, vehicle: Vehicle, settings: FlightSettings, watch: Watch, log: FlightLog
+    ) -> None:
+        self._scene, self._vehicle, self._settings = scene, vehicle, settings
+        self._watch, self._log = watch, log
+        self._home: VehicleState = vehicle.state
+        self._candidates = settings.candidates
+        self._gimbal: MissionSettings = {}
+        self._refused: set[str] = set()
+
+    def limit_gimbal(self, lowest_deg: float, highest_deg: float) -> None:
+        """Leave out views beyond what the gimbal can do, unless the settings say what it can."""
+        lowest_deg, highest_deg = (max(-90.0, min(90.0, angle)) for angle in (lowest_deg, highest_deg))
+        if lowest_deg < highest_deg:
+            self._gimbal = {"gimbal_lowest_deg": lowest_deg, "gimbal_highest_deg": highest_deg}
+
+    def next(self, photographs: int) -> Leg:
+        """The next leg, of at most ``photographs``, whose views are reserved now; raises ``EndedError``."""
+        if self._settings.leg_views == 1:
+            return self._ranked(photographs)
+        return self._planned(min(photographs, self._settings.leg_views))
+
+    def expected_db(self) -> float | None:
+        """The PSNR to expect of the model; None as long as nothing is known of it."""
+        settings = self._settings
+        generator = None if isinstance(settings.generator, AroundCurrent) else settings.generator
+        plan = self._watch.trying(
+            lambda: self._scene.plan(
+                settings.candidates, generator=generator, views=1, vehicles=[self._pose()]
+            )
+        )
+        return plan.now.psnr_db
+
+    def report(self, state: VisitState, views: Sequence[Candidate]) -> None:
+        """Report what the vehicle does about views."""
+        if not views:
+            return
+        settings = self._settings
+        going = state is VisitState.GOING_TO
+        expires_s = min(86_400, round(settings.leg_s * len(views) if going else _TAKEN_S))
+        self._scene.report_visits(settings.vehicle, state, views, expires_in_s=expires_s)
+
+    def _ranked(self, photographs: int) -> Leg:
+        """To the first view of a ranking that can be flown to."""
+        ranking = self._watch.trying(lambda: self._rank(photographs))
+        reason = "no candidate has a rank."
+        for best in [item for item in ranking.candidates if item.rank is not None][:_MOST_REFUSED]:
+            view = Candidate(id=best.id, pose=best.pose)
+            try:
+                mission = self._watch.trying(partial(self._mission, [view], ranking.origin))
+                self._watch.trying(partial(self.report, VisitState.GOING_TO, [view]))
+            except (ConflictError, InvalidRequestError) as error:  # taken meanwhile, or not to be flown
+                reason = error.message
+                self._leave_out(view.id, reason)
+                continue
+            self._log.event(
+                "goes", f"Goes to {view.id}.", self._vehicle.state, candidate=view.id, ranking_id=ranking.id
+            )
+            return self._leg(mission, (view,))
+        raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
+
+    def _planned(self, count: int) -> Leg:
+        """Through the views of a plan, in its order, without those that cannot be flown."""
+        if not self._located:
+            self._watch.trying(lambda: self._rank(count))
+        out: set[str] = set()
+        reason = "the plan has no stop."
+        for tries_left in reversed(range(_MOST_REFUSED)):
+            candidates = tuple(view for view in self._reachable() if view.id not in out)
+            if not candidates:
+                break
+            try:
+                plan = self._watch.trying(partial(self._plan, candidates, count))
+            except InvalidRequestError as error:  # all of them are photographed, or taken by others
+                reason = f"{error.message} {error.hint}".strip()
+                break
+            tour = plan.tours[0]
+            if not tour.stops:
+                reason = plan.summary
+                break
+            try:
+                mission = self._watch.trying(partial(self._mission, tour, plan.origin, plan.snapshot_id))
+            except InvalidRequestError as error:  # none of them can be flown
+                reason = error.message
+                for stop in tour.stops:
+                    self._leave_out(stop.id, reason)
+                out |= {stop.id for stop in tour.stops}
+                continue
+            for name in mission.left_out:
+                self._leave_out(name, "it cannot be flown within the options of the mission.")
+            out |= set(mission.left_out)
+            if mission.left_out and tries_left:
+                continue
+            views = tuple(
+                Candidate(id=stop.id, pose=stop.pose)
+                for stop in tour.stops
+                if stop.id not in mission.left_out
+            )
+            try:
+                self._watch.trying(partial(self.report, VisitState.GOING_TO, views))
+            except ConflictError as error:  # another vehicle was faster: the next plan knows
+                reason = error.message
+                continue
+            names = [view.id for view in views]
+            text = f"Goes to {', '.join(names)}."
+            self._log.event("goes", text, self._vehicle.state, candidates=names, length_m=tour.length_m)
+            return self._leg(mission, views)
+        raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
+
+    @property
+    def _located(self) -> bool:
+        """Whether the distances of all candidates are known, where that matters."""
+        if self._candidates is None:
+            return False
+        return self._settings.radius_m is None or all(
+            isinstance(view.pose, VehiclePose) for view in self._candidates
+        )
+
+    def _leave_out(self, name: str, reason: str) -> None:
+        """Say once that a view is left out."""
+        if name not in self._refused or self._settings.leg_views == 1:
+            self._log.event("refused", f"{name} is left out: {reason}", self._vehicle.state, candidate=name)
+        self._refused.add(name)
+
+    def _rank(self, photographs: int) -> Ranking:
+        settings = self._settings
+        ranking = self._scene.rank(
+            self._candidates,
+            generator=settings.generator if self._candidates is None else None,
+            current_pose=self._pose(),
+            radius_m=settings.radius_m,
+            method=settings.method,
+            budget=max(1, photographs),
+            for_vehicle=settings.vehicle,
+        )
+        if not isinstance(settings.generator, AroundCurrent):
+            self._candidates = tuple(Candidate(id=item.id, pose=item.pose) for item in ranking.candidates)
+        return ranking
+
+    def _plan(self, candidates: Sequence[Candidate], count: int) -> Plan:
+        settings = self._settings
+        return self._scene.plan(
+            candidates,
+            views=count,
+            vehicles=[self._pose()],
+            safety_m=settings.safety_m,
+            for_vehicle=settings.vehicle,
+        )
+
+    def _reachable(self) -> Iterator[Candidate]:
+        """The candidates within the radius of the vehicle."""
+        here, radius_m = self._vehicle.state, self._settings.radius_m
+        for view in self._candidates or ():
+            pose = view.pose
+            if radius_m is None or not isinstance(pose, VehiclePose):
+                yield view
+                continue
+            north_m = (pose.latitude_deg - here.latitude_deg) * _DEGREE_M
+            degrees = (pose.longitude_deg - here.longitude_deg + 180.0) % 360.0 - 180.0
+            east_m = degrees * _DEGREE_M * math.cos(math.radians(here.latitude_deg))
+            if math.hypot(north_m, east_m, pose.altitude_m - here.altitude_m) <= radius_m:
+                yield view
+
+    def _mission(
+        self, views: Tour | Sequence[Candidate], origin: Origin | None, snapshot_id: str | None = None
+    ) -> MissionFile:
+        """The mission through views, as a waypoint file; of a plan, those that can be flown."""
+        home = self._home
+        given: MissionSettings = {
+            "home_latitude_deg": home.latitude_deg,
+            "home_longitude_deg": home.longitude_deg,
+            "takeoff": not self._watch.airborne,
+            "autopilot": self._vehicle.dialect.autopilot,
+            "leave_out": isinstance(views, Tour),
+        }
+        datum = None if origin is None else origin.altitude_datum
+        if datum is AltitudeDatum.TAKEOFF:
+            given["home_altitude_m"] = 0.0
+        elif datum is AltitudeDatum.SEA_LEVEL:
+            given["home_altitude_m"] = home.altitude_m - home.height_m
+        given |= self._gimbal
+        given |= self._settings.mission
+        return self._scene.mission(views, MissionFormat.QGC_WPL, snapshot_id=snapshot_id, **given)
+
+    def _leg(self, mission: MissionFile, views: tuple[Candidate, ...]) -> Leg:
+        items = read_waypoints(mission.content.decode())
+        return Leg(holding(items, self._settings.patience_s), views)
+
+    def _pose(self) -> VehiclePose:
+        state = self._vehicle.last_state
+        return VehiclePose(
+            latitude_deg=state.latitude_deg,
+            longitude_deg=state.longitude_deg,
+            altitude_m=state.altitude_m,
+            yaw_deg=0.0 if math.isnan(state.yaw_deg) else state.yaw_deg,
+            pitch_deg=0.0,
+        )

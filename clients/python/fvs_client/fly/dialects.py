@@ -1,0 +1,107 @@
+"""How autopilots differ: the flight modes and missions of ArduPilot's copters and of PX4.
+
+https://ardupilot.org/copter/docs/flight-modes.html; PX4's modes are ``main << 16 | sub << 24``
+(``px4_custom_mode.h``).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from fvs_client.fly.errors import VehicleError
+from fvs_client.models.missions import Autopilot
+
+_ARDUPILOT, _PX4 = 3, 12
+"""``MAV_AUTOPILOT``."""
+_COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
+"""``MAV_TYPE``: quadrotor, coaxial, helicopter, and those with 6, 8, 3, 12 and 10 rotors."""
+
+
+class Mode(Enum):
+    """What a vehicle flies."""
+
+    MISSION = auto()
+    HOLD = auto()
+    """It stays where it is, and can get a mission."""
+    PAUSE = auto()
+    """It stops at once."""
+    RETURN = auto()
+    LAND = auto()
+    OTHER = auto()
+    """A pilot flies it, or something else."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What one firmware expects."""
+
+    autopilot: Autopilot
+    """For whom the service writes missions."""
+    modes: Mapping[Mode, tuple[int, int]]
+    """The numbers of modes in ``MAV_CMD_DO_SET_MODE``: the mode, and the one below it."""
+    has_sub_modes: bool
+    home_is_first: bool
+    """Whether the first item of a mission is home; else missions are sent without it."""
+    turns_at_waypoints: bool
+    """Whether it turns to the yaw of a waypoint; else that takes ``MAV_CMD_CONDITION_YAW``."""
+    also: Mapping[int, Mode] = field(default_factory=dict)
+    """Other values of ``custom_mode`` that are told, but never asked for."""
+
+    def custom_mode(self, mode: Mode) -> int:
+        """A mode as a heartbeat has it."""
+        main, sub = self.modes[mode]
+        return main << 16 | sub << 24 if self.has_sub_modes else main
+
+    def mode_of(self, custom_mode: int) -> Mode:
+        """The mode of a heartbeat."""
+        for mode in self.modes:
+            if custom_mode == self.custom_mode(mode):
+                return mode
+        return self.also.get(custom_mode, Mode.OTHER)
+
+
+ARDUPILOT = Dialect(
+    Autopilot.ARDUPILOT,
+    {
+        Mode.MISSION: (3, 0),  # AUTO
+        Mode.HOLD: (4, 0),  # GUIDED
+        Mode.PAUSE: (17, 0),  # BRAKE
+        Mode.RETURN: (6, 0),  # RTL
+        Mode.LAND: (9, 0),
+    },
+    has_sub_modes=False,
+    home_is_first=True,
+    turns_at_waypoints=False,
+    also={21: Mode.RETURN, 27: Mode.RETURN},  # SMART_RTL, AUTO_RTL
+)
+_AUTO = 4
+PX4 = Dialect(
+    Autopilot.PX4,
+    {
+        Mode.MISSION: (_AUTO, 4),
+        Mode.HOLD: (_AUTO, 3),  # AUTO.LOITER
+        Mode.PAUSE: (_AUTO, 3),
+        Mode.RETURN: (_AUTO, 5),
+        Mode.LAND: (_AUTO, 6),
+    },
+    has_sub_modes=True,
+    home_is_first=False,
+    turns_at_waypoints=True,
+    also={_AUTO << 16 | 9 << 24: Mode.LAND},  # AUTO.PRECLAND
+)
+
+
+def dialect_of(autopilot: int, kind: int) -> Dialect:
+    """The dialect of a heartbeat's ``autopilot`` and ``type``; raises ``VehicleError`` for unknown ones."""
+    known = {_ARDUPILOT: ARDUPILOT, _PX4: PX4}.get(autopilot)
+    if known is None:
+        raise VehicleError(
+            f"The vehicle's firmware is not known (MAV_AUTOPILOT {autopilot}).",
+            hint="ArduPilot and PX4 are. For others, write a mission: `fvs-client mission`.",
+        )
+    if kind not in _COPTERS:
+        raise VehicleError(
+            f"The vehicle is no copter (MAV_TYPE {kind}).",
+            hint="It could not stand still at a view. Check --system, if several vehicles are on the link.",
+        )
+    return known

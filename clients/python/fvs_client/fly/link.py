@@ -1,0 +1,242 @@
+"""A MAVLink connection to one vehicle, read in a thread. Needs pymavlink."""
+
+import contextlib
+import math
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from fvs_client.fly.errors import NoAnswerError, VehicleError
+
+_SYSTEM, _COMPONENT = 255, 191
+"""A ground station, and its component: an onboard computer, so that answers to other ground stations are not
+taken for ours."""
+_HEARTBEAT_S = 1.0
+_ANSWER_S = 3.0
+_TRIES = 4
+_SILENCE_S = 20.0
+"""Without a heartbeat for so long a vehicle is lost."""
+_OTHERS_S = 1.2
+"""Autopilots send a heartbeat every second: so long it takes to hear all of them."""
+_ADDRESSED = frozenset({"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK"})
+
+
+class Link:
+    """A connection to the vehicle with the MAVLink id ``system``, or the only one; ``heard`` gets messages.
+
+    All methods may be called from any thread. ``heard`` is called in the thread that reads, while ``changed``
+    is held; after it, those who wait for ``changed`` are notified.
+
+    Raises ``VehicleError`` without pymavlink, and ``NoAnswerError`` when the ``url`` cannot be opened.
+    """
+
+    def __init__(self, url: str, *, baud: int, system: int | None, heard: Callable[[Any], None]) -> None:
+        mavutil = _mavutil()
+        self.mavlink: Any = mavutil.mavlink
+        try:
+            self._link: Any = mavutil.mavlink_connection(
+                url,
+                baud=baud,
+                source_system=_SYSTEM,
+                source_component=_COMPONENT,
+                autoreconnect=True,
+                dialect="common",
+            )
+        except ModuleNotFoundError as error:
+            raise VehicleError(
+                f"{url} is a serial device, which needs pyserial.", hint="pip install pyserial"
+            ) from error
+        except (OSError, ValueError) as error:
+            raise NoAnswerError(
+                f"{url} cannot be opened: {error}.",
+                hint="Is the autopilot or its router running, and no other program connected to it?",
+            ) from error
+        self.changed = threading.Condition()
+        self._sending = threading.Lock()
+        self._heard_s = time.monotonic()
+        self._answers: deque[Any] = deque(maxlen=1_000)
+        self._system, self._handle = system, heard
+        self._target: tuple[int, int] | None = None
+        self._heartbeats: dict[int, Any] = {}
+        """The first heartbeat of each vehicle on the link."""
+        self._closed = False
+        self._reader = threading.Thread(target=self._read, name="mavlink", daemon=True)
+        self._reader.start()
+
+    def close(self) -> None:
+        """End the connection; the vehicle goes on with what it does."""
+        self._closed = True
+        self._reader.join(timeout=5.0)
+        with contextlib.suppress(OSError, AttributeError):  # pymavlink's, of a link that is broken
+            self._link.close()
+
+    @property
+    def target(self) -> tuple[int, int]:
+        """The vehicle's system and component."""
+        return self._target or (0, 0)
+
+    def find(self, timeout_s: float) -> Any:
+        """Wait for the vehicle, return its heartbeat; raises ``VehicleError`` where there are several."""
+        until = time.monotonic() + timeout_s
+        with self.changed:
+            while self._wanted() is None:
+                left = until - time.monotonic()
+                if left <= 0:
+                    raise self._not_found(timeout_s)
+                self.changed.wait(left)
+            if self._system is None:
+                self.changed.wait_for(lambda: len(self._heartbeats) > 1, _OTHERS_S)
+                if len(self._heartbeats) > 1:
+                    systems = " and ".join(map(str, sorted(self._heartbeats)))
+                    raise VehicleError(
+                        f"The vehicles {systems} are on this link.", hint="Say which one to fly: --system N."
+                    )
+            found = self._wanted()
+            assert found is not None, "a heartbeat stays"
+            return found
+
+    def listen_to(self, heartbeat: Any) -> None:
+        """From now on hear only the vehicle of this heartbeat."""
+        with self.changed:
+            self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
+
+    def require_heard(self) -> None:
+        """Raise ``NoAnswerError`` after a silence of 20 s."""
+        silent_s = time.monotonic() - self._heard_s
+        if silent_s > _SILENCE_S:
+            raise NoAnswerError(
+                f"The vehicle has been silent for {silent_s:.0f} s.",
+                hint="It flies its last mission, which ends at home. Check the link.",
+            )
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Wait until ``condition`` holds, which is checked after each message.
+
+        Raises ``NoAnswerError`` when the vehicle is silent, and ``VehicleError`` when the time is over: "The
+        vehicle ``what``".
+        """
+        until = time.monotonic() + timeout_s
+        with self.changed:
+            while not condition():
+                left = until - time.monotonic()
+                if left <= 0:
+                    raise VehicleError(
+                        f"The vehicle {what}.", hint="Look at what its ground station shows, and at the link."
+                    )
+                self.changed.wait(min(left, 0.5))
+                self.require_heard()
+
+    def send(self, name: str, *values: Any) -> None:
+        """Send a message; lost where the link is broken."""
+        with self._sending, contextlib.suppress(OSError):
+            getattr(self._link.mav, name)(*values)
+
+    def forget_answers(self) -> None:
+        """Drop answers that nobody waits for."""
+        with self.changed:
+            self._answers.clear()
+
+    def ask(
+        self,
+        send: Callable[[], None],
+        kinds: Sequence[str],
+        what: str,
+        fits: Callable[[Any], bool] = lambda _message: True,
+    ) -> Any:
+        """Send, also again, until a message of one of ``kinds`` comes that ``fits``; return it."""
+        for _ in range(_TRIES):
+            send()
+            until = time.monotonic() + _ANSWER_S
+            with self.changed:
+                while (left := until - time.monotonic()) > 0:
+                    while self._answers:
+                        message = self._answers.popleft()
+                        if message.get_type() in kinds and fits(message):
+                            return message
+                    self.changed.wait(left)
+        raise NoAnswerError(
+            f"The vehicle does not answer a {what}, sent {_TRIES} times.",
+            hint="Check the link. The vehicle goes on with what it does.",
+        )
+
+    def _wanted(self) -> Any:
+        """The heartbeat of the vehicle; None as long as there is none."""
+        if self._system is not None:
+            return self._heartbeats.get(self._system)
+        return next(iter(self._heartbeats.values()), None)
+
+    def _not_found(self, timeout_s: float) -> NoAnswerError:
+        if self._heartbeats:
+            others = ", ".join(map(str, sorted(self._heartbeats)))
+            return NoAnswerError(
+                f"Vehicle {self._system} sends no heartbeat, but {others} does.",
+                hint="Give another --system.",
+            )
+        return NoAnswerError(
+            f"The vehicle sends no heartbeat for {timeout_s:.0f} s.",
+            hint="Is it switched on, are port and baud rate right? A ground station alone is no vehicle.",
+        )
+
+    def _read(self) -> None:
+        beat = -math.inf
+        while not self._closed:
+            if time.monotonic() - beat >= _HEARTBEAT_S:
+                beat = time.monotonic()
+                mavlink = self.mavlink
+                kinds = (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID)
+                self.send("heartbeat_send", *kinds, 0, 0, mavlink.MAV_STATE_ACTIVE)
+            message = None
+            with contextlib.suppress(OSError, ValueError):
+                message = self._link.recv_match(blocking=True, timeout=0.2)
+            if message is not None:
+                with self.changed:
+                    self._receive(message)
+                    self.changed.notify_all()
+
+    def _receive(self, message: Any) -> None:
+        """Sort out what the vehicle says to us."""
+        kind = message.get_type()
+        if self._target is None:
+            if kind == "HEARTBEAT" and self._is_vehicle(message):
+                self._heard_s = time.monotonic()
+                self._heartbeats.setdefault(message.get_srcSystem(), message)
+            return
+        if message.get_srcSystem() != self._target[0]:
+            return
+        if kind == "HEARTBEAT":
+            if message.get_srcComponent() != self._target[1]:  # its camera, its gimbal
+                return
+            self._heard_s = time.monotonic()
+        if kind in _ADDRESSED:
+            if self._for_us(message):
+                self._answers.append(message)
+            return
+        self._handle(message)
+
+    def _is_vehicle(self, message: Any) -> bool:
+        mavlink = self.mavlink
+        invalid = message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
+        return not invalid and bool(message.type != mavlink.MAV_TYPE_GCS)
+
+    @staticmethod
+    def _for_us(message: Any) -> bool:
+        system, component = (getattr(message, name, 0) or 0 for name in ("target_system", "target_component"))
+        return system in (0, _SYSTEM) and component in (0, _COMPONENT)
+
+
+def _mavutil() -> Any:
+    os.environ["MAVLINK20"] = "1"  # version 1 of the protocol has no messages of cameras
+    try:
+        from pymavlink import mavutil
+    except ModuleNotFoundError:
+        raise VehicleError(
+            "MAVLink needs pymavlink.", hint="Install it: pip install 'fvs-client[fly]'."
+        ) from None
+    # It prints when a connection breaks off, and standard output is for results.
+    mavutil.print = partial(print, file=sys.stderr)
+    return mavutil
