@@ -19,7 +19,7 @@ from fvs_client.models.rankings import Orbit
 from fvs_client.spool import Settings
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 
-from fvs_engine.simulate.mavlink.flight_state import Faults
+from fvs_engine.simulate.mavlink.flight_state import Faults, Mode
 
 pytestmark = pytest.mark.process
 
@@ -363,3 +363,37 @@ def test_a_mission_that_is_refused_in_the_air_brings_the_vehicle_home(
     assert "MAV_MISSION_DENIED" in result.reason
     assert [visit.state for visit in scene.visits()] == [VisitState.FAILED]  # free for others
     assert (result.photographs, result.unsent) == (3, 0)
+
+
+def test_a_mission_that_is_lost_on_the_way_to_a_hovering_vehicle_is_sent_again(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.2)
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url, photographs=4)
+        flown.wait_for("photograph", 3)
+
+        def cut_at_the_first_request(message: Any) -> list[Any]:
+            if message.get_type() == "MISSION_REQUEST_INT" and not cut:
+                cut.append(simulator.autopilot.mode)
+                link.cut = True
+                return []
+            return [message]
+
+        cut: list[Mode] = []
+        link.edit = cut_at_the_first_request
+        flown.wait_for("silent", 1)
+        assert simulator.autopilot.mode is Mode.GUIDED  # it hovers, without a mission
+        link.cut = False
+        result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert cut == [Mode.GUIDED]
+    assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 4, 0, 0)

@@ -6,7 +6,7 @@ import pytest
 from fvs_client import Candidate, VehiclePose
 from fvs_client.fly.captures import Capture, Captures
 from fvs_client.fly.dialects import ARDUPILOT, PX4, Dialect
-from fvs_client.fly.items import holding
+from fvs_client.fly.items import PHOTOGRAPHS, Command, Frame, MissionItem, holding
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.survey import Survey
 
@@ -38,6 +38,17 @@ def test_each_photograph_is_of_the_view_where_it_was_taken(dialect: Dialect) -> 
     assert [view.id for view in named if view] == ["a", "c", "b"]
     assert ([view.id for view in made.succeeded], [view.id for view in made.failed]) == (["a", "c"], ["b"])
     assert [view.id for view in made.left] == ["d"]
+
+
+def test_positions_to_pass_are_no_views() -> None:
+    made = leg()
+    passed = MissionItem(Command.WAYPOINT, Frame.RELATIVE, x=47.0, y=8.0, z=60.0)
+    before = next(number for number, item in enumerate(made.items) if item.command in PHOTOGRAPHS) + 1
+    made.items[before:before] = [passed, passed]  # on the way from the first view to the second
+    assert made.count == 4
+    view = made.take(Capture(0, True, "x.jpg", (made._places()[1].x, made._places()[1].y), height_m=20.0))
+    assert view is not None
+    assert view.id == "b"
 
 
 def test_without_positions_photographs_are_in_order() -> None:
