@@ -187,6 +187,7 @@ def test_without_a_model_the_vehicle_returns_by_itself(
         result = flown.result()
         assert result.ending is Ending.VEHICLE
         assert "returns by itself" in result.reason
+        assert "waited 60 s for its next view (--patience)" in result.reason
         assert (result.photographs, result.unsent) == (3, 0)
         assert not flown.vehicle.state.armed
 

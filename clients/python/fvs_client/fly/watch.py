@@ -28,7 +28,7 @@ class Watch:
         self.asked_home = threading.Event()
         self.airborne = False
         self.deadline_s = math.inf
-        """When the vehicle begins to return by itself, on the monotonic clock."""
+        """When the vehicle begins to return by itself, on the monotonic clock; infinite while it flies a leg."""
         self.lost = False
         """Whether the vehicle was silent for too long."""
 
@@ -65,7 +65,10 @@ class Watch:
         if state.battery is not None and state.battery <= self._settings.reserve:
             raise EndedError(Ending.BATTERY, f"the battery is at {state.battery:.0%}.")
         if state.mode in RETURNING:
-            raise EndedError(Ending.VEHICLE, f"the vehicle returns by itself{self._says()}.")
+            text = f"the vehicle returns by itself{self._says()}"
+            if math.isfinite(self.deadline_s):
+                text += f": it waited {self._settings.patience_s:.0f} s for its next view (--patience)"
+            raise EndedError(Ending.VEHICLE, f"{text}.")
         if not state.armed:
             raise EndedError(Ending.VEHICLE, f"the vehicle has landed{self._says()}.")
         return state
