@@ -28,7 +28,7 @@ class Watch:
         self.asked_home = threading.Event()
         self.airborne = False
         self.deadline_s = math.inf
-        """When the vehicle begins to return by itself, on the monotonic clock; infinite while it flies a leg."""
+        """When the vehicle begins to return by itself, on the monotonic clock; infinite on its way."""
         self.lost = False
         """Whether the vehicle was silent for too long."""
 
