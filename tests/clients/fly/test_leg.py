@@ -73,14 +73,25 @@ def report(number: int, time_ms: int = 0) -> SimpleNamespace:
 def test_reports_that_were_lost_are_asked_for_and_none_counts_twice() -> None:
     asked: list[int] = []
     captures = Captures(asked.append)
-    captures.are(7)  # from flights before
+    captures.are(7, 5)  # from flights before
     captures.add(report(7))
     captures.add(report(10))
     assert asked == [8, 9]
     for number in (8, 9, 9, 10):
         captures.add(report(number))
     assert [found.number for found in captures.take()] == [7, 10, 8, 9]
-    captures.are(13)
+    captures.are(13, 20)
     assert asked == [8, 9, 11, 12]
     captures.add(report(0, time_ms=99))  # the camera was switched on again
     assert [found.file for found in captures.take()] == ["0.jpg"]
+
+
+def test_photographs_of_earlier_flights_are_not_counted() -> None:
+    asked: list[int] = []
+    captures = Captures(asked.append)
+    captures.are(0, 50_000)  # an old camera, which does not count
+    captures.add(report(3, time_ms=60_000))
+    assert asked == [0, 1, 2]
+    captures.add(report(0, time_ms=1_000))
+    captures.add(report(2, time_ms=55_000))
+    assert [found.number for found in captures.take()] == [3, 2]

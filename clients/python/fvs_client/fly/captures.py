@@ -30,6 +30,9 @@ class Captures:
         self._seen: set[tuple[int, int]] = set()
         self._next: int | None = None
         """The number of the next photograph; None as long as it is not known."""
+        self._since_ms = 0
+        """The camera's clock at the beginning: it may report earlier photographs, but they are not ours."""
+        self._asked: set[int] = set()
 
     def take(self) -> list[Capture]:
         """Those that came since the last call."""
@@ -43,6 +46,8 @@ class Captures:
         if key in self._seen:
             return
         self._seen.add(key)
+        if number in self._asked and message.time_boot_ms < self._since_ms:
+            return
         url = message.file_url
         text = url.decode(errors="replace") if isinstance(url, bytes) else url
         located = message.lat != 0 or message.lon != 0
@@ -54,10 +59,11 @@ class Captures:
             self._ask_before(number)
             self._next = number + 1
 
-    def are(self, count: int) -> None:
-        """Take the number of all photographs, of a ``CAMERA_CAPTURE_STATUS``."""
+    def are(self, count: int, time_ms: int) -> None:
+        """Take the number of all photographs and the time of a ``CAMERA_CAPTURE_STATUS``."""
         if self._next is None or count < self._next:  # the first time, or the camera was switched on again
-            self._next = count
+            self._next, self._since_ms = count, time_ms
+            self._asked.clear()
         else:
             self._ask_before(count)
 
@@ -66,4 +72,5 @@ class Captures:
         if self._next is None:
             return
         for number in range(self._next, min(end, self._next + _MOST_MISSING)):
+            self._asked.add(number)
             self._ask(number)

@@ -279,7 +279,7 @@ class Vehicle:
             case "CAMERA_IMAGE_CAPTURED":
                 self._captures.add(message)
             case "CAMERA_CAPTURE_STATUS":
-                self._captures.are(message.image_count)
+                self._captures.are(message.image_count, message.time_boot_ms)
             case "STATUSTEXT":
                 self._texts.append(message.text)
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":
