@@ -96,7 +96,11 @@ class Choice:
                 self._leave_out(view.id, reason)
                 continue
             self._log.event(
-                "goes", f"Goes to {view.id}.", self._vehicle.state, candidate=view.id, ranking_id=ranking.id
+                "goes",
+                f"Goes to {view.id}.",
+                self._vehicle.last_state,
+                candidate=view.id,
+                ranking_id=ranking.id,
             )
             return self._leg(mission, (view,))
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
@@ -145,7 +149,7 @@ class Choice:
                 continue
             names = [view.id for view in views]
             text = f"Goes to {', '.join(names)}."
-            self._log.event("goes", text, self._vehicle.state, candidates=names, length_m=tour.length_m)
+            self._log.event("goes", text, self._vehicle.last_state, candidates=names, length_m=tour.length_m)
             return self._leg(mission, views)
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
 
@@ -161,7 +165,9 @@ class Choice:
     def _leave_out(self, name: str, reason: str) -> None:
         """Say once that a view is left out."""
         if name not in self._refused or self._settings.leg_views == 1:
-            self._log.event("refused", f"{name} is left out: {reason}", self._vehicle.state, candidate=name)
+            self._log.event(
+                "refused", f"{name} is left out: {reason}", self._vehicle.last_state, candidate=name
+            )
         self._refused.add(name)
 
     def _rank(self, photographs: int) -> Ranking:
@@ -191,7 +197,7 @@ class Choice:
 
     def _reachable(self) -> Iterator[Candidate]:
         """The candidates within the radius of the vehicle."""
-        here, radius_m = self._vehicle.state, self._settings.radius_m
+        here, radius_m = self._vehicle.last_state, self._settings.radius_m
         for view in self._candidates or ():
             pose = view.pose
             if radius_m is None or not isinstance(pose, VehiclePose):

@@ -108,7 +108,7 @@ class Flight:
                 Ending.NO_VIEW, "the scene has no model: send photographs first, or fly a survey (--survey)."
             )
         leg = Leg(holding(survey.items(self._vehicle.dialect), self._settings.patience_s))
-        self._log.event("survey", f"Survey: {survey.count} photographs.", self._vehicle.state)
+        self._log.event("survey", f"Survey: {survey.count} photographs.", self._vehicle.last_state)
         self._fly(leg)
 
     def _update(self) -> None:
