@@ -176,6 +176,12 @@ def open_application(
                 taken_poses,
                 lambda: _require_room_for_rankings(settings),
             )
+            resumable_uploads = ResumableUploads(
+                settings.resumable_uploads,
+                keep_s=settings.partial_upload_s,
+                per_tenant=limits.partial_uploads_per_tenant,
+                spared_s=settings.upload_place_s,
+            )
             yield Application(
                 storage=storage,
                 runners=runners,
@@ -187,12 +193,7 @@ def open_application(
                     keep_s=settings.partial_upload_s,
                     per_tenant=limits.partial_uploads_per_tenant,
                 ),
-                resumable_uploads=ResumableUploads(
-                    settings.resumable_uploads,
-                    keep_s=settings.partial_upload_s,
-                    per_tenant=limits.partial_uploads_per_tenant,
-                    spared_s=settings.upload_place_s,
-                ),
+                resumable_uploads=resumable_uploads,
                 upload_locks=UploadLocks(),
                 # One more than inspectors: it is ready when the next one is.
                 inspection_turns=FairTurns(settings.inspectors + 1),
@@ -209,7 +210,7 @@ def open_application(
                 plans=Plans(storage.database, frames, runners, limits, taken_poses),
                 visits=Visits(storage.database, frames),
                 missions=Missions(storage.database, frames, rankings),
-                deletions=Deletions(storage.database, settings.removal_grace_s),
+                deletions=Deletions(storage.database, resumable_uploads, settings.removal_grace_s),
             )
         finally:
             inspector.close()

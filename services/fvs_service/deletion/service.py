@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from fvs_service.deletion import rows
 from fvs_service.errors import ConflictError
+from fvs_service.images.resumable_uploads import ResumableUploads
 from fvs_service.jobs.model import JobState
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.repository import ranking_of
@@ -23,8 +24,8 @@ REQUESTED = "requested"
 class Deletions:
     """Deletes scenes, snapshots and rankings; each is gone when the call returns."""
 
-    def __init__(self, database: Database, grace_s: float) -> None:
-        self._database = database
+    def __init__(self, database: Database, uploads: ResumableUploads, grace_s: float) -> None:
+        self._database, self._uploads = database, uploads
         self._grace = timedelta(seconds=grace_s)
 
     def scene(self, principal: Principal, scene_id: str) -> None:
@@ -33,6 +34,7 @@ class Deletions:
         with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)
             rows.delete_scene(session, scene_id)
+        self._uploads.remove_scene(principal.tenant_id, scene_id)
 
     def snapshot(self, principal: Principal, snapshot_id: str) -> None:
         """Delete a snapshot.

@@ -141,6 +141,14 @@ class ResumableUploads:
         part.with_suffix(_DESCRIPTION).unlink(missing_ok=True)
         part.unlink(missing_ok=True)
 
+    def remove_scene(self, tenant_id: str, scene_id: str) -> None:
+        """Delete the uploads of a scene that is gone; a request that sends one writes to no file any more."""
+        for description in self._tenant(tenant_id).glob(f"*{_DESCRIPTION}"):
+            with contextlib.suppress(OSError, ValidationError):  # what stays expires
+                upload = ResumableUpload.model_validate_json(description.read_bytes())
+                if upload.scene_id == scene_id:
+                    self.remove(upload)
+
     def prune(self) -> None:
         """Delete uploads that have expired."""
         for tenant in self._folder.glob("*"):
@@ -159,11 +167,7 @@ class ResumableUploads:
         unfinished = list(folder.glob(f"*{_BYTES}"))
         if len(unfinished) < self._per_tenant:
             return
-        spared_s = {
-            path: _changed(path) + self._spared_s - time.time()
-            for path in unfinished
-            if path not in self._open
-        }
+        spared_s = {path: self._left_s(path) for path in unfinished if path not in self._open}
         if not spared_s or min(spared_s.values()) > 0:
             raise LimitExceededError(
                 f"{self._per_tenant} uploads are unfinished, and no more are allowed.",
@@ -173,6 +177,12 @@ class ResumableUploads:
         smallest = min((path for path, left_s in spared_s.items() if left_s <= 0), key=_size)
         smallest.with_suffix(_DESCRIPTION).unlink(missing_ok=True)
         smallest.unlink(missing_ok=True)
+
+    def _left_s(self, part: Path) -> float:
+        """Time for which an upload is still spared, never more than ``spared_s``."""
+        left_s = _changed(part) + self._spared_s - time.time()
+        # A file from further ahead was written before the clock was set back: how long ago, nobody knows.
+        return 0.0 if left_s > 2 * self._spared_s else min(left_s, self._spared_s)
 
     @contextlib.contextmanager
     def _kept(self, part: Path) -> Iterator[None]:

@@ -93,3 +93,17 @@ def test_sizes_are_read_as_people_write_them() -> None:
     for text in ("", "0", "-1", "big", "1 MiB", "nan"):
         with pytest.raises(ValueError, match="is no size"):
             bytes_of(text)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"retry-after": "9" * 400},
+        {"retry-after": "864000"},
+        {"retry-after": "Sat, 09 May 2026 12:00:00 GMT", "date": "Fri, 01 May 2026 12:00:00 GMT"},
+    ],
+)
+def test_no_answer_silences_a_device_for_days(headers: dict[str, str]) -> None:
+    with pytest.raises(LinkError) as caught:
+        require_success(_problem(429, **headers))
+    assert caught.value.retry_after_s == 3_600

@@ -244,6 +244,36 @@ def test_the_photographs_of_a_card_that_is_taken_out_wait_for_it(
     assert len(list(client.scenes.images(field.scene).list())) == 3
 
 
+def test_a_card_that_is_taken_out_while_it_is_read_refuses_nothing(
+    field: Field, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, away = connection._read, tmp_path / "away"
+
+    def fails(*_: Any) -> bytes:
+        monkeypatch.setattr(connection, "_read", read)
+        field.folder.rename(away)
+        threading.Timer(0.3, lambda: away.rename(field.folder)).start()
+        raise connection.UnreadableFileError("Input/output error")
+
+    with Outbox(tmp_path / "elsewhere.sqlite3") as outbox:
+        for file in find_files(field.folder):
+            take(outbox, file, field.scene)
+        monkeypatch.setattr(connection, "_read", fails)
+        settings = Settings(longest_pause_s=0.1)
+        Drain(outbox, Target(field.url, None), settings, field.said.append).run(
+            threading.Event(), until_empty=True
+        )
+        assert [found.state for found in outbox.all()] == [State.SENT] * 3
+    assert any("is not there" in line for line in field.said)
+
+
+def test_an_outbox_that_is_deleted_meanwhile_is_said_and_sending_goes_on(field: Field) -> None:
+    field.take()
+    field.outbox.path.unlink()
+    assert field.drain() == [State.SENT] * 3
+    assert sum("was deleted or replaced" in line for line in field.said) == 1
+
+
 def test_other_content_that_no_clock_tells_apart_is_refused(field: Field) -> None:
     field.take()
     file = field.folder / "DJI_0000.JPG"

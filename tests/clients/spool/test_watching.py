@@ -1,9 +1,13 @@
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from fvs_client import ImageMetadata
+from fvs_client.spool import Settings, deleting, taking
+from fvs_client.spool import watching as watching_module
+from fvs_client.spool.folder import find_file
 from fvs_client.spool.outbox import FILE_MISSING, FILE_NAME, Outbox
 from fvs_client.spool.photograph import Refusal, State
 from fvs_client.spool.watching import Watcher
@@ -220,3 +224,71 @@ def test_a_card_that_is_taken_out_is_waited_for(
     (watched.folder / "100MEDIA" / "a.jpg").write_bytes(photograph(1))
     watched.look()
     assert watched.look(2) == ["100MEDIA_a.jpg"]
+
+
+def test_what_cannot_be_read_holds_up_nothing_else_and_is_said_once(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not by permissions: root has all of them."""
+    watched = watching()
+    for number, name in enumerate(("a.jpg", "b.jpg", "c.jpg", "lost+found/d.jpg")):
+        (watched.folder / name).parent.mkdir(exist_ok=True)
+        (watched.folder / name).write_bytes(photograph(number))
+    listed, whole, broken = os.listdir, watching_module.is_whole, True
+
+    def listdir(folder: Path | str) -> list[str]:
+        if broken and str(folder).endswith("lost+found"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return listed(folder)
+
+    def is_whole(path: Path) -> bool:
+        if broken and path.name in {"a.jpg", "b.jpg"}:
+            raise PermissionError(13, "Permission denied", str(path))
+        return whole(path)
+
+    monkeypatch.setattr(os, "listdir", listdir)
+    monkeypatch.setattr(watching_module, "is_whole", is_whole)
+    assert [name for _ in range(5) for name in watched.look()] == ["c.jpg"]
+    assert len(watched.said) == 3, watched.said
+    broken = False
+    assert sorted(name for _ in range(4) for name in watched.look()) == ["a.jpg", "b.jpg", "lost+found_d.jpg"]
+
+
+def test_the_wall_clock_is_not_asked_when_a_file_is_complete(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    for name, days in (("past.jpg", -9000), ("future.jpg", 9000)):
+        (watched.folder / name).write_bytes(photograph(days + 9001))
+        os.utime(watched.folder / name, (time.time() + days * 86_400,) * 2)
+    assert watched.look() == []
+    assert sorted(name for _ in range(3) for name in watched.look()) == ["future.jpg", "past.jpg"]
+
+
+def test_a_file_that_cannot_be_deleted_is_said_once_and_read_once_a_minute(
+    tmp_path: Path, photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.jpg"
+    file.write_bytes(photograph(1))
+    now, said, reads = 0.0, list[str](), list[Path]()
+
+    def read_only(path: Path) -> None:
+        raise OSError(30, "Read-only file system", str(path))
+
+    def digest_of(path: Path) -> str:
+        reads.append(path)
+        return taking.digest_of(path)
+
+    monkeypatch.setattr(Path, "unlink", read_only)
+    monkeypatch.setattr(deleting, "digest_of", digest_of)
+    with Outbox(tmp_path / FILE_NAME) as outbox:
+        outbox.acknowledge(taking.take(outbox, find_file(file), "scn_1").number, "accepted")
+        room = deleting.Room(outbox, Settings(delete_sent=True), said.append, clock=lambda: now)
+        for now in range(0, 121):  # noqa: B007 -- the clock reads it
+            room.make()
+        assert (len(said), len(reads)) == (1, 3)
+        monkeypatch.undo()
+        now = 200
+        room.make()
+        assert not file.exists()
+        assert outbox.get(1).deleted

@@ -11,6 +11,8 @@ from fvs_client.spool.photograph import Refusal
 
 _PASSING = frozenset({408, 423, 425, 429})
 _OF_THE_KEY = frozenset({401, 403})
+_LONGEST_RETRY_AFTER_S = 3_600.0
+"""A clock that jumps at the other side, or a broken proxy, must not silence a device for days."""
 DAMAGED = "digest-mismatch"
 """Of bytes that were damaged on the way, or are not those that were added: the sender knows which."""
 
@@ -71,12 +73,12 @@ def require_success(answer: Answer) -> Answer:
 
 
 def _retry_after_s(headers: Mapping[str, str]) -> float:
-    """``Retry-After`` (RFC 9110, section 10.2.3) in s; a date is measured by the sender's clock."""
+    """``Retry-After`` (RFC 9110, section 10.2.3) in s, an hour at most; a date is measured by its clock."""
     value = headers.get("retry-after", "").strip()
     if value.isascii() and value.isdigit():
-        return float(value)
+        return min(float(value), _LONGEST_RETRY_AFTER_S)
     try:
         until, now = parsedate_to_datetime(value), parsedate_to_datetime(headers.get("date", ""))
-        return max(0.0, (until - now).total_seconds())
+        return min(max(0.0, (until - now).total_seconds()), _LONGEST_RETRY_AFTER_S)
     except (ValueError, TypeError):  # TypeError: one of the two has no time zone
         return 0.0

@@ -1,5 +1,6 @@
 """Delete photographs that the service has acknowledged, if that was asked for."""
 
+import time
 from collections.abc import Callable
 
 from fvs_client.spool.outbox import Outbox
@@ -7,13 +8,24 @@ from fvs_client.spool.photograph import Photograph
 from fvs_client.spool.settings import Settings
 from fvs_client.spool.taking import digest_of
 
+_TRY_AGAIN_S = 60.0
+"""A file that cannot be deleted is not read again sooner."""
+
 
 class Room:
     """Keeps the photographs of an outbox within their disk space."""
 
-    def __init__(self, outbox: Outbox, settings: Settings, say: Callable[[str], None]) -> None:
-        self._outbox, self._settings, self._say = outbox, settings, say
+    def __init__(
+        self,
+        outbox: Outbox,
+        settings: Settings,
+        say: Callable[[str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._outbox, self._settings, self._say, self._clock = outbox, settings, say, clock
         self._told = False
+        self._failed_at: dict[int, float] = {}
+        """When files, by their numbers, could not be deleted."""
 
     def make(self) -> None:
         """Delete what may be deleted: sent photographs, the oldest first, as far as the limit asks for it."""
@@ -36,15 +48,21 @@ class Room:
 
     def _delete(self, photograph: Photograph) -> bool:
         """Delete the file if its bytes are those that were acknowledged; whether it is gone."""
-        path = photograph.path
+        path, number = photograph.path, photograph.number
+        failed_at = self._failed_at.get(number)
+        if failed_at is not None and self._clock() - failed_at < _TRY_AGAIN_S:
+            return False
         try:
             if digest_of(path) == photograph.digest:
                 path.unlink()
         except FileNotFoundError:
             pass
         except OSError as error:
-            self._say(f"{path} cannot be deleted: {error.strerror}.")
+            if failed_at is None:
+                self._say(f"{path} cannot be deleted: {error.strerror}. It is tried again.")
+            self._failed_at[number] = self._clock()
             return False
+        self._failed_at.pop(number, None)
         # What has other bytes now is another photograph, which the outbox has by its own digest.
         self._outbox.set_deleted(photograph.number)
         return True

@@ -29,12 +29,14 @@ class Drain:
         self._backoff = Backoff(settings.first_pause_s, settings.longest_pause_s)
         self._room = Room(outbox, settings, say)
         self._trouble: str | None = None
+        self._outbox_gone = False
 
     def run(self, stop: threading.Event, *, until_empty: bool) -> None:
         """Send until ``stop``, or until nothing waits. A link that fails is tried for ever."""
         self._outbox.set_trouble(None)
         try:
             while not stop.is_set():
+                self._look_for_outbox()
                 self._room.make()
                 photograph = self._outbox.next(newest_first=self._settings.newest_first)
                 if photograph is not None:
@@ -45,6 +47,16 @@ class Drain:
                     stop.wait(self._settings.look_every_s)
         finally:
             self._connection.close()
+
+    def _look_for_outbox(self) -> None:
+        """Say so, once, when the outbox was deleted: it still works, but ends with this process."""
+        gone = not self._outbox.in_place()
+        if gone and not self._outbox_gone:
+            self._say(
+                f"{self._outbox.path} was deleted or replaced. Sending goes on, "
+                "but `status` does not see it. Start again when the folder is back. No photograph is stored twice."
+            )
+        self._outbox_gone = gone
 
     def _try_on_card(self, photograph: Photograph) -> float:
         """Send a photograph; returns how long to wait in s before the next try."""

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,13 +34,13 @@ class FoundFile:
         return os.path.splitext(self.location)[1].lower() in SUFFIXES  # noqa: PTH122
 
 
-def find_files(folder: Path) -> list[FoundFile]:
+def find_files(folder: Path, skipped: Callable[[OSError], None] = lambda _: None) -> list[FoundFile]:
     """The image files in and below a folder, except hidden ones, in the order of their numbers.
 
     Not by time: a camera's clock jumps when it first hears of the satellites'. Raises ``OSError`` when the
-    folder cannot be read.
+    folder cannot be read; folders in it that cannot, such as ``lost+found``, are ``skipped``.
     """
-    return sorted(_below(folder, ()), key=lambda file: _numbers(file.location))
+    return sorted(_below(folder, (), skipped), key=lambda file: _numbers(file.location))
 
 
 def find_file(path: Path) -> FoundFile:
@@ -54,7 +54,9 @@ def find_file(path: Path) -> FoundFile:
     return FoundFile(str(path), scene_name([path.name]), status.st_size, status.st_mtime_ns, *state)
 
 
-def _below(folder: Path | str, parts: Sequence[str]) -> Iterator[FoundFile]:
+def _below(
+    folder: Path | str, parts: Sequence[str], skipped: Callable[[OSError], None]
+) -> Iterator[FoundFile]:
     names = {name for name in os.listdir(folder) if not name.startswith(".")}  # noqa: PTH208 -- only names
     with os.scandir(folder) as entries:
         for entry in entries:
@@ -62,11 +64,13 @@ def _below(folder: Path | str, parts: Sequence[str]) -> Iterator[FoundFile]:
                 continue
             try:
                 if entry.is_dir(follow_symlinks=False):
-                    yield from _below(entry.path, (*parts, entry.name))
+                    yield from _below(entry.path, (*parts, entry.name), skipped)
                 elif _is_wanted(entry.name, names) and entry.is_file():
                     yield _found(entry, (*parts, entry.name), names)
             except FileNotFoundError:  # gone since it was listed
                 continue
+            except OSError as error:
+                skipped(error)
 
 
 def _is_wanted(name: str, beside: Container[str]) -> bool:

@@ -76,6 +76,8 @@ class Outbox:
             self._open()
         except sqlite3.Error as error:
             raise unusable(path, error) from error
+        status = path.stat()
+        self._identity = (status.st_dev, status.st_ino)
 
     def close(self) -> None:
         """Close the connection."""
@@ -86,6 +88,14 @@ class Outbox:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def in_place(self) -> bool:
+        """Whether the file that is open is still the one at ``path``, and others thus see what is noted."""
+        try:
+            status = self.path.stat()
+        except OSError:
+            return False
+        return (status.st_dev, status.st_ino) == self._identity
 
     def add(self, new: NewPhotograph, *, durable: bool = True) -> Photograph:
         """Add a photograph; of one that is there, bring metadata up to date as long as none were sent."""

@@ -46,15 +46,14 @@ class Sender:
             self._outbox.refuse(number, error.refusal)
             return error.refusal
         except FileNotFoundError as error:
-            folder = photograph.path.parent
-            if not folder.exists():  # a card that was taken out
-                raise LinkError(f"{folder} is not there.", hint="Is the card in its place?") from error
+            _require_folder(photograph, error)
             refusal = Refusal(
                 FILE_MISSING, f"{photograph.path} is gone.", "Put it back, then `fvs-client spool retry`."
             )
             self._outbox.refuse(number, refusal)
             return refusal
         except (UnreadableFileError, OSError) as error:
+            _require_folder(photograph, error)
             refusal = Refusal(
                 "file-unreadable",
                 f"{photograph.path} cannot be read: {error}.",
@@ -129,6 +128,13 @@ def _read(image: Mapping[str, Any], photograph: Photograph) -> Acknowledgement |
     return Acknowledgement(
         verdict, Refusal(verdict, str(image.get("reason") or verdict), str(image.get("hint") or ""))
     )
+
+
+def _require_folder(photograph: Photograph, error: Exception) -> None:
+    """Raise ``LinkError`` where a card was taken out: its photographs wait for it."""
+    folder = photograph.path.parent
+    if not folder.exists():
+        raise LinkError(f"{folder} is not there.", hint="Is the card in its place?") from error
 
 
 def _require_content(photograph: Photograph) -> None:

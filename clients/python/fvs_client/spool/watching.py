@@ -52,18 +52,24 @@ class Watcher:
         self._describe = describe
         self._clock = clock
         self._seen: dict[str, _Seen] = {}
-        self._trouble = ""
+        self._troubles: set[str] = set()
         self.rest_s = 0.0
         """How long to wait before the next look, so that looks take a twentieth of a processor at most."""
 
     def look(self) -> list[Photograph]:
         """Look once, and return what was taken. What cannot be read is tried at the next look."""
         now = self._clock()
+        troubles: set[str] = set()
+
+        def skip(error: OSError) -> None:
+            self._tell(f"{error.filename} cannot be read: {error.strerror}. It is skipped.", troubles)
+
         try:
-            files = find_files(self._folder)
+            files = find_files(self._folder, skip)
             self.rest_s = _REST_PER_LISTING * (self._clock() - now)
         except OSError as error:
-            self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.")
+            self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
+            self._troubles = troubles
             return []
         before, self._seen = self._seen, {}
         for file in files:
@@ -71,18 +77,16 @@ class Watcher:
             same = known is not None and known.file == file
             self._seen[file.location] = known if known is not None and same else _Seen(file, now)
         taken: list[Photograph] = []
-        trouble = ""
         for seen in self._seen.values():
             if not seen.taken:
                 try:
                     if (photograph := self._take(seen, now)) is not None:
                         taken.append(photograph)
                 except (OSError, sqlite3.OperationalError) as error:
-                    trouble = _describe_failure(seen.file.path, error)
-                    self._tell(trouble)
+                    self._tell(_describe_failure(seen.file.path, error), troubles)
                     if card_is_full(error):
                         break
-        self._trouble = trouble
+        self._troubles = troubles
         return taken
 
     def _take(self, seen: _Seen, now: float) -> Photograph | None:
@@ -107,10 +111,11 @@ class Watcher:
             self._say(f"{file.path.name} is not sent. {photograph.refusal.reason} {photograph.refusal.hint}")
         return photograph
 
-    def _tell(self, trouble: str) -> None:
-        if trouble != self._trouble:
+    def _tell(self, trouble: str, troubles: set[str]) -> None:
+        """Add to the troubles of this look, and say what the last one did not have."""
+        if trouble not in self._troubles | troubles:
             self._say(trouble)
-        self._trouble = trouble
+        troubles.add(trouble)
 
 
 def _describe_failure(path: Path, error: OSError | sqlite3.OperationalError) -> str:
