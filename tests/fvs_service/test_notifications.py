@@ -67,14 +67,29 @@ def test_all_topics_of_a_transaction_are_heard(connect: Callable[[], Database]) 
     heard.subscription.close()
 
 
+def test_a_process_is_not_woken_for_other_topics(connect: Callable[[], Database], tmp_path: Path) -> None:
+    heard = Heard(connect())
+    pipe = tmp_path / "fvs.sqlite3-listeners" / "er-listener"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    for topics in ([Topic.JOBS], [Topic.JOBS, Topic.EVENTS]):
+        with connect().writing() as session:
+            for topic in topics:
+                announce(session, topic)
+    assert heard.next() is Topic.JOBS
+    assert os.read(reader, 100) == b"e"
+    os.close(reader)
+    heard.subscription.close()
+
+
 def test_a_process_that_died_is_forgotten(connect: Callable[[], Database], tmp_path: Path) -> None:
     folder = tmp_path / "fvs.sqlite3-listeners"
     heard = Heard(connect())
-    os.mkfifo(folder / "dead")  # nobody reads it
+    os.mkfifo(folder / "j-dead")  # nobody reads it
     with connect().writing() as session:
         announce(session, Topic.JOBS)
     assert heard.next() is Topic.JOBS
-    assert not (folder / "dead").exists()
+    assert not (folder / "j-dead").exists()
     heard.subscription.close()
     assert list(folder.iterdir()) == []
 

@@ -1,4 +1,5 @@
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -28,8 +29,17 @@ PROGRAM = str(Path(sys.executable).with_name("fvs"))
 
 
 def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
+    """On asyncio's event loop, also where uvloop is installed."""
+    (tmp_path / "uvloop.py").write_text("def new_event_loop():\n    raise SystemExit('uvloop is used')\n")
+    paths = os.pathsep.join(filter(None, (str(tmp_path), os.environ.get("PYTHONPATH"))))
     command = [PROGRAM, "serve", "--root", str(tmp_path / "service"), "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    ) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
         try:

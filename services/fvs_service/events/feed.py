@@ -69,8 +69,9 @@ class EventFeed:
         return await self._read(last_number)
 
     def notify(self) -> None:
-        """Wake the feed: there may be new events. Callable from any thread."""
-        self._loop.call_soon_threadsafe(self._notified.set)
+        """Wake the feed, if a stream waits: there may be new events. Callable from any thread."""
+        if self._followers:  # a new stream reads the database before it waits
+            self._loop.call_soon_threadsafe(self._notified.set)
 
     async def watch(self) -> None:
         """While there are streams, look for events when notified and every ``poll_s``, until cancelled."""

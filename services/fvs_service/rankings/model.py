@@ -19,6 +19,7 @@ CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
 VehicleName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,63}$")]
 _PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 
+_FEW_CANDIDATES = 100
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
 
@@ -233,6 +234,11 @@ class Ranking(Model):
     warnings: tuple[RankingWarning, ...] = ()
     """Limits of the use of the ranking."""
     created_at: Timestamp
+
+    @property
+    def is_small(self) -> bool:
+        """Whether an event loop may serialise it: another thread would take longer, and the loop can wait."""
+        return self.total <= _FEW_CANDIDATES  # which the request may list
 
     @cached_property
     def document(self) -> bytes:

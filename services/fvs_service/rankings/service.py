@@ -46,13 +46,17 @@ TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose |
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What is known of a ranking before its candidates are scored: their poses and distances by id."""
+    """What is known of a ranking before its candidates are scored.
+
+    By id: the ``poses`` of the answer, and the distances. What can be done before scoring is done before: it
+    takes several times as long afterwards, when scoring has replaced what the processor's caches held.
+    """
 
     request: RankingRequest
     scene: SceneHead
     snapshot: Snapshot
     frame: WorldFrame
-    poses: Mapping[str, RigidTransform]
+    poses: Mapping[str, FramePose | VehiclePose]
     distances: Mapping[str, float]
     excluded: Mapping[str, engine.RankedCandidate]
     question: RankViews
@@ -222,13 +226,15 @@ class Rankings:
             seed=request.seed,
         )
         self._require_room()
-        return _Prepared(request, scene, snapshot, frame, poses, distances, excluded, question, remembered)
+        given = request.candidates or ()
+        answered = poses_in(frame, tuple(poses), poses, given, request.frame, request.current_pose)
+        shown = dict(zip(poses, answered, strict=True))
+        return _Prepared(request, scene, snapshot, frame, shown, distances, excluded, question, remembered)
 
     def _finish(self, principal: Principal, prepared: _Prepared, result: RankedViews) -> Ranking:
         """Keep the ranking that the runner's result makes."""
         request, scene_id, snapshot = prepared.request, prepared.scene.id, prepared.snapshot
         first = (*result.candidates, *prepared.excluded.values())[: request.top_k]
-        shown = _poses_as_asked(prepared, [candidate.name for candidate in first])
         ranking = Ranking(
             id=new_id("rnk"),
             scene_id=scene_id,
@@ -239,7 +245,7 @@ class Rankings:
             iterations=result.iterations,
             gaussians=result.gaussians,
             fallback=result.fallback,
-            candidates=tuple(map(RankedCandidate.ranked, first, shown)),
+            candidates=tuple(RankedCandidate.ranked(one, prepared.poses[one.name]) for one in first),
             total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,
@@ -318,19 +324,10 @@ class Rankings:
             )
 
 
-def _poses_as_asked(prepared: _Prepared, names: Sequence[str]) -> tuple[FramePose | VehiclePose, ...]:
-    """The poses of candidates in the frame that the request names, or in which it asks."""
-    request = prepared.request
-    return poses_in(
-        prepared.frame, names, prepared.poses, request.candidates or (), request.frame, request.current_pose
-    )
-
-
 def _scored(prepared: _Prepared, scores: Sequence[engine.CandidateScore]) -> tuple[ScoredCandidate, ...]:
     """Scored candidates as the client asked for them."""
-    poses = _poses_as_asked(prepared, [score.name for score in scores])
-    distances = (prepared.distances.get(score.name) for score in scores)
-    return tuple(map(ScoredCandidate.of, scores, distances, poses))
+    poses, distances = prepared.poses, prepared.distances
+    return tuple(ScoredCandidate.of(one, distances.get(one.name), poses[one.name]) for one in scores)
 
 
 def _unscored(snapshot: Snapshot) -> RankedViews:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pydantic import TypeAdapter
-from sqlalchemy import delete, insert, or_, select
+from sqlalchemy import bindparam, delete, insert, or_, select
 from sqlalchemy.orm import Session
 
 from fvs_service.model import now
@@ -13,13 +13,16 @@ from fvs_service.storage.tables import VisitRow, columns_of
 from fvs_service.visits.model import Visit, VisitState
 
 _VISITS = columns_of(VisitRow)
+_CURRENT = (
+    select(_VISITS)
+    .where(_VISITS.c.scene_id == bindparam("scene_id"), _VISITS.c.expires_at > bindparam("now"))
+    .order_by(_VISITS.c.reported_at, _VISITS.c.vehicle, _VISITS.c.candidate_id)
+)
 _POSE: TypeAdapter[FramePose | VehiclePose] = TypeAdapter(Pose)
 
 
 def visits_of(reader: Reader, scene_id: str) -> tuple[Visit, ...]:
     """The visits of a scene that have not expired, the oldest report first."""
-    current = (_VISITS.c.scene_id == scene_id) & (_VISITS.c.expires_at > now())
-    order = (_VISITS.c.reported_at, _VISITS.c.vehicle, _VISITS.c.candidate_id)
     return tuple(
         Visit(
             vehicle=row.vehicle,
@@ -29,7 +32,7 @@ def visits_of(reader: Reader, scene_id: str) -> tuple[Visit, ...]:
             reported_at=row.reported_at,
             expires_at=row.expires_at,
         )
-        for row in reader.execute(select(_VISITS).where(current).order_by(*order))
+        for row in reader.execute(_CURRENT, {"scene_id": scene_id, "now": now()})
     )
 
 

@@ -25,8 +25,6 @@ from fvs_service.rankings.service import ReadRequest
 router = json_router("/v1", "rankings")
 
 _STREAM = {200: {"description": "The parts of the ranking.", "content": {MEDIA_TYPE: {}}}}
-_FEW_CANDIDATES = 100
-"""Rankings of so many are written on the event loop: a thread would cost more. Others would block it."""
 _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
 
 
@@ -58,9 +56,8 @@ async def create_ranking(
     with metrics.rankings_open.track_inprogress():
         ranking = await while_connected(http, app.rankings.create(caller, scene_id, read, timeout_s, key))
     metrics.count_ranking(ranking.request.method, ranking.seconds, ranking.waited_s)
-    few = ranking.total <= _FEW_CANDIDATES
     return Response(
-        ranking.document if few else await run_in_threadpool(lambda: ranking.document),
+        ranking.document if ranking.is_small else await run_in_threadpool(lambda: ranking.document),
         status_code=201,
         headers={"Location": f"/v1/rankings/{ranking.id}"},
         media_type="application/json",

@@ -26,6 +26,7 @@ from fvs_service.gateway.rpc.calls import Call, Context, Gateway, answer, parsed
 from fvs_service.gateway.rpc.conversion import write
 from fvs_service.model import Model
 from fvs_service.principal import Principal
+from fvs_service.rankings.model import Ranking
 
 T = TypeVar("T")
 
@@ -92,6 +93,8 @@ class _Operation:
         async def work(call: Call, caller: Principal) -> bytes:
             request = await self._request(call)
             result = await self._function(call, caller, request)
+            if isinstance(result, Ranking) and result.is_small:
+                return self._serialised(result)
             return await run_sync(self._serialised, result)
 
         return await self._answer(context, work)
