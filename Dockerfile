@@ -7,7 +7,7 @@ FROM python:3.11-slim-bookworm AS build-cpu
 WORKDIR /source
 RUN python -m venv /opt/fvs
 COPY constraints.txt ./
-# Extra options of pip, such as the index with the CPU build of torch.
+# Extra options of pip. PyPI's torch is the CUDA build, several GB larger: name the index of the CPU builds here.
 ARG PIP_OPTIONS=""
 # hadolint ignore=SC2086
 RUN /opt/fvs/bin/pip install --no-cache-dir $PIP_OPTIONS --constraint constraints.txt torch
@@ -16,7 +16,8 @@ COPY fvs_engine fvs_engine
 COPY services services
 RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[otel]"
 
-FROM nvidia/cuda:12.8.1-devel-ubuntu24.04 AS build-cuda
+# gsplat's kernels must be compiled by the CUDA version that torch in constraints.txt was built with: 13.0.
+FROM nvidia/cuda:13.0.1-devel-ubuntu24.04 AS build-cuda
 # hadolint ignore=DL3008
 RUN apt-get update && apt-get install --no-install-recommends --yes python3 python3-venv python3-dev \
     && rm -rf /var/lib/apt/lists/*

@@ -1,11 +1,14 @@
 """Scenes per hour with one worker and with several, and what each scene costs.
 
-    python benchmarks/service_throughput.py [--scenes 8] [--images 10] [--workers 1 2] [--json out.json]
+    python benchmarks/service_throughput.py [PHOTOGRAPHS] [--scenes 8] [--images 10] [--workers 1 2]
+                                            [--json out.json]
 
-`fvs serve`; every scene is the same simulated courtyard, at 160 px. All photographs are uploaded first; then
-all updates are queued at once. The time is that from the first update's request to the last one's end. Costs
-are means per scene: seconds of its stages, bytes uploaded and kept, and, with PostgreSQL (FVS_DATABASE_URL),
-committed transactions, those of the idle processes included. docs/operate/scaling.md rests on them.
+`fvs serve`; every scene has the same photographs: those of a simulated courtyard, with a model of 160 px, or
+given ones, with the service's defaults. All photographs are uploaded first; then all updates are queued at
+once. The time is that from the first update's request to the last one's end. Costs are means per scene:
+seconds of its stages by the clock, seconds of all processes, bytes uploaded and kept, and, with PostgreSQL
+(FVS_DATABASE_URL), committed transactions, those of the idle processes included. docs/operate/scaling.md
+rests on them.
 """
 
 import argparse
@@ -26,11 +29,12 @@ from fvs_client import Client, JobState
 from fvs_service.jobs.timing import TIMING_STAGE, JobTiming
 from fvs_service.serving.running import running_service
 from measurement import report
+from processor_time import of_tree_s
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
-_SETTINGS = {"FVS_WORKER__INITIAL_ITERATIONS": "300", "FVS_WORKER__LONG_SIDE_PX": "160"}
+_SMALL_MODEL = {"FVS_WORKER__INITIAL_ITERATIONS": "300", "FVS_WORKER__LONG_SIDE_PX": "160"}
 _TRAINING = "train"
 _PATIENCE_S = 3600.0
 _TIMINGS = f"SELECT document FROM job_stages WHERE name = '{TIMING_STAGE}' ORDER BY job_id"
@@ -66,19 +70,23 @@ def size_bytes(folder: Path) -> int:
     return sum({entry.stat().st_ino: entry.stat().st_size for entry in folder.rglob("*")}.values())
 
 
-def throughput_row(photographs: Path, folder: Path, workers: int, scenes: int) -> dict[str, Any]:
+def throughput_row(
+    photographs: Path, folder: Path, workers: int, scenes: int, settings: Mapping[str, str]
+) -> dict[str, Any]:
     """The row of one number of workers."""
     url, root = os.environ.get("FVS_DATABASE_URL"), folder / "root"
-    settings = {**_SETTINGS, "FVS_WORKER__COUNT": str(workers)}
+    settings = {**settings, "FVS_WORKER__COUNT": str(workers)}
     with running_service(root, folder / "log", settings) as service, Client(service.url) as client:
         made = [client.scenes.create("courtyard") for _ in range(scenes)]
         for scene in made:
             scene.images.upload(photographs)
+        upload_cpu_s = of_tree_s(service.pid)
         committed, began = commits(url), time.monotonic()
         jobs = [scene.update() for scene in made]
         ended = [job.wait(timeout_s=_PATIENCE_S) for job in jobs]
         took_s = time.monotonic() - began
         committed = commits(url) - committed
+        update_cpu_s = of_tree_s(service.pid) - upload_cpu_s
     failed = sum(job.state is not JobState.SUCCEEDED for job in ended)
     found = timings(root, url)[-scenes:]
     return {
@@ -89,6 +97,8 @@ def throughput_row(photographs: Path, folder: Path, workers: int, scenes: int) -
         "scenes/h": 3600 * scenes / took_s,
         "training, s": mean(timing.seconds[_TRAINING] for timing in found),
         "before it, s": mean(sum(_before_training(timing).values()) for timing in found),
+        "upload, processor s": upload_cpu_s / scenes,
+        "update, processor s": update_cpu_s / scenes,
         "uploaded, MB": size_bytes(photographs) / 1e6,
         "kept, MB": size_bytes(root) / 1e6 / scenes,
         **({"transactions": committed / scenes} if url else {}),
@@ -104,22 +114,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("photographs", nargs="?", type=Path, help="a folder")
     parser.add_argument("--scenes", type=int, default=8)
     parser.add_argument("--images", type=int, default=10)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="fvs-benchmark-") as name:
-        folder = Path(name)
-        path = orbit(options.images, turns=0.04 * options.images)
-        write_photographs(
-            folder / "courtyard", courtyard(), SimulatedCamera.like_a_drone(320, 240), path, Monitor()
-        )
-        rows = []
+        folder, rows = Path(name), []
+        photographs, settings = options.photographs, {}
+        if photographs is None:
+            photographs, settings = folder / "courtyard" / "images", _SMALL_MODEL
+            path = orbit(options.images, turns=0.04 * options.images)
+            camera = SimulatedCamera.like_a_drone(320, 240)
+            write_photographs(folder / "courtyard", courtyard(), camera, path, Monitor())
         for workers in options.workers:
             place = folder / str(workers)
             place.mkdir()
-            rows.append(throughput_row(folder / "courtyard" / "images", place, workers, options.scenes))
+            rows.append(throughput_row(photographs, place, workers, options.scenes, settings))
     report("scenes per hour", rows, options.json)
 
 
