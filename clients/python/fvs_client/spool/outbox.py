@@ -193,9 +193,9 @@ class Outbox:
         )
 
     def deletable(self) -> list[Photograph]:
-        """Sent photographs whose files may be deleted, the oldest first."""
-        accepted = "(verdict IS NULL OR verdict = 'accepted')"
-        return self._select(f"state = 'sent' AND deleted = 0 AND {accepted}", (), "ORDER BY number")
+        """Sent photographs whose files may be deleted, the oldest first: the service keeps their bytes."""
+        accepted = "state = 'sent' AND verdict = 'accepted'"
+        return self._select(f"{accepted} AND deleted = 0", (), "ORDER BY number")
 
     def set_deleted(self, number: int) -> None:
         """Note that the file was deleted."""
