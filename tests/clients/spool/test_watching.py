@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 from fvs_client import ImageMetadata
-from fvs_client.spool import Settings, deleting, taking
 from fvs_client.spool import watching as watching_module
-from fvs_client.spool.folder import find_file
 from fvs_client.spool.outbox import FILE_MISSING, FILE_NAME, Outbox
 from fvs_client.spool.photograph import Refusal, State
 from fvs_client.spool.watching import Watcher
@@ -263,32 +261,3 @@ def test_the_wall_clock_is_not_asked_when_a_file_is_complete(
         os.utime(watched.folder / name, (time.time() + days * 86_400,) * 2)
     assert watched.look() == []
     assert sorted(name for _ in range(3) for name in watched.look()) == ["future.jpg", "past.jpg"]
-
-
-def test_a_file_that_cannot_be_deleted_is_said_once_and_read_once_a_minute(
-    tmp_path: Path, photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "a.jpg"
-    file.write_bytes(photograph(1))
-    now, said, reads = 0.0, list[str](), list[Path]()
-
-    def read_only(path: Path) -> None:
-        raise OSError(30, "Read-only file system", str(path))
-
-    def digest_of(path: Path) -> str:
-        reads.append(path)
-        return taking.digest_of(path)
-
-    monkeypatch.setattr(Path, "unlink", read_only)
-    monkeypatch.setattr(deleting, "digest_of", digest_of)
-    with Outbox(tmp_path / FILE_NAME) as outbox:
-        outbox.acknowledge(taking.take(outbox, find_file(file), "scn_1").number, "accepted")
-        room = deleting.Room(outbox, Settings(delete_sent=True), said.append, clock=lambda: now)
-        for now in range(0, 121):  # noqa: B007 -- the clock reads it
-            room.make()
-        assert (len(said), len(reads)) == (1, 3)
-        monkeypatch.undo()
-        now = 200
-        room.make()
-        assert not file.exists()
-        assert outbox.get(1).deleted
