@@ -97,8 +97,8 @@ class MissionOptions(Model):
     home_altitude_m: AsText[Altitude] | None = Field(
         default=None,
         description="The altitude of the place of takeoff, above the datum of the scene's altitudes. Without "
-        "it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home at "
-        "0 m, which a vehicle replaces by its own.",
+        "it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home "
+        "at 0 m, which a vehicle replaces by its own.",
     )
     altitude_datum: AltitudeDatum | None = Field(
         default=None,
