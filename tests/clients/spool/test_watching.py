@@ -36,6 +36,10 @@ class Watching:
         self.now += after_s
         return [photograph.name for photograph in self._watcher.look()]
 
+    @property
+    def rest_s(self) -> float:
+        return self._watcher.rest_s
+
 
 @pytest.fixture
 def watching(tmp_path: Path) -> Iterator[Callable[..., Watching]]:
@@ -283,6 +287,28 @@ def test_many_files_are_taken_in_their_order_and_none_holds_up_the_others(
     monkeypatch.setattr(watching_module, "is_whole", lambda _: True)
     later = [name for _ in range(2) for name in watched.look(2)]
     assert sorted(later) == [f"DJI_{number}.jpg" for number in range(1, 6)]
+
+
+def test_a_spool_that_starts_again_looks_again_at_once(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It asks the outbox for every file, once; that says nothing of how long a look takes."""
+    watched = watching()
+    for number in range(3):
+        (watched.folder / f"{number}.jpg").write_bytes(photograph(number))
+    watched.look()
+    assert len(watched.look(2)) == 3
+    again, asked = watching(), []
+
+    def has(*file: Any) -> bool:
+        asked.append(file)
+        again.now += 1.0
+        return True
+
+    monkeypatch.setattr(again.outbox, "has", has)
+    assert again.look() == again.look() == []
+    assert len(asked) == 3
+    assert again.rest_s == 0.0
 
 
 def test_a_look_holds_little_of_a_folder_with_thousands_of_files(

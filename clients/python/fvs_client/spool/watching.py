@@ -68,7 +68,7 @@ class Watcher:
             self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
             self._troubles, self._known, self._waiting = troubles, known, waiting
             return []
-        if self._waiting.keys() <= waiting.keys():  # nothing is new, which takes longer
+        if self._known <= known and self._waiting.keys() <= waiting.keys():  # what is new takes longer, once
             self.rest_s = _REST_PER_LISTING * (self._clock() - now)
         taken: list[Photograph] = []
         for file in chosen:
