@@ -80,11 +80,15 @@ def test_images_are_uploaded_once_judged_and_listed(
         assert image.result["verdict"] == "accepted"
         assert tenant.upload(scene, content).result["number"] == image.result["number"]
         assert tenant.upload(scene, photograph(1, image_format="PNG")).result["verdict"] == "accepted"
-        assert tenant.upload(scene, b"not an image").result["verdict"] == "unreadable"
+        unreadable = tenant.upload(scene, b"not an image").result
+        assert unreadable["verdict"] == "unreadable"
         assert tenant.upload(scene, photograph(2, size=(8, 8))).result["verdict"] == "too-small"
         _refused(tenant.upload(scene, photograph(3), digest=NOTHING), "digest-mismatch")
         _refused(tenant.upload(scene, photograph(3), x_m=1.0, y_m=1.0, z_m=1.0), "invalid-request")
-        tenant.call("CheckImages", {"digests": [digest, NOTHING]}, scene_id=scene)
+        digests = [unreadable["digest"], digest, NOTHING]
+        checked = tenant.call("CheckImages", {"digests": digests}, scene_id=scene).result
+        assert checked["known"] == digests[:2]
+        assert [image["verdict"] for image in checked["images"]] == ["unreadable", "accepted"]
         tenant.call("GetImage", scene_id=scene, digest=digest)
         assert tenant.call("ExcludeImage", scene_id=scene, digest=digest).result["registration"] == "excluded"
         tenant.call("IncludeImage", scene_id=scene, digest=digest)

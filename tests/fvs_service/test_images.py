@@ -48,7 +48,22 @@ def test_what_is_known_need_not_be_sent(gateway: Any, photograph: Photograph) ->
     answer = gateway.client.post(
         f"/v1/scenes/{scene}/images:check", json={"digests": [_digest(missing), _digest(known)]}
     )
-    assert answer.json() == {"known": [_digest(known)], "missing": [_digest(missing)]}
+    assert answer.json() == {
+        "known": [_digest(known)],
+        "missing": [_digest(missing)],
+        "images": [{"digest": _digest(known), "verdict": "accepted", "reason": "", "hint": ""}],
+    }
+
+
+def test_a_check_tells_the_verdicts_of_images_that_are_not_kept(gateway: Any, photograph: Photograph) -> None:
+    scene, twin, broken = gateway.scene(), photograph(1, image_format="PNG"), b"no image"
+    for content in (photograph(1, image_format="BMP"), twin, broken):
+        gateway.put(scene, content)
+    digests = [_digest(broken), _digest(twin)]
+    answer = gateway.client.post(f"/v1/scenes/{scene}/images:check", json={"digests": digests}).json()
+    assert answer["known"] == [image["digest"] for image in answer["images"]] == digests
+    assert [image["verdict"] for image in answer["images"]] == ["unreadable", "duplicate"]
+    assert all(image["reason"] and image["hint"] for image in answer["images"])
 
 
 def test_bytes_that_are_not_what_was_promised_are_refused(gateway: Any, photograph: Photograph) -> None:

@@ -8,10 +8,15 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 from fvs_service.ids import new_id
+from fvs_service.principal import LOCAL_USER
+from fvs_service.scenes.model import SceneRequest
+from fvs_service.scenes.service import Scenes
+from fvs_service.settings import Limits
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
 from fvs_service.storage.owner import claim_store, require_own_store
 from fvs_service.storage.tables import Table
+from fvs_service.visits.repository import visits_of
 from sqlalchemy import text
 
 
@@ -75,6 +80,30 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
         assert context.get_current_heads() == (KNOWN_VERSIONS[-1],)
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert compare_metadata(context, Table.metadata) == []
+    database.close()
+
+
+def test_visits_of_an_older_database_stay(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    database.migrate()
+    scene = Scenes(database, Limits()).create(LOCAL_USER, SceneRequest(name="one")).id
+    with database.writing() as session:  # as the third version left it
+        session.execute(text("DROP TABLE visits"))
+        session.execute(
+            text(
+                "CREATE TABLE visits (scene_id VARCHAR(40), vehicle VARCHAR(64), candidate_id VARCHAR(128), "
+                "state VARCHAR(16), pose JSON, reported_at DATETIME, expires_at DATETIME, "
+                "PRIMARY KEY (scene_id, vehicle, candidate_id))"
+            )
+        )
+        pose = '{"frame": "world", "position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}'
+        times = "'2026-05-01 12:00:00.000000', '9999-05-01 12:00:00.000000'"
+        row = text(f"INSERT INTO visits VALUES ('{scene}', 'north', 'a', 'taken', :pose, {times})")
+        session.execute(row, {"pose": pose})
+        session.execute(text("UPDATE alembic_version SET version_num = '0003'"))
+    database.migrate()
+    with database.reading() as session:
+        assert [(visit.candidate_id, visit.state) for visit in visits_of(session, scene)] == [("a", "taken")]
     database.close()
 
 

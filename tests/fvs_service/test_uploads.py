@@ -308,6 +308,7 @@ def test_other_versions_of_the_protocol_are_refused(device: Device, version: str
     device.headers = {} if version is None else {"Tus-Resumable": version}
     for answer in (device.create(), device.head(), device.patch(0, 10), device.delete()):
         assert (answer.status_code, answer.headers["tus-version"]) == (412, "1.0.0")
+    assert device.client.head("/v1/uploads/upl_unknown", headers=device.headers).status_code == 412
     device.headers = dict(_VERSION)
     assert device.offset == 0
 

@@ -68,6 +68,21 @@ def test_a_photograph_that_was_taken_counts_before_it_arrives(gateway: Any, scen
     assert plan["photographed"] == ["c0"]
 
 
+def test_candidates_of_another_ranking_with_the_same_ids_are_other_views(gateway: Any, scene: str) -> None:
+    first, second = ({"id": "around-0002", "pose": view["pose"]} for view in _row(2))
+    for view in (first, second):
+        for state in ("going-to", "taken"):
+            assert _report(gateway, scene, "north", state, [view]).status_code == 200
+    listed = gateway.client.get(f"/v1/scenes/{scene}/visits").json()["visits"]
+    assert [(visit["candidate_id"], visit["state"]) for visit in listed] == [("around-0002", "taken")] * 2
+    assert _taken(gateway, scene, _row(3), "south") == {"c0", "c1"}
+    # As the estimate of a pose changes by the width of a hand, the view stays the same.
+    near = {**first, "pose": {**first["pose"], "position": [0.5, 0.01, -4.0]}}
+    listed = _report(gateway, scene, "north", "failed", [near]).json()["visits"]
+    assert [visit["state"] for visit in listed] == ["taken", "failed"]
+    assert _taken(gateway, scene, _row(3), "south") == {"c1"}
+
+
 def test_views_beside_a_taken_one_bring_less(gateway: Any, scene: str) -> None:
     views = _row(5)
 

@@ -41,7 +41,15 @@ from fvs_client.errors import (
     WaitTimeoutError,
 )
 from fvs_client.models.events import Event, EventKind
-from fvs_client.models.images import DigestAnswer, Image, ImageMetadata, Prior, Registration, Verdict
+from fvs_client.models.images import (
+    DigestAnswer,
+    Image,
+    ImageMetadata,
+    KnownImage,
+    Prior,
+    Registration,
+    Verdict,
+)
 from fvs_client.models.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
 from fvs_client.models.missions import (
     Autopilot,
@@ -160,6 +168,7 @@ __all__ = [
     "JobKind",
     "JobState",
     "JobWaiting",
+    "KnownImage",
     "LimitExceededError",
     "Limits",
     "LocalWorld",

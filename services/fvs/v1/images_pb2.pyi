@@ -289,10 +289,24 @@ class DigestCheck(_message.Message):
     digests: _containers.RepeatedScalarFieldContainer[str]
     def __init__(self, digests: _Optional[_Iterable[str]] = ...) -> None: ...
 
+class KnownImage(_message.Message):
+    __slots__ = ("digest", "verdict", "reason", "hint")
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    HINT_FIELD_NUMBER: _ClassVar[int]
+    digest: str
+    verdict: Verdict
+    reason: str
+    hint: str
+    def __init__(self, digest: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ...) -> None: ...
+
 class DigestAnswer(_message.Message):
-    __slots__ = ("known", "missing")
+    __slots__ = ("known", "missing", "images")
     KNOWN_FIELD_NUMBER: _ClassVar[int]
     MISSING_FIELD_NUMBER: _ClassVar[int]
+    IMAGES_FIELD_NUMBER: _ClassVar[int]
     known: _containers.RepeatedScalarFieldContainer[str]
     missing: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, known: _Optional[_Iterable[str]] = ..., missing: _Optional[_Iterable[str]] = ...) -> None: ...
+    images: _containers.RepeatedCompositeFieldContainer[KnownImage]
+    def __init__(self, known: _Optional[_Iterable[str]] = ..., missing: _Optional[_Iterable[str]] = ..., images: _Optional[_Iterable[_Union[KnownImage, _Mapping]]] = ...) -> None: ...

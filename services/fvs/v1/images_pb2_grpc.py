@@ -89,7 +89,7 @@ class ImageServiceServicer:
     """
 
     def CheckImages(self, request, context):
-        """Check which images the scene has, so that none is sent twice.
+        """Check which images the scene has, so that none is sent twice, and return their verdicts.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

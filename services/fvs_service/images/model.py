@@ -211,11 +211,26 @@ class DigestCheck(Model):
     ]
 
 
+class KnownImage(Model):
+    """An image that the scene has, and whether it can be used."""
+
+    digest: Digest
+    verdict: Verdict
+    reason: str
+    """Why it is not accepted, excluded or quarantined; else empty."""
+    hint: str
+
+
 class DigestAnswer(Model):
-    """The digests that the scene has, and those that it lacks."""
+    """The digests that the scene has, and those that it lacks.
+
+    The scene has images that are not accepted, too: it keeps their verdicts, and not their bytes.
+    """
 
     known: tuple[Digest, ...]
     missing: tuple[Digest, ...]
+    images: tuple[KnownImage, ...]
+    """Those that the scene has, with their verdicts; in the order of `known`."""
 
 
 class UploadItem(Model):

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from fvs_service.images.model import Image, Registration, Verdict
+from fvs_service.images.model import Image, KnownImage, Registration, Verdict
 from fvs_service.storage.tables import ImageRow, SceneRow
 
 _HEX = len("sha256:")
@@ -77,18 +77,25 @@ def usable_images(session: Session, scene_id: str) -> tuple[Image, ...]:
     return tuple(map(_image, rows))
 
 
-def known_digests(session: Session, scene_id: str, digests: Collection[str]) -> frozenset[str]:
-    """The subset of ``digests`` that the scene has."""
-    found: set[str] = set()
+def known_images(session: Session, scene_id: str, digests: Collection[str]) -> dict[str, KnownImage]:
+    """The images of a scene that have one of ``digests``, by digest."""
+    found: dict[str, KnownImage] = {}
     wanted = [digest[_HEX:] for digest in digests]
     for start in range(0, len(wanted), _VARIABLES):
-        rows = session.scalars(
-            select(ImageRow.sha256).where(
+        rows = session.execute(
+            select(ImageRow.sha256, ImageRow.verdict, ImageRow.document).where(
                 ImageRow.scene_id == scene_id, ImageRow.sha256.in_(wanted[start : start + _VARIABLES])
             )
         )
-        found.update(f"sha256:{digest}" for digest in rows)
-    return frozenset(found)
+        for sha256, verdict, document in rows:
+            digest = f"sha256:{sha256}"
+            found[digest] = KnownImage(
+                digest=digest,
+                verdict=Verdict(verdict),
+                reason=document["reason"],
+                hint=document["hint"],
+            )
+    return found
 
 
 def next_number(session: Session, scene_id: str) -> int:

@@ -56,7 +56,7 @@ class Images:
         self._limits = limits
 
     def check(self, principal: Principal, scene_id: str, request: DigestCheck) -> DigestAnswer:
-        """Which of these digests the scene has."""
+        """Which of these digests the scene has, and with which verdicts."""
         principal.require(Scope.UPLOAD, scene_id)
         if len(request.digests) > self._limits.digests_per_check:
             raise InvalidRequestError(
@@ -65,10 +65,12 @@ class Images:
             )
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
-            known = repository.known_digests(session, scene_id, request.digests)
+            images = repository.known_images(session, scene_id, request.digests)
+        known = tuple(digest for digest in request.digests if digest in images)
         return DigestAnswer(
-            known=tuple(digest for digest in request.digests if digest in known),
-            missing=tuple(digest for digest in request.digests if digest not in known),
+            known=known,
+            missing=tuple(digest for digest in request.digests if digest not in images),
+            images=tuple(images[digest] for digest in known),
         )
 
     def require_open(self, principal: Principal, scene_id: str) -> None:

@@ -19,25 +19,53 @@ class Fence:
 
     def has(self, position: Corner) -> bool:
         """Whether a position is inside."""
-        x, y = self._flat(position)
+        return self._has(self._flat(position))
+
+    def crosses(self, start: Corner, end: Corner) -> bool:
+        """Whether the straight way between two positions is somewhere outside, if both are inside.
+
+        It may touch the fence, and run along an edge.
+        """
+        p, q = self._flat(start), self._flat(end)
+        touched, along = {0.0, 1.0}, []
+        touches = False
+        for a, b in self._edges:
+            left_a, left_b = _side(p, q, a), _side(p, q, b)
+            if left_a * left_b > 0 or p == q:
+                continue
+            from_edge = _side(a, b, p) * _side(a, b, q)
+            if left_a * left_b < 0 and from_edge < 0:
+                return True
+            ends = [_share(p, q, corner) for corner, left in ((a, left_a), (b, left_b)) if left == 0]
+            touched.update(share for share in ends if 0.0 < share < 1.0)
+            touches |= from_edge == 0 or bool(ends)
+            if len(ends) == 2:
+                along.append((min(ends), max(ends)))
+        # Where it only touches, it is inside or outside from one corner to the next.
+        return touches and any(
+            not any(low <= middle <= high for low, high in along)
+            and not self._has((p[0] + middle * (q[0] - p[0]), p[1] + middle * (q[1] - p[1])))
+            for middle in ((before + after) / 2.0 for before, after in pairwise(sorted(touched)))
+        )
+
+    def _has(self, flat: Corner) -> bool:
+        x, y = flat
         crossed = sum(
             (a[1] > y) != (b[1] > y) and x < a[0] + (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1])
             for a, b in self._edges
         )
         return crossed % 2 == 1
 
-    def crosses(self, start: Corner, end: Corner) -> bool:
-        """Whether the straight way between two positions crosses the fence."""
-        p, q = self._flat(start), self._flat(end)
-        return any(
-            _side(p, q, a) * _side(p, q, b) < 0 and _side(a, b, p) * _side(a, b, q) < 0
-            for a, b in self._edges
-        )
-
     def _flat(self, position: Corner) -> Corner:
         """The position in degrees east and north of the first corner's meridian and the equator."""
         latitude_deg, longitude_deg = position
         return (longitude_deg - self._west_deg + 180.0) % 360.0 - 180.0, latitude_deg
+
+
+def _share(p: Corner, q: Corner, point: Corner) -> float:
+    """How much of the way from ``p`` to ``q`` leads to a point on it."""
+    axis = 0 if abs(q[0] - p[0]) > abs(q[1] - p[1]) else 1
+    return (point[axis] - p[axis]) / (q[axis] - p[axis])
 
 
 def _side(a: Corner, b: Corner, point: Corner) -> float:

@@ -44,6 +44,16 @@ class MissionFormat(StrEnum):
     NERFSTUDIO = "nerfstudio"
     """nerfstudio's `transforms.json`."""
 
+    @property
+    def of_gimbals(self) -> bool:
+        """Whether a gimbal flies what it says: there is no roll in it."""
+        return self in (
+            MissionFormat.QGC_PLAN,
+            MissionFormat.QGC_WPL,
+            MissionFormat.DJI_KMZ,
+            MissionFormat.MAVSDK,
+        )
+
 
 class Autopilot(StrEnum):
     """The firmware that reads MAVLink commands; the two differ in how they turn and take photographs."""
@@ -86,7 +96,9 @@ class MissionOptions(Model):
     home_longitude_deg: AsText[Longitude] | None = Field(default=None, description="With the latitude.")
     home_altitude_m: AsText[Altitude] | None = Field(
         default=None,
-        description="The altitude of the place of takeoff, above the datum of the scene's altitudes.",
+        description="The altitude of the place of takeoff, above the datum of the scene's altitudes. Without "
+        "it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home "
+        "at 0 m, which a vehicle replaces by its own.",
     )
     altitude_datum: AltitudeDatum | None = Field(
         default=None,

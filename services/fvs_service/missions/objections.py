@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.fence import Corner, Fence
 from fvs_service.missions.flight import Waypoint
@@ -43,6 +44,8 @@ class Objections:
         low_deg, high_deg = self._options.gimbal_lowest_deg, self._options.gimbal_highest_deg
         if not low_deg - _ROUNDING_DEG <= view.pitch_deg <= high_deg + _ROUNDING_DEG:
             return f"a gimbal pitch of {view.pitch_deg:.1f}° is beyond {low_deg:g}° to {high_deg:g}°"
+        if self._options.format.of_gimbals and (reason := gimbal.objection(view)) is not None:
+            return reason
         reason = self._to_height("it is", view.altitude_m)
         if reason is None and self._fence is not None and not self._fence.has(view.place):
             return "it is outside of the geofence"

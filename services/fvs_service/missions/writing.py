@@ -8,6 +8,7 @@ from fvs_service.missions.camera_poses import CameraPoses
 from fvs_service.missions.composition import Composer, Leg, Violation
 from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
+from fvs_service.missions.gimbal import levelled
 from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
 from fvs_service.scenes.model import AltitudeDatum
 from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, require_on_earth
@@ -78,6 +79,8 @@ def _composed(
     datum = altitudes.choose(options.altitude_datum, possible, "the file" if writer is None else writer.name)
     ground_m = None if ground_up_m is None else origin.altitude_m + ground_up_m
     at_views = _waypoints(frame, [(view.id, view.pose) for view in views])
+    if options.format.of_gimbals:
+        at_views = tuple(map(levelled, at_views))
     legs = [Leg(at_view, _passed(frame, view.via)) for view, at_view in zip(views, at_views, strict=True)]
     composer = Composer(options, altitudes, ground_m)
     return composer.mission(name, legs, _passed(frame, via_home), datum)

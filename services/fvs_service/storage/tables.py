@@ -263,13 +263,19 @@ class RankingRow(Table):
 
 
 class VisitRow(Table):
-    """What a vehicle does about a view, until it expires; ``pose`` is as the vehicle gave it."""
+    """What a vehicle does about a view, until it expires; ``pose`` is as the vehicle gave it.
+
+    Candidates of different rankings have the same ids, so one vehicle may have several visits with one id.
+    """
 
     __tablename__ = "visits"
 
-    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), primary_key=True)
-    vehicle: Mapped[str] = mapped_column(String(64), primary_key=True)
-    candidate_id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    number: Mapped[int] = mapped_column(
+        BigInteger().with_variant(Integer, "sqlite"), primary_key=True, autoincrement=True
+    )
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
+    vehicle: Mapped[str] = mapped_column(String(64))
+    candidate_id: Mapped[str] = mapped_column(String(128))
     state: Mapped[str] = mapped_column(String(16))
     pose: Mapped[dict[str, Any]]
     reported_at: Mapped[datetime]

@@ -24,7 +24,10 @@ class VisitState(StrEnum):
 
 
 class VisitReport(Model):
-    """What a vehicle does about views; it replaces its earlier reports of candidates with the same ids."""
+    """What a vehicle does about views; it replaces its earlier reports of the same views.
+
+    A view is the same if its id and its pose are: rankings give the same ids to other poses.
+    """
 
     model_config = ConfigDict(
         json_schema_extra={

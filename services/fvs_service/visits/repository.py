@@ -1,6 +1,6 @@
 """Visits in the database."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from pydantic import TypeAdapter
 from sqlalchemy import bindparam, delete, insert, or_, select
@@ -16,15 +16,20 @@ _VISITS = columns_of(VisitRow)
 _CURRENT = (
     select(_VISITS)
     .where(_VISITS.c.scene_id == bindparam("scene_id"), _VISITS.c.expires_at > bindparam("now"))
-    .order_by(_VISITS.c.reported_at, _VISITS.c.vehicle, _VISITS.c.candidate_id)
+    .order_by(_VISITS.c.reported_at, _VISITS.c.vehicle, _VISITS.c.candidate_id, _VISITS.c.number)
 )
 _POSE: TypeAdapter[FramePose | VehiclePose] = TypeAdapter(Pose)
 
 
 def visits_of(reader: Reader, scene_id: str) -> tuple[Visit, ...]:
     """The visits of a scene that have not expired, the oldest report first."""
-    return tuple(
-        Visit(
+    return tuple(numbered_visits_of(reader, scene_id).values())
+
+
+def numbered_visits_of(reader: Reader, scene_id: str) -> dict[int, Visit]:
+    """The same by their numbers, in the same order."""
+    return {
+        row.number: Visit(
             vehicle=row.vehicle,
             candidate_id=row.candidate_id,
             state=VisitState(row.state),
@@ -33,7 +38,7 @@ def visits_of(reader: Reader, scene_id: str) -> tuple[Visit, ...]:
             expires_at=row.expires_at,
         )
         for row in reader.execute(_CURRENT, {"scene_id": scene_id, "now": now()})
-    )
+    }
 
 
 def taken_poses(reader: Reader, scene_id: str, vehicle: str | None) -> tuple[FramePose | VehiclePose, ...]:
@@ -55,11 +60,9 @@ def takes(visit: Visit, vehicle: str | None) -> bool:
             return visit.vehicle == vehicle
 
 
-def put_visits(session: Session, scene_id: str, visits: Sequence[Visit]) -> None:
-    """Add visits of one vehicle; replaces those of the same candidates, and deletes expired ones."""
-    ids = [visit.candidate_id for visit in visits]
-    same = (_VISITS.c.vehicle == visits[0].vehicle) & _VISITS.c.candidate_id.in_(ids)
-    outdated = or_(same, _VISITS.c.expires_at <= now())
+def put_visits(session: Session, scene_id: str, visits: Sequence[Visit], replaced: Collection[int]) -> None:
+    """Add visits; deletes those with the numbers ``replaced``, and expired ones."""
+    outdated = or_(_VISITS.c.number.in_(replaced), _VISITS.c.expires_at <= now())
     session.execute(delete(_VISITS).where(_VISITS.c.scene_id == scene_id, outdated))
     rows = [
         {

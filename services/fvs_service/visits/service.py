@@ -1,6 +1,6 @@
 """Visits: several vehicles that photograph one scene get different views."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import timedelta
 
 from fvs_engine.geometry import RigidTransform
@@ -13,7 +13,7 @@ from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import scene_head_of
 from fvs_service.storage.database import Database
 from fvs_service.visits.model import Visit, VisitList, VisitReport, VisitState
-from fvs_service.visits.repository import put_visits, takes, visits_of
+from fvs_service.visits.repository import numbered_visits_of, put_visits, takes, visits_of
 
 _MOST = 1_000
 """Visits of a scene at one time."""
@@ -41,7 +41,9 @@ class Visits:
         wanted = dict(zip((view.id for view in report.views), cameras, strict=True))
         with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
-            others = [visit for visit in visits_of(session, scene_id) if not _replaced(visit, report)]
+            visits = numbered_visits_of(session, scene_id)
+            replaced = _replaced(visits, report, wanted, frame, lambda: self._frames.geometry(snapshot.id))
+            others = [visit for number, visit in visits.items() if number not in replaced]
             if report.state is VisitState.GOING_TO:
                 _require_free(wanted, others, report.vehicle, frame, self._frames.geometry(snapshot.id))
             if len(others) + len(report.views) > _MOST:
@@ -49,7 +51,7 @@ class Visits:
                     f"A scene has at most {_MOST} visits at a time.",
                     hint="Report only the next views of each vehicle, or let them expire sooner.",
                 )
-            put_visits(session, scene_id, _visits(report))
+            put_visits(session, scene_id, _visits(report), replaced)
             return VisitList(visits=visits_of(session, scene_id))
 
     def of_scene(self, principal: Principal, scene_id: str) -> VisitList:
@@ -60,8 +62,28 @@ class Visits:
             return VisitList(visits=visits_of(session, scene_id))
 
 
-def _replaced(visit: Visit, report: VisitReport) -> bool:
-    return visit.vehicle == report.vehicle and any(view.id == visit.candidate_id for view in report.views)
+def _replaced(
+    visits: Mapping[int, Visit],
+    report: VisitReport,
+    wanted: Mapping[str, RigidTransform],
+    frame: WorldFrame,
+    geometry: Callable[[], SceneGeometry],
+) -> frozenset[int]:
+    """The numbers of earlier reports of the same vehicle about the same views.
+
+    An id alone is not enough: the candidates of every ranking begin with the same ones.
+    """
+    poses = {view.id: view.pose for view in report.views}
+
+    def is_same(visit: Visit) -> bool:
+        name = visit.candidate_id
+        if visit.vehicle != report.vehicle or name not in poses:
+            return False
+        if visit.pose == poses[name]:
+            return True
+        return bool(geometry().same_view({name: wanted[name]}, frame.known_cameras([visit.pose])))
+
+    return frozenset(number for number, visit in visits.items() if is_same(visit))
 
 
 def _visits(report: VisitReport) -> list[Visit]:

@@ -21,6 +21,8 @@ pytestmark = pytest.mark.process
 _BUFFERS_BYTES = 64_000
 _OVERHEAD_BYTES = 1_500
 """Of a request: its head."""
+_HEAD_BYTES = 500
+"""Of a request, in the mean."""
 _CLIENT = """
 import sys
 from fvs_client.spool import Settings, Spool
@@ -79,6 +81,36 @@ def test_everything_arrives_once_through_breaks_failures_gaps_and_kills(
     assert sent <= size + losses * (_BUFFERS_BYTES + quality.rate_bytes_s * quality.latency_s) + (
         events["requests"] * _OVERHEAD_BYTES
     )
+
+
+def test_a_break_loses_what_is_in_buffers_and_not_what_has_arrived(
+    tmp_path: Path, url: str, client: Client, photograph: Callable[..., bytes]
+) -> None:
+    """About 20 kB a break; of a service that kept nothing of a broken request, half of a piece."""
+    folder = tmp_path / "DCIM"
+    folder.mkdir()
+    for number in range(8):
+        (folder / f"DJI_{number:04d}.JPG").write_bytes(photograph(number, size=(800, 600)))
+    scene = client.scenes.create("quarry").id
+    size = sum(file.stat().st_size for file in folder.glob("*.JPG"))
+    quality = LinkQuality(rate_bytes_s=2e6, latency_s=0.002, breaks_every_bytes=120_000)
+    with LinkSimulator(urlsplit(url).port or 0, quality, seed=5) as link:
+        client_of_large_pieces = (
+            f"from fvs_client.spool import pieces\npieces._SMALLEST_BYTES = 1 << 18\n{_CLIENT}"
+        )
+        command = [sys.executable, "-c", client_of_large_pieces, str(folder), scene, link.url]
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as running:
+            deadline = time.monotonic() + 60
+            while _ended(folder) < 8:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            running.kill()
+        events, sent = link.events, link.sent_bytes["up"]
+    assert len(list(client.scenes.images(scene).list())) == 8
+    lost = (sent - size - events["requests"] * _HEAD_BYTES) / events["breaks"]
+    print(f"{events['breaks']} breaks, {lost:.0f} bytes each")  # noqa: T201
+    assert events["breaks"] > 10
+    assert lost < 35_000
 
 
 def test_a_good_link_carries_each_byte_once(folder: Path, url: str, client: Client) -> None:

@@ -99,6 +99,34 @@ def test_photographs_are_found_where_the_card_is_now(tmp_path: Path) -> None:
     assert paths == [tmp_path / "there" / "1.jpg", tmp_path / "elsewhere" / "2.jpg"]
 
 
+def test_what_decides_about_files_is_on_the_disk_when_it_is_noted(outbox: Outbox, tmp_path: Path) -> None:
+    """An acknowledgement must outlast a power cut: its file may be deleted then. Offsets need not."""
+    statements: list[str] = []
+    outbox._database.set_trace_callback(statements.append)
+
+    def commits() -> list[str]:
+        """How durable the commits since the last call were: SQLite syncs each one only when FULL."""
+        durable, found = "", []
+        for statement in statements:
+            if statement.startswith("PRAGMA synchronous"):
+                durable = statement.rpartition(" ")[2]
+            found += [durable] if statement == "COMMIT" else []
+        statements.clear()
+        return found
+
+    added = outbox.add(_new(tmp_path / "1.jpg"))
+    assert commits() == ["FULL"]
+    outbox.confirm(1, 500)
+    assert commits() == ["NORMAL"]
+    outbox.acknowledge(1, "accepted")
+    assert commits() == ["FULL"]
+    outbox.set_deleted(added)
+    assert commits() == ["FULL"]
+    outbox.refuse(1, Refusal("too-small", "It is too small."))
+    assert commits() == ["FULL"]
+    assert outbox._database.execute("PRAGMA synchronous").fetchone() == (2,)
+
+
 def test_names_that_are_no_text_are_kept(outbox: Outbox, tmp_path: Path) -> None:
     path = tmp_path / "\udcff.jpg"
     outbox.add(replace(_new(path), name="?.jpg"))

@@ -1,13 +1,13 @@
 import os
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fvs_client import ImageMetadata
-from fvs_client.spool import Settings, deleting, taking
 from fvs_client.spool import watching as watching_module
-from fvs_client.spool.folder import find_file
 from fvs_client.spool.outbox import FILE_MISSING, FILE_NAME, Outbox
 from fvs_client.spool.photograph import Refusal, State
 from fvs_client.spool.watching import Watcher
@@ -35,6 +35,10 @@ class Watching:
     def look(self, after_s: float = 1.0) -> list[str]:
         self.now += after_s
         return [photograph.name for photograph in self._watcher.look()]
+
+    @property
+    def rest_s(self) -> float:
+        return self._watcher.rest_s
 
 
 @pytest.fixture
@@ -234,9 +238,9 @@ def test_what_cannot_be_read_holds_up_nothing_else_and_is_said_once(
     for number, name in enumerate(("a.jpg", "b.jpg", "c.jpg", "lost+found/d.jpg")):
         (watched.folder / name).parent.mkdir(exist_ok=True)
         (watched.folder / name).write_bytes(photograph(number))
-    listed, whole, broken = os.listdir, watching_module.is_whole, True
+    listed, whole, broken = os.scandir, watching_module.is_whole, True
 
-    def listdir(folder: Path | str) -> list[str]:
+    def scandir(folder: Path | str) -> Any:
         if broken and str(folder).endswith("lost+found"):
             raise PermissionError(13, "Permission denied", str(folder))
         return listed(folder)
@@ -246,7 +250,7 @@ def test_what_cannot_be_read_holds_up_nothing_else_and_is_said_once(
             raise PermissionError(13, "Permission denied", str(path))
         return whole(path)
 
-    monkeypatch.setattr(os, "listdir", listdir)
+    monkeypatch.setattr(os, "scandir", scandir)
     monkeypatch.setattr(watching_module, "is_whole", is_whole)
     assert [name for _ in range(5) for name in watched.look()] == ["c.jpg"]
     assert len(watched.said) == 3, watched.said
@@ -265,30 +269,60 @@ def test_the_wall_clock_is_not_asked_when_a_file_is_complete(
     assert sorted(name for _ in range(3) for name in watched.look()) == ["future.jpg", "past.jpg"]
 
 
-def test_a_file_that_cannot_be_deleted_is_said_once_and_read_once_a_minute(
-    tmp_path: Path, photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+def test_many_files_are_taken_in_their_order_and_none_holds_up_the_others(
+    watching: Callable[..., Watching], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / "a.jpg"
-    file.write_bytes(photograph(1))
-    now, said, reads = 0.0, list[str](), list[Path]()
+    monkeypatch.setattr(watching_module, "_MOST_PER_LOOK", 4)
+    watched = watching()
+    whole, half = b"\xff\xd8\xff\xfe\x00\x02" + b"z" * 20 + b"\xff\xd9", b"\xff\xd8" + b"z" * 30
+    for number in range(20):
+        content = half if number < 7 else whole + b"%d" % number
+        (watched.folder / f"DJI_{number}.jpg").write_bytes(content)
+    taken = [name for _ in range(12) for name in watched.look(2)]
+    assert taken == [f"DJI_{number}.jpg" for number in range(7, 20)]
+    for number in (0, 6):
+        (watched.folder / f"DJI_{number}.jpg").write_bytes(whole + b"%d" % number)
+    assert [name for _ in range(2) for name in watched.look(2)] == ["DJI_0.jpg", "DJI_6.jpg"]
+    # The others are still tried in turn, although they do not change.
+    monkeypatch.setattr(watching_module, "is_whole", lambda _: True)
+    later = [name for _ in range(2) for name in watched.look(2)]
+    assert sorted(later) == [f"DJI_{number}.jpg" for number in range(1, 6)]
 
-    def read_only(path: Path) -> None:
-        raise OSError(30, "Read-only file system", str(path))
 
-    def digest_of(path: Path) -> str:
-        reads.append(path)
-        return taking.digest_of(path)
+def test_a_spool_that_starts_again_looks_again_at_once(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It asks the outbox for every file, once; that says nothing of how long a look takes."""
+    watched = watching()
+    for number in range(3):
+        (watched.folder / f"{number}.jpg").write_bytes(photograph(number))
+    watched.look()
+    assert len(watched.look(2)) == 3
+    again, asked = watching(), []
 
-    monkeypatch.setattr(Path, "unlink", read_only)
-    monkeypatch.setattr(deleting, "digest_of", digest_of)
-    with Outbox(tmp_path / FILE_NAME) as outbox:
-        outbox.acknowledge(taking.take(outbox, find_file(file), "scn_1").number, "accepted")
-        room = deleting.Room(outbox, Settings(delete_sent=True), said.append, clock=lambda: now)
-        for now in range(0, 121):  # noqa: B007 -- the clock reads it
-            room.make()
-        assert (len(said), len(reads)) == (1, 3)
-        monkeypatch.undo()
-        now = 200
-        room.make()
-        assert not file.exists()
-        assert outbox.get(1).deleted
+    def has(*file: Any) -> bool:
+        asked.append(file)
+        again.now += 1.0
+        return True
+
+    monkeypatch.setattr(again.outbox, "has", has)
+    assert again.look() == []
+    assert again.rest_s == 0.0
+    assert again.look() == []
+    assert len(asked) == 3
+
+
+def test_a_look_holds_little_of_a_folder_with_thousands_of_files(
+    watching: Callable[..., Watching], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watching_module, "_MOST_PER_LOOK", 10)
+    watched = watching()
+    for number in range(3_000):
+        (watched.folder / f"DJI_{number:05d}.JPG").touch()
+    watched.look()
+    for after_s in (0.0, 2.0):  # they settle; and each that is tried has no end
+        tracemalloc.start()
+        watched.look(after_s)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak / 3_000 < 150

@@ -1,6 +1,7 @@
 """DJI's KMZ, read by an XML parser: namespaces, the order of elements, ranges, and where it leads."""
 
 import io
+import re
 import zipfile
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -8,6 +9,10 @@ from xml.etree.ElementTree import Element
 import pytest
 from defusedxml.ElementTree import fromstring
 from fvs_service.errors import InvalidRequestError
+from fvs_service.missions.formats import xml_text
+from fvs_service.missions.model import Drone, MissionOptions, MissionView
+from fvs_service.missions.writing import write_mission
+from fvs_service.scenes.poses import VehiclePose
 
 KML, WPML = "{http://www.opengis.net/kml/2.2}", "{http://www.dji.com/wpmz/1.0.2}"
 CONFIG = [
@@ -142,6 +147,89 @@ def test_settings_are_in_the_file(flights: Any) -> None:
     assert folder is not None
     assert _text(folder, "executeHeightMode") == "relativeToStartPoint"
     assert _text(folder, "autoFlightSpeed") == "7.5"
+
+
+# https://developer.dji.com/doc/cloud-api-tutorial/en/overview/product-support.html
+ENUMS = {
+    "m30": ("67", "0", "52"),
+    "m30t": ("67", "1", "53"),
+    "m3e": ("77", "0", "66"),
+    "m3t": ("77", "1", "67"),
+    "m3m": ("77", "2", "68"),
+    "m3d": ("91", "0", "80"),
+    "m3td": ("91", "1", "81"),
+}
+
+
+@pytest.mark.parametrize("drone", [one.value for one in Drone])
+def test_aircraft_and_cameras_have_djis_numbers(flights: Any, drone: str) -> None:
+    for document in _documents(flights[0].write(format="dji-kmz", drone=drone)):
+        config = document.find(f"{WPML}missionConfig")
+        assert config is not None
+        numbers = (
+            _text(config, "droneInfo", "droneEnumValue"),
+            _text(config, "droneInfo", "droneSubEnumValue"),
+            _text(config, "payloadInfo", "payloadEnumValue"),
+        )
+        assert numbers == ENUMS[drone]
+
+
+@pytest.mark.parametrize(
+    ("options", "safe_m"),
+    [
+        ({}, 20.0),
+        ({"highest_height_m": 120.0}, 20.0),
+        ({"highest_height_m": 15.0}, 15.0),
+        ({"highest_height_m": 2.0}, 2.0),
+        ({"transit_height_m": 60.0}, 60.0),
+        ({"transit_height_m": 60.0, "highest_height_m": 60.0}, 60.0),
+        ({"transit_height_m": 8.0, "highest_height_m": 60.0}, 8.0),
+        ({"transit_height_m": 1.0}, 1.2),
+        ({"transit_height_m": 2000.0}, 1500.0),
+    ],
+)
+def test_it_climbs_to_a_safe_height_within_the_height_band(
+    scene: Any, options: dict[str, float], safe_m: float
+) -> None:
+    for document in _documents(_low(scene, **options)):
+        config = document.find(f"{WPML}missionConfig")
+        assert config is not None
+        assert float(_text(config, "takeOffSecurityHeight")) == safe_m
+        highest = options.get("highest_height_m", 1500.0)
+        assert 2.0 <= float(_text(config, "globalRTHHeight")) <= highest
+
+
+def test_a_height_band_that_djis_aircraft_cannot_keep_is_refused(scene: Any) -> None:
+    with pytest.raises(InvalidRequestError, match="come back at 2 m or higher") as refused:
+        _low(scene, highest_height_m=1.9)
+    assert [error.field for error in refused.value.errors] == ["highest_height_m"]
+
+
+def _low(scene: Any, **options: Any) -> bytes:
+    """A mission to a view 1.5 m above home."""
+    place = {"latitude_deg": 46.0201, "longitude_deg": 7.7501, "altitude_m": 501.5}
+    view = MissionView(id="a", pose=VehiclePose(**place, yaw_deg=180.0000001, pitch_deg=-1e-8))
+    home = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
+    wanted = MissionOptions.model_validate({"format": "dji-kmz", **home, **options})
+    return write_mission("m", scene(), [view], (), wanted, None).content
+
+
+def test_numbers_have_no_exponents(scene: Any) -> None:
+    """XML Schema's decimals have none, and DJI's own files neither."""
+    for document in _documents(_low(scene)):
+        values = [element.text or "" for element in document.iter() if not len(element)]
+        numbers = [value for value in values if re.fullmatch(r"[-+0-9.eE]+", value)]
+        assert len(numbers) > 20
+        assert [value for value in numbers if not re.fullmatch(r"-?\d+(\.\d+)?", value)] == []
+        assert "-0" not in numbers
+    for value, written in (
+        (-1e-12, "0"),
+        (1e-8, "0.00000001"),
+        (-180.0, "-180"),
+        (7, "7"),
+        (1e10, f"1{'0' * 10}"),
+    ):
+        assert xml_text.element("a", value) == f"<a>{written}</a>"
 
 
 def test_altitudes_above_the_ellipsoid_come_with_those_above_sea_level(flights: Any) -> None:

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 from fvs_service.missions.fence import Fence
+from fvs_service.missions.formats import geojson
 from fvs_service.missions.model import MissionOptions
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -40,6 +41,55 @@ def test_ways_cross_edges_also_between_two_outside_and_two_inside() -> None:
     assert notch.crosses((-1.0, 180.0), (0.5, 180.0))
 
 
+def test_a_way_through_two_corners_is_outside_between_them() -> None:
+    corners = [(0, 0), (0, 6), (4, 6), (4, 3.01), (2, 4), (1, 3), (2, 2), (4, 2.99), (4, 0)]
+    bay = Fence(corners)
+    assert bay.has((2, 1))
+    assert bay.has((2, 5))
+    assert not bay.has((2, 3))
+    assert bay.crosses((2, 1), (2, 5))
+    assert bay.crosses((2, 5), (2, 1))
+    assert bay.crosses((2, 1), (2, 3))
+    assert not bay.crosses((1, 1), (1, 5))  # it only touches the corner (1, 3)
+    assert not bay.crosses((0.5, 1), (2, 2))  # and this one ends at one
+    assert bay.crosses((3, 4), (3, 2))
+    reversed_bay = Fence(corners[::-1])
+    assert reversed_bay.crosses((2, 1), (2, 5))
+    assert not reversed_bay.crosses((1, 1), (1, 5))
+
+
+def test_a_way_may_run_along_an_edge() -> None:
+    step = Fence([(0, 0), (0, 6), (2, 6), (2, 4), (1, 4), (1, 2), (2, 2), (2, 0)])
+    assert not step.crosses((1, 1), (1, 5))
+    assert step.crosses((2, 1), (2, 5))
+    assert not step.crosses((1, 1), (1, 1))
+
+
+@given(
+    *[st.tuples(st.integers(0, 8), st.integers(0, 8)) for _ in range(2)],
+    st.sampled_from([0.0, 178.5, -180.0]),
+)
+def test_ways_on_a_grid_cross_where_they_are_outside(
+    start: tuple[int, int], end: tuple[int, int], east: float
+) -> None:
+    """Corners, edges and ends on whole numbers: the way is sampled beside them."""
+    assume(_in_bay(*start) and _in_bay(*end))
+    corners = [(0, 0), (0, 8), (8, 8), (8, 6), (4, 6), (6, 4), (4, 2), (8, 2), (8, 0)]
+    fence = Fence([(latitude, _turned(longitude + east)) for latitude, longitude in corners])
+    shares = [(number + 0.5) / 420 for number in range(420)]
+    places = [(start[0] + (end[0] - start[0]) * t, start[1] + (end[1] - start[1]) * t) for t in shares]
+    outside = [not _in_bay(*place) for place in places]
+    turned = [(latitude, _turned(longitude + east)) for latitude, longitude in (start, end)]
+    assert fence.crosses(*turned) == any(outside)
+
+
+def _in_bay(latitude: float, longitude: float) -> bool:
+    """Inside, or on the fence."""
+    low, high = 1e-9, 2.0 - 1e-9
+    east = abs(longitude - 4.0)  # symmetric about 4
+    return latitude <= 4.0 + low or east >= high or latitude <= 6.0 - east + low
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -65,6 +115,32 @@ def test_a_closed_polygon_is_the_same_as_an_open_one() -> None:
         for text in ("1,2;3,4;5,6", "1,2;3,4;5,6;1,2")
     )
     assert one == other == ((1, 2), (3, 4), (5, 6))
+
+
+@pytest.mark.parametrize(
+    ("longitudes", "lines"),
+    [
+        ((180.0, -180.0), [[-180.0, -180.0]]),
+        ((-180.0, 180.0), [[180.0, 180.0]]),
+        ((180.0, -179.9), [[-180.0, -179.9]]),
+        ((179.9, -180.0), [[179.9, 180.0]]),
+        ((179.9, 180.0, -180.0, -179.9), [[179.9, 180.0], [-180.0, -180.0, -179.9]]),
+        ((179.9, -180.0, 180.0, 179.9), [[179.9, 180.0], [180.0, 180.0, 179.9]]),
+        ((180.0,), [[180.0, 180.0]]),
+    ],
+)
+def test_routes_that_touch_the_antimeridian_have_their_positions(
+    longitudes: tuple[float, ...], lines: list[list[float]]
+) -> None:
+    places = [(float(number), longitude) for number, longitude in enumerate(longitudes)]
+    route = geojson._route(places)
+    found = [route["coordinates"]] if route["type"] == "LineString" else route["coordinates"]
+    assert all(len(line) > 1 for line in found)
+    assert {abs(a[0] - b[0]) > 1.0 for line in found for a, b in pairwise(line)} == {False}
+    ends = [place for line in found for place in line]
+    for latitude, longitude in places:
+        assert any(place[1] == latitude and (place[0] - longitude) % 360.0 == 0.0 for place in ends)
+    assert [[place[0] for place in line] for line in found] == lines
 
 
 def test_routes_and_fences_across_the_antimeridian_are_cut_there(flights: Any) -> None:

@@ -92,8 +92,21 @@ class Image(Answer):
         return self.verdict is Verdict.ACCEPTED
 
 
+class KnownImage(Answer):
+    """An image that a scene has, and whether it can be used."""
+
+    digest: str
+    verdict: Verdict
+    reason: str
+    hint: str
+
+
 class DigestAnswer(Answer):
-    """Which of the digests the scene has, and which it does not."""
+    """Which of the digests the scene has, with which verdicts, and which it does not.
+
+    ``images`` are the known ones, in their order; an older service has none in its answer.
+    """
 
     known: tuple[str, ...]
     missing: tuple[str, ...]
+    images: tuple[KnownImage, ...] = ()

@@ -1,7 +1,8 @@
 """Delete photographs that the service has acknowledged, if that was asked for."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from fvs_client.spool.outbox import Outbox
 from fvs_client.spool.photograph import Photograph
@@ -32,37 +33,54 @@ class Room:
         most = self._settings.max_disk_bytes
         kept = self._outbox.kept_bytes()
         if self._settings.delete_sent and (most is None or kept > most):
-            for photograph in self._outbox.deletable():
+            for photograph in self._deletable():
                 if most is not None and kept <= most:
                     break
-                if self._delete(photograph):
-                    kept -= photograph.size_bytes
+                kept -= self._delete(photograph)
         if most is None or kept <= most:
             self._told = False
         elif not self._told:
             self._told = True
-            why = "None of them is deleted before the service has it."
+            why = "None of them is deleted before the service has accepted it."
             if not self._settings.delete_sent:
                 why = "Nothing is deleted without --delete-sent."
             self._say(f"The photographs take {kept / 1e6:,.0f} MB, more than {most / 1e6:,.0f} MB. {why}")
 
-    def _delete(self, photograph: Photograph) -> bool:
-        """Delete the file if its bytes are those that were acknowledged; whether it is gone."""
+    def _deletable(self) -> Iterator[Photograph]:
+        last = 0
+        while found := self._outbox.deletable(after=last):
+            yield from found
+            last = found[-1].number
+
+    def _delete(self, photograph: Photograph) -> int:
+        """Delete the file if its bytes are those that were acknowledged; the bytes that are free then."""
         path, number = photograph.path, photograph.number
         failed_at = self._failed_at.get(number)
         if failed_at is not None and self._clock() - failed_at < _TRY_AGAIN_S:
-            return False
+            return 0
+        freed = photograph.size_bytes
         try:
-            if digest_of(path) == photograph.digest:
+            before = _identity(path)
+            if digest_of(path) != photograph.digest:
+                freed = 0
+            elif _identity(path) == before:
                 path.unlink()
+            else:  # written to meanwhile: it is looked at again
+                return 0
         except FileNotFoundError:
             pass
         except OSError as error:
             if failed_at is None:
                 self._say(f"{path} cannot be deleted: {error.strerror}. It is tried again.")
             self._failed_at[number] = self._clock()
-            return False
+            return 0
         self._failed_at.pop(number, None)
         # What has other bytes now is another photograph, which the outbox has by its own digest.
-        self._outbox.set_deleted(photograph.number)
-        return True
+        self._outbox.set_deleted(photograph)
+        return freed
+
+
+def _identity(path: Path) -> tuple[int, ...]:
+    """Of a file as it is now: what changes when it is replaced or written to. Raises ``OSError``."""
+    status = path.stat()
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns

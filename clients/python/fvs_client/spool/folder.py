@@ -34,13 +34,27 @@ class FoundFile:
         return os.path.splitext(self.location)[1].lower() in SUFFIXES  # noqa: PTH122
 
 
-def find_files(folder: Path, skipped: Callable[[OSError], None] = lambda _: None) -> list[FoundFile]:
-    """The image files in and below a folder, except hidden ones, in the order of their numbers.
+def find_files(folder: Path) -> list[FoundFile]:
+    """The image files in and below a folder, except hidden ones, in their order. Raises as ``each_file``."""
+    return sorted(each_file(folder), key=order_of)
 
-    Not by time: a camera's clock jumps when it first hears of the satellites'. Raises ``OSError`` when the
-    folder cannot be read; folders in it that cannot, such as ``lost+found``, are ``skipped``.
+
+def each_file(folder: Path, skipped: Callable[[OSError], None] = lambda _: None) -> Iterator[FoundFile]:
+    """The same files one by one, in no order: a folder may have more than there is memory for.
+
+    Raises ``OSError`` when the folder cannot be read; folders in it that cannot, such as ``lost+found``, are
+    ``skipped``.
     """
-    return sorted(_below(folder, (), skipped), key=lambda file: _numbers(file.location))
+    return _below(folder, (), skipped)
+
+
+def order_of(file: FoundFile) -> list[tuple[int, str]]:
+    """Sorts files by their numbers: ``DJI_0009`` before ``DJI_0010`` and ``DJI_10000``.
+
+    Not by time: a camera's clock jumps when it first hears of the satellites'.
+    """
+    parts = re.split(r"(\d+)", file.location)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def find_file(path: Path) -> FoundFile:
@@ -57,35 +71,36 @@ def find_file(path: Path) -> FoundFile:
 def _below(
     folder: Path | str, parts: Sequence[str], skipped: Callable[[OSError], None]
 ) -> Iterator[FoundFile]:
-    names = {name for name in os.listdir(folder) if not name.startswith(".")}  # noqa: PTH208 -- only names
+    with os.scandir(folder) as entries:
+        sidecars = {entry.name for entry in entries if entry.name.endswith(_SIDECAR)}
     with os.scandir(folder) as entries:
         for entry in entries:
-            if entry.name not in names:
+            if entry.name.startswith("."):
                 continue
             try:
                 if entry.is_dir(follow_symlinks=False):
                     yield from _below(entry.path, (*parts, entry.name), skipped)
-                elif _is_wanted(entry.name, names) and entry.is_file():
-                    yield _found(entry, (*parts, entry.name), names)
+                elif _is_wanted(entry.path) and entry.is_file():
+                    yield _found(entry, (*parts, entry.name), sidecars)
             except FileNotFoundError:  # gone since it was listed
                 continue
             except OSError as error:
                 skipped(error)
 
 
-def _is_wanted(name: str, beside: Container[str]) -> bool:
+def _is_wanted(location: str) -> bool:
     """Whether a file is an image; a raw file beside its JPEG, which is sent, is not."""
-    stem, suffix = os.path.splitext(name)  # noqa: PTH122 -- of every file, once a second
+    stem, suffix = os.path.splitext(location)  # noqa: PTH122 -- of every file, once a second
     if suffix.lower() in UNREADABLE_SUFFIXES:
-        return not any(f"{stem}{other}" in beside for other in _BESIDE_RAW)
+        return not any(os.path.exists(f"{stem}{other}") for other in _BESIDE_RAW)  # noqa: PTH110
     return suffix.lower() in SUFFIXES
 
 
-def _found(entry: os.DirEntry[str], parts: Sequence[str], beside: Container[str]) -> FoundFile:
+def _found(entry: os.DirEntry[str], parts: Sequence[str], sidecars: Container[str]) -> FoundFile:
     status = entry.stat()
     sidecar, sidecar_state = None, ""
-    for name in (f"{entry.name}.json", f"{os.path.splitext(entry.name)[0]}.json"):  # noqa: PTH122
-        if name in beside:
+    for name in (f"{entry.name}{_SIDECAR}", f"{os.path.splitext(entry.name)[0]}{_SIDECAR}"):  # noqa: PTH122
+        if name in sidecars:
             sidecar = f"{entry.path.removesuffix(entry.name)}{name}"
             sidecar_state = _state(os.stat(sidecar))  # noqa: PTH116
             break
@@ -94,13 +109,9 @@ def _found(entry: os.DirEntry[str], parts: Sequence[str], beside: Container[str]
     )
 
 
+_SIDECAR = ".json"
 _BESIDE_RAW = (".jpg", ".JPG", ".jpeg", ".JPEG")
 
 
 def _state(status: os.stat_result) -> str:
     return f"{status.st_size}:{status.st_mtime_ns}"
-
-
-def _numbers(location: str) -> list[tuple[int, str]]:
-    """Sorts ``DJI_0009`` before ``DJI_0010`` and ``DJI_10000``."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", location)]

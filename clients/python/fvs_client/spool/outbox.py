@@ -51,6 +51,13 @@ DROP TABLE reserve;
 _CHECKPOINT_PAGES = 64
 _SETBACKS_PER_TURN = 16
 """After so many setbacks another photograph has its turn: the failure may be this one's."""
+_DELETABLE = """
+number > ? AND state = 'sent' AND verdict = 'accepted' AND deleted = 0 AND NOT EXISTS (
+    SELECT 1 FROM photographs AS other
+    WHERE other.path = photographs.path AND other.digest = photographs.digest
+    AND (other.state != 'sent' OR other.verdict IS NULL)
+)
+"""
 _COLUMNS = (
     "number, path, scene, name, digest, size_bytes, mtime_ns, metadata, state, upload, offset_bytes, "
     "setbacks, verdict, code, reason, hint, deleted"
@@ -192,19 +199,25 @@ class Outbox:
             "state = 'waiting', verdict = NULL, code = NULL, reason = NULL, hint = NULL, offset_bytes = 0",
         )
 
-    def deletable(self) -> list[Photograph]:
-        """Sent photographs whose files may be deleted, the oldest first."""
-        accepted = "(verdict IS NULL OR verdict = 'accepted')"
-        return self._select(f"state = 'sent' AND deleted = 0 AND {accepted}", (), "ORDER BY number")
+    def deletable(self, after: int = 0) -> list[Photograph]:
+        """Photographs whose files may be deleted, the oldest first, from number ``after`` on: at most 100.
 
-    def set_deleted(self, number: int) -> None:
-        """Note that the file was deleted."""
-        self._update(number, "deleted = 1")
+        The service keeps their bytes, and no other scene is to have the same file that lacks it.
+        """
+        return self._select(_DELETABLE, (after,), "ORDER BY number LIMIT 100")
+
+    def set_deleted(self, photograph: Photograph) -> None:
+        """Note that the file was deleted, or has other bytes; for all scenes that it was added for."""
+        with self._writing() as database:
+            database.execute(
+                "UPDATE photographs SET deleted = 1 WHERE path = ? AND digest = ?",
+                (self._stored(photograph.path), photograph.digest),
+            )
 
     def kept_bytes(self) -> int:
-        """Size of the photographs whose files were not deleted, in bytes."""
-        query = "SELECT coalesce(sum(size_bytes), 0) FROM photographs WHERE deleted = 0"
-        (size,) = self._database.execute(query).fetchone()
+        """Size of the files that were not deleted, in bytes: each once, with its newest content."""
+        kept = "SELECT size_bytes, max(number) FROM photographs WHERE deleted = 0 GROUP BY path"
+        (size,) = self._database.execute(f"SELECT coalesce(sum(size_bytes), 0) FROM ({kept})").fetchone()
         return int(size)
 
     def all(self) -> list[Photograph]:

@@ -20,7 +20,7 @@ _NOT_FOUND, _FORBIDDEN = 404, 403
 
 @dataclass(frozen=True)
 class Acknowledgement:
-    """The scene has the digest. ``verdict`` is None when the API key may not read images."""
+    """The scene has the digest; ``verdict`` is None of an older service whose images the key may not read."""
 
     verdict: str | None
     refusal: Refusal | None = None
@@ -100,8 +100,7 @@ class Sender:
             answer = self._connection.ask(
                 "POST", f"{images}:check", {"Content-Type": "application/json"}, question
             )
-            known = (require_success(answer).document or {}).get("known", ())
-            return Acknowledgement(None) if digest in known else None
+            return _checked(require_success(answer).document or {}, photograph)
         answer = self._connection.ask("GET", f"{images}/{digest}")
         if answer.status == _FORBIDDEN and answer.document is not None:  # a key that may only upload
             self._may_read = False
@@ -128,6 +127,14 @@ def _read(image: Mapping[str, Any], photograph: Photograph) -> Acknowledgement |
     return Acknowledgement(
         verdict, Refusal(verdict, str(image.get("reason") or verdict), str(image.get("hint") or ""))
     )
+
+
+def _checked(answer: Mapping[str, Any], photograph: Photograph) -> Acknowledgement | None:
+    """The acknowledgement in the answer to a check of digests; None when the scene lacks this one."""
+    for image in answer.get("images") or ():
+        if (found := _read(image, photograph)) is not None:
+            return found
+    return Acknowledgement(None) if f"sha256:{photograph.digest}" in answer.get("known", ()) else None
 
 
 def _require_folder(photograph: Photograph, error: Exception) -> None:

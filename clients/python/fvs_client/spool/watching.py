@@ -2,12 +2,13 @@
 
 import sqlite3
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Mapping
+from heapq import nsmallest
+from math import inf
 from pathlib import Path
 
 from fvs_client.spool.errors import card_is_full
-from fvs_client.spool.folder import FoundFile, find_files
+from fvs_client.spool.folder import FoundFile, each_file, order_of
 from fvs_client.spool.metadata import Describe
 from fvs_client.spool.outbox import Outbox
 from fvs_client.spool.photograph import Photograph
@@ -17,16 +18,8 @@ from fvs_client.spool.wholeness import is_whole
 _REST_PER_LISTING = 20.0
 _TELL_AFTER_S = 60.0
 """A file that has not changed for so long and has no end is worth a word."""
-
-
-@dataclass(slots=True)
-class _Seen:
-    """A file in the folder: since when, on the monotonic clock, it has been as it is."""
-
-    file: FoundFile
-    since_s: float
-    taken: bool = False
-    told: bool = False
+_MOST_PER_LOOK = 500
+"""Files that are taken in one look; of all others only a hash is kept in memory."""
 
 
 class Watcher:
@@ -51,62 +44,92 @@ class Watcher:
         self._say = say
         self._describe = describe
         self._clock = clock
-        self._seen: dict[str, _Seen] = {}
+        # Files, as they are, by their hashes: a folder may have more of them than there is memory for.
+        self._known: set[int] = set()
+        self._waiting: dict[int, float] = {}
+        """Since when, on the monotonic clock, each has been as it is."""
+        self._tried: dict[int, float] = {}
+        """When those that could not be taken were last tried."""
+        self._told: set[int] = set()
         self._troubles: set[str] = set()
         self.rest_s = 0.0
         """How long to wait before the next look, so that looks take a twentieth of a processor at most."""
 
     def look(self) -> list[Photograph]:
-        """Look once, and return what was taken. What cannot be read is tried at the next look."""
+        """Look once, and return what was taken: the first 500 files that are complete."""
         now = self._clock()
         troubles: set[str] = set()
+        known, waiting = self._known, self._waiting
+        self._known, self._waiting = set(), {}
+        try:
+            complete = self._complete(now, known, waiting, troubles)
+            chosen = nsmallest(_MOST_PER_LOOK, complete, key=self._turn)
+        except OSError as error:
+            self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
+            self._troubles, self._known, self._waiting = troubles, known, waiting
+            return []
+        if self._known <= known and self._waiting.keys() <= waiting.keys():  # what is new takes longer, once
+            self.rest_s = _REST_PER_LISTING * (self._clock() - now)
+        taken: list[Photograph] = []
+        for file in chosen:
+            try:
+                if (photograph := self._take(file, now)) is not None:
+                    taken.append(photograph)
+            except (OSError, sqlite3.OperationalError) as error:
+                self._tried[hash(file)] = now
+                self._tell(_describe_failure(file.path, error), troubles)
+                if card_is_full(error):
+                    break
+        if len(taken) == _MOST_PER_LOOK:
+            self.rest_s = 0.0
+        self._tried = {mark: at for mark, at in self._tried.items() if mark in self._waiting}
+        self._told &= self._waiting.keys()
+        self._troubles = troubles
+        return taken
+
+    def _complete(
+        self, now: float, known: Container[int], waiting: Mapping[int, float], troubles: set[str]
+    ) -> Iterator[FoundFile]:
+        """The files that have settled and are not known; notes all others as ``known`` or ``waiting``."""
 
         def skip(error: OSError) -> None:
             self._tell(f"{error.filename} cannot be read: {error.strerror}. It is skipped.", troubles)
 
-        try:
-            files = find_files(self._folder, skip)
-            self.rest_s = _REST_PER_LISTING * (self._clock() - now)
-        except OSError as error:
-            self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
-            self._troubles = troubles
-            return []
-        before, self._seen = self._seen, {}
-        for file in files:
-            known = before.get(file.location)
-            same = known is not None and known.file == file
-            self._seen[file.location] = known if known is not None and same else _Seen(file, now)
-        taken: list[Photograph] = []
-        for seen in self._seen.values():
-            if not seen.taken:
-                try:
-                    if (photograph := self._take(seen, now)) is not None:
-                        taken.append(photograph)
-                except (OSError, sqlite3.OperationalError) as error:
-                    self._tell(_describe_failure(seen.file.path, error), troubles)
-                    if card_is_full(error):
-                        break
-        self._troubles = troubles
-        return taken
+        for file in each_file(self._folder, skip):
+            mark = hash(file)
+            if mark in known or (mark not in waiting and self._is_known(file)):
+                self._known.add(mark)
+                continue
+            since = self._waiting[mark] = waiting.get(mark, now)
+            if now - since >= self._settle_s:
+                yield file
 
-    def _take(self, seen: _Seen, now: float) -> Photograph | None:
-        file = seen.file
-        if self._outbox.has(file.path, self._scene, file.size_bytes, file.mtime_ns, file.sidecar_state):
-            seen.taken = True
-            return None
-        unchanged_s = now - seen.since_s
-        if unchanged_s < self._settle_s:
-            return None
+    def _turn(self, file: FoundFile) -> tuple[float, list[tuple[int, str]]]:
+        """Sorts files by their numbers, but after all others those that could not be taken."""
+        return self._tried.get(hash(file), -inf), order_of(file)
+
+    def _is_known(self, file: FoundFile) -> bool:
+        try:
+            return self._outbox.has(
+                file.path, self._scene, file.size_bytes, file.mtime_ns, file.sidecar_state
+            )
+        except sqlite3.OperationalError:  # asked again when it is taken
+            return False
+
+    def _take(self, file: FoundFile, now: float) -> Photograph | None:
+        mark = hash(file)
         if not is_whole(file.path):
-            if unchanged_s >= _TELL_AFTER_S and not seen.told:
-                seen.told = True
+            self._tried[mark] = now
+            if now - self._waiting[mark] >= _TELL_AFTER_S and mark not in self._told:
+                self._told.add(mark)
                 self._say(
                     f"{file.path.name} has no end and has not changed for {_TELL_AFTER_S:.0f} s: did the "
                     "camera lose power? It stays, and is sent once it is whole."
                 )
             return None
         photograph = take(self._outbox, file, self._scene, self._describe, durable=False)
-        seen.taken = True
+        del self._waiting[mark]
+        self._known.add(mark)
         if photograph.refusal is not None:
             self._say(f"{file.path.name} is not sent. {photograph.refusal.reason} {photograph.refusal.hint}")
         return photograph

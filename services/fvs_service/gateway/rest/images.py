@@ -86,7 +86,7 @@ def check_images(
     scene_id: SceneId,
     request: Annotated[DigestCheck, Depends(json_body(DigestCheck, to_upload))],
 ) -> DigestAnswer:
-    """Check which images the scene has, so that none is sent twice."""
+    """Check which images the scene has, so that none is sent twice, and return their verdicts."""
     return app.images.check(caller, scene_id, request)
 
 

@@ -71,13 +71,13 @@ async def _upload(
     app = application_of(request)
 
     def found() -> ResumableUpload:
+        tus.require_version(request.headers)  # whatever the upload is
         caller.require(Scope.UPLOAD, caller.scene_id)
         upload = app.resumable_uploads.find(caller.tenant_id, upload_id)
         try:
             app.scenes.require(caller, Scope.UPLOAD, upload.scene_id)
         except NotFoundError:  # unknown and foreign ids answer alike
             raise unknown_upload() from None
-        tus.require_version(request.headers)
         return upload
 
     return await run_sync(found)

@@ -22,6 +22,7 @@ _SPEEDS_M_S = (1.0, 15.0)
 _SAFE_M = (1.2, 1500.0)
 """The range of the height to which it climbs before it flies to the first waypoint."""
 _USUAL_SAFE_M = 20.0
+"""That of DJI's ground stations."""
 _RETURN_M = (2.0, 1500.0)
 _STOP = "toPointAndStopWithDiscontinuityCurvature"
 """Straight to a waypoint, where it stops."""
@@ -59,6 +60,12 @@ def _check(mission: Mission) -> None:
         raise InvalidRequestError(
             f"DJI's aircraft fly missions at {low:g} to {high:g} m/s, not at {mission.options.speed_m_s:g}.",
             errors=[FieldError("speed_m_s", f"it is not from {low:g} to {high:g}")],
+        )
+    highest_m = mission.options.highest_height_m
+    if highest_m is not None and highest_m < _RETURN_M[0]:
+        raise InvalidRequestError(
+            f"DJI's aircraft come back at {_RETURN_M[0]:g} m or higher, and the highest is {highest_m:g} m.",
+            errors=[FieldError("highest_height_m", f"it is less than {_RETURN_M[0]:g}")],
         )
     if len(mission.waypoints) > _MOST_WAYPOINTS:
         count = len(mission.waypoints)
@@ -161,13 +168,16 @@ def _config(mission: Mission) -> str:
     highest_m = max(waypoint.altitude_m for waypoint in mission.waypoints)
     # Without a transit height it returns as high as the mission goes, if that is known above home.
     return_m = options.transit_height_m or (highest_m if _relative(mission) else None)
+    safe_m = options.transit_height_m or _USUAL_SAFE_M
+    if options.highest_height_m is not None:
+        safe_m = min(safe_m, options.highest_height_m)
     return _wpml(
         "missionConfig",
         _wpml("flyToWaylineMode", "safely"),
         _wpml("finishAction", "goHome" if returns else "noAction"),
         _wpml("exitOnRCLost", "executeLostAction"),
         _wpml("executeRCLostAction", "goBack"),
-        _wpml("takeOffSecurityHeight", _clamped(options.transit_height_m or _USUAL_SAFE_M, _SAFE_M)),
+        _wpml("takeOffSecurityHeight", _clamped(safe_m, _SAFE_M)),
         _wpml("globalTransitionalSpeed", options.speed_m_s),
         *([] if return_m is None else [_wpml("globalRTHHeight", _clamped(return_m, _RETURN_M))]),
         _wpml("droneInfo", _wpml("droneEnumValue", aircraft), _wpml("droneSubEnumValue", variant)),

@@ -4,7 +4,7 @@ Its third coordinate is the height above the ellipsoid, so positions have one on
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import orjson
@@ -58,20 +58,28 @@ def _position(place: Corner) -> list[float]:
 
 def _route(places: Sequence[Corner]) -> dict[str, Any]:
     """A line through places, in pieces that meet at the antimeridian (RFC 7946, section 3.1.9)."""
-    pieces = [[_position(places[0])]]
+    pieces = [[places[0]]]
     for before, after in pairwise(places):
         east_deg = after[1] - before[1]
         if abs(east_deg) > 180.0:
             edge = 180.0 if east_deg < 0.0 else -180.0
-            share = (edge - before[1]) / (east_deg + 2.0 * edge)
+            on_the_way = east_deg + 2.0 * edge  # 0 along the antimeridian, whose longitude has two signs
+            share = (edge - before[1]) / on_the_way if on_the_way else 0.0
             latitude_deg = before[0] + share * (after[0] - before[0])
-            pieces[-1].append(_position((latitude_deg, edge)))
-            pieces.append([_position((latitude_deg, -edge))])
-        pieces[-1].append(_position(after))
-    lines = [piece if len(piece) > 1 else piece * 2 for piece in pieces]
+            pieces[-1].append((latitude_deg, edge))
+            pieces.append([(latitude_deg, -edge)])
+        pieces[-1].append(after)
+    lines = [_line(piece) for piece in pieces]
+    # A piece of one position is where a route only touches the antimeridian, or all of a route to one view.
+    lines = [line for line in lines if len(line) > 1] or [lines[0] * 2]
     if len(lines) == 1:
         return {"type": "LineString", "coordinates": lines[0]}
     return {"type": "MultiLineString", "coordinates": lines}
+
+
+def _line(places: Sequence[Corner]) -> list[list[float]]:
+    """The positions of places, without those that are where the one before is."""
+    return [position for position, _ in groupby(map(_position, places))]
 
 
 def _area(corners: Sequence[Corner]) -> dict[str, Any]:

@@ -5,10 +5,16 @@ from xml.sax.saxutils import escape
 
 def element(tag: str, *content: str | float) -> str:
     """An element: its content is elements, or one text or number."""
-    inner = "".join(part if isinstance(part, str) else f"{part:.10g}" for part in content)
+    inner = "".join(part if isinstance(part, str) else _number(part) for part in content)
     return f"<{tag}>{inner}</{tag}>"
 
 
 def text(value: str) -> str:
     """A text as content."""
     return escape(value)
+
+
+def _number(value: float) -> str:
+    """A number without an exponent, which not every reader takes: to a billionth."""
+    digits = f"{value:.9f}".rstrip("0").rstrip(".")
+    return "0" if digits == "-0" else digits
