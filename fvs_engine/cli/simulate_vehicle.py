@@ -136,7 +136,6 @@ def simulate_vehicle(
     latitude, longitude, altitude = _numbers(origin, 3, _ORIGIN_FORM, "--origin")
     east, north = _numbers(wind, 2, _WIND_FORM, "--wind")
     home = GeodeticPosition(latitude, longitude, altitude)
-    photographs.mkdir(parents=True, exist_ok=True)
     vehicle = Vehicle(
         wind=Wind((east, north), gusts),
         gps=GpsErrors(gps_noise, gps_bias),
@@ -148,6 +147,7 @@ def simulate_vehicle(
     if replay is None and poses is not None:
         raise typer.BadParameter("The courtyard has no photographs: give --replay.", param_hint="--poses")
     try:
+        _prepare_files(photographs, truth)
         if replay is None:
             scenery, sensor = _courtyard(seed, scale, size or _SIZE)
         else:
@@ -184,6 +184,17 @@ def simulate_vehicle(
     typer.echo(f"Listening on {autopilot.url}")
     autopilot.run(stopped.is_set)
     autopilot.close()
+
+
+def _prepare_files(photographs: Path, truth: Path | None) -> None:
+    """Create what a flight writes to; raises ``StorageError``, which else would come in flight."""
+    from fvs_engine.files.storage import storage_errors
+
+    with storage_errors(photographs):
+        photographs.mkdir(parents=True, exist_ok=True)
+    if truth is not None:
+        with storage_errors(truth), truth.open("a", encoding="utf-8"):
+            pass
 
 
 def _courtyard(seed: int, scale: float, size: tuple[int, int]) -> "tuple[Scenery, SimulatedCamera]":
