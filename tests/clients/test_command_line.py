@@ -14,6 +14,7 @@ from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
 from fvs_client.models.rankings import ScoredCandidate
+from fvs_service.scenes.model import Alignment, AlignmentStatus
 from typer.testing import Result
 
 Run = Callable[..., Result]
@@ -71,6 +72,14 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     assert set(flown[0]) == {"c1.0", "c2.0"}
     assert "does not reach" in run("plan", scene_id, *given, "--distance", 0.5, expect=3).stderr
     assert "not both" in run("plan", scene_id, *given, "--generator", "grid", expect=2).stderr
+
+
+def test_tables_have_the_unit_of_lengths_where_there_is_one(run: Run, gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    planned = run("plan", scene, "--count", "8", "--views", "1").stdout.splitlines()[0]
+    assert planned.split()[:7] == ["vehicle", "stop", "id", "distance", "(m)", "travel", "(m)"]
+    assert "distance (m)" in run("rank", scene, "--generator", "orbit", "--count", 4).stdout
 
 
 def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:

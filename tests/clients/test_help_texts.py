@@ -59,3 +59,14 @@ def test_help_is_printed_as_it_is_written(
 
 def _has_text(parameter: Any) -> bool:
     return isinstance(getattr(parameter, "show_default", None), str)
+
+
+def test_mission_and_fly_have_the_same_options_for_the_same_things() -> None:
+    commands = COMMANDS["fvs-client"].commands
+    mission, fly = (
+        {parameter.opts[0]: parameter for parameter in commands[name].params} for name in ("mission", "fly")
+    )
+    for name in ("--transit-height", "--lowest", "--highest", "--geofence", "--speed"):
+        assert mission[name].metavar == fly[name].metavar
+        assert mission[name].nargs == fly[name].nargs
+        assert mission[name].type.name == fly[name].type.name

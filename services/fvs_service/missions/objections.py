@@ -42,7 +42,9 @@ class Objections:
         """Why a view cannot be photographed, whatever the way to it."""
         low_deg, high_deg = self._options.gimbal_lowest_deg, self._options.gimbal_highest_deg
         if not low_deg - _ROUNDING_DEG <= view.pitch_deg <= high_deg + _ROUNDING_DEG:
-            return f"it needs a gimbal pitch of {view.pitch_deg:.1f}°; {low_deg:g}° to {high_deg:g}° are allowed"
+            return (
+                f"it needs a gimbal pitch of {view.pitch_deg:.1f}°; {low_deg:g}° to {high_deg:g}° are allowed"
+            )
         reason = self._to_height("it is", view.altitude_m)
         if reason is None and self._fence is not None and not self._fence.has(view.place):
             return "it is outside of the geofence"
