@@ -55,7 +55,9 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     left = run("mission", tour, *flown, "--out", out, "--leave-out", "--json")
     assert json.loads(left.stdout)["reasons"] == [reason]
     assert "is no ranking's id" in run("mission", "nothing", expect=2).stderr
-    assert "is not LAT,LON" in run("mission", ranking, "--home", "north", expect=2).stderr
+    for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
+        assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr
+    assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=3).stderr
     refused = run("mission", ranking, "--geofence", "46.01,7.74", expect=3).stderr
     assert "--geofence: a fence has 3 to 200 corners" in refused
     refused = run("mission", tour, "--vehicle", 1, expect=2).stderr

@@ -1,5 +1,6 @@
 """``fvs-client mission``."""
 
+import math
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -182,6 +183,6 @@ def _home(text: str | None) -> dict[str, float]:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in (2, 3):
+    if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
         raise typer.BadParameter(f"{text!r} is not {_HOMES}.", param_hint="--home")
     return dict(zip(names, numbers, strict=False))
