@@ -74,7 +74,7 @@ def reconstruct(
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
     out: OutOption,
     quality: Annotated[
-        Quality, typer.Option(help="coarse: SH degree 0, quick; fine: SH degree 3, for keeping.")
+        Quality, typer.Option(help="coarse: quick, SH degree 0; fine: the final quality, SH degree 3.")
     ] = "coarse",
     iterations: Annotated[
         int | None,
@@ -127,7 +127,7 @@ def reconstruct(
     ] = False,
     run: RunOptions,
 ) -> None:
-    """Reconstruct photographs: cameras and a trained splat. After a stop, the same command resumes."""
+    """Reconstruct photographs: estimate cameras and train a model. After a stop, the same command resumes."""
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
@@ -205,7 +205,9 @@ def render(
         ViewGroup, typer.Option(help="Which views; path: a smooth path through the training views.")
     ] = "held-out",
     candidates: _Candidates = None,
-    frames: Annotated[int, typer.Option(min=2, max=MAX_VIEWS, metavar="N", help="Frames of a path.")] = 120,
+    frames: Annotated[
+        int, typer.Option(min=2, max=MAX_VIEWS, metavar="N", help="Number of frames of a path.")
+    ] = 120,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the PNGs go.", show_default="DIR/renders")
     ] = None,

@@ -51,7 +51,9 @@ def evaluate(
     methods: Annotated[str, typer.Option(metavar="A,B,…", help="The selectors to compare, or all.")] = "all",
     seeds: Annotated[
         str,
-        typer.Option(metavar="N,…", help="Seeds of the runs, one each: initial views and training differ."),
+        typer.Option(
+            metavar="N,…", help="Seeds, one for each run: they change the initial views and the training."
+        ),
     ] = "0,1,2",
     views: Annotated[
         str | None,
@@ -68,7 +70,10 @@ def evaluate(
         ),
     ] = 8,
     hold_out: Annotated[
-        HoldOut, typer.Option(help="Hold out every n-th view, or as many at random, the same in every run.")
+        HoldOut,
+        typer.Option(
+            help="Which views to hold out: every n-th, or as many at random; the same in every run."
+        ),
     ] = "every",
     trainings: Annotated[
         int | None,
@@ -76,7 +81,7 @@ def evaluate(
             min=1,
             max=100,
             metavar="N",
-            help="Train so many models of each final set of views, and count their mean.",
+            help="Number of models to train of each final set of views; their mean counts.",
             show_default="1",
         ),
     ] = None,

@@ -16,7 +16,8 @@ MAX_SIDE_PX = 32_768  # images.limits, which takes too long to import for a comm
 YEAR_S = 31_536_000
 
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="The result as JSON on stdout, progress as JSON lines on stderr.")
+    bool,
+    typer.Option("--json", help="Print the result as JSON on stdout, and progress as JSON lines on stderr."),
 ]
 
 
@@ -98,7 +99,7 @@ class LoopOptions:
     radius: Annotated[
         float | None,
         typer.Option(
-            min=0, max=1e9, metavar="R", help="How far the camera flies in one step, in the dataset's unit."
+            min=0, max=1e9, metavar="R", help="Maximum distance of one step, in the dataset's unit."
         ),
     ] = None
     nearest: Annotated[
@@ -130,7 +131,7 @@ class LoopOptions:
             min=0,
             max=MAX_ITERATIONS,
             metavar="N",
-            help="Training iterations of the full model per view; quick models, which choose, have a fifth.",
+            help="Training iterations per view of the full model; quick models, which choose, have a fifth.",
             show_default="100",
         ),
     ] = None

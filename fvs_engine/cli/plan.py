@@ -43,22 +43,35 @@ def plan(
     *,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")],
     views: Annotated[
-        int, typer.Option(min=1, max=MOST_VIEWS, metavar="N", help="How many photographs, at most.")
+        int, typer.Option(min=1, max=MOST_VIEWS, metavar="N", help="Maximum number of photographs.")
     ] = 10,
     distance: Annotated[
         float | None,
         typer.Option(
-            min=0, max=1e9, metavar="D", help="How far each vehicle flies, at most, in units of the model."
+            min=0,
+            max=1e9,
+            metavar="D",
+            help="Maximum distance that each vehicle flies, in units of the model.",
         ),
     ] = None,
-    home: Annotated[bool, typer.Option("--home", help="Vehicles fly back to their start.")] = False,
+    home: Annotated[
+        bool, typer.Option("--home", help="Plan the way back to where each vehicle starts.")
+    ] = False,
     vehicles: Annotated[
-        int, typer.Option(min=1, max=MAX_VEHICLES, metavar="K", help="Vehicles, all at the last photograph.")
+        int,
+        typer.Option(
+            min=1,
+            max=MAX_VEHICLES,
+            metavar="K",
+            help="Number of vehicles; without --start all are at the last photograph.",
+        ),
     ] = 1,
     start: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="X,Y,Z", help="Where a vehicle is, in the model frame; once for each.", show_default=False
+            metavar="X,Y,Z",
+            help="Position of a vehicle in the model frame; may be repeated.",
+            show_default=False,
         ),
     ] = None,
     candidates: Annotated[
@@ -67,7 +80,7 @@ def plan(
     ] = None,
     targets: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Poses that the model must serve, in the same format."),
+        typer.Option(metavar="FILE", help="Poses that the model must serve well, in the same format."),
     ] = None,
     volume: Annotated[
         Path | None,
@@ -77,32 +90,39 @@ def plan(
         ),
     ] = None,
     count: Annotated[
-        int, typer.Option(min=1, max=2_000, metavar="N", help="Candidates to generate in the volume.")
+        int,
+        typer.Option(min=1, max=2_000, metavar="N", help="Number of candidates to generate in the volume."),
     ] = 300,
     aim: Annotated[
         str | None,
         typer.Option(
             metavar="WHERE",
-            help="Where they look: the middle of the model, its nearest part, or a point: "
-            "middle, nearest or X,Y,Z.",
+            help="What candidates in a volume look at: the middle of the model, its nearest part, or a "
+            "point: middle, nearest or X,Y,Z.",
             show_default="middle",
         ),
     ] = None,
-    level: Annotated[bool, typer.Option("--level", help="They look there with a level camera.")] = False,
+    level: Annotated[
+        bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
+    ] = False,
     safety: Annotated[
         float | None,
-        typer.Option(min=0, max=1e9, metavar="D", help="Keep so far from matter, also on the way."),
+        typer.Option(
+            min=0, max=1e9, metavar="D", help="Minimum distance from anything in the model, also on the way."
+        ),
     ] = None,
     no_fly: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="JSON: a volume to avoid; once for each.", show_default=False),
+        typer.Option(
+            metavar="FILE", help="JSON: a volume to stay out of; may be repeated.", show_default=False
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/plan")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Plan the views to photograph next, in the order of a short flight, and what they bring.
+    """Plan which views to photograph next, in the order of a short flight, and what each brings.
 
     Without --candidates: the held-out views, and poses halfway between neighbouring training views. Without
     --targets the model must serve all views and candidates. Nothing is rendered.

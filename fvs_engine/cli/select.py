@@ -41,7 +41,7 @@ def select(
     initial_choice: Annotated[
         InitialChoice,
         typer.Option(
-            help="The first of the capture, consecutive ones from a seeded view, or the farthest apart."
+            help="Initial views: the first, consecutive ones from a random view, or those farthest apart."
         ),
     ] = "first",
     test_every: Annotated[
@@ -51,7 +51,10 @@ def select(
         ),
     ] = 8,
     hold_out: Annotated[
-        HoldOut, typer.Option(help="Hold out every n-th view, or as many at random, the same in every run.")
+        HoldOut,
+        typer.Option(
+            help="Which views to hold out: every n-th, or as many at random; the same in every run."
+        ),
     ] = "every",
     quality: Annotated[
         Quality, typer.Option(help="Training preset: coarse has SH degree 0, fine 3.")

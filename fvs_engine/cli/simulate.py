@@ -28,7 +28,7 @@ def simulate(
         bool, typer.Option("--survey", help="Photograph houses from above, in rows, instead.")
     ] = False,
     exposure: Annotated[
-        float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Exposure: brighter by 2^EV.")
+        float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Exposure; +1 is twice as bright.")
     ] = 0.0,
     noise: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Sensor noise; 1 is a small drone's.")

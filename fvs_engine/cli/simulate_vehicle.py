@@ -27,7 +27,8 @@ def simulate_vehicle(
         str, typer.Option(metavar="HOST:PORT", help="Where ground stations connect, with MAVLink over TCP.")
     ] = "127.0.0.1:5760",
     firmware: Annotated[
-        Firmware, typer.Option("--autopilot", help="Whose modes, commands and parameters it has.")
+        Firmware,
+        typer.Option("--autopilot", help="The autopilot whose modes, commands and parameters it has."),
     ] = "ardupilot",
     origin: Annotated[
         str,
@@ -76,25 +77,29 @@ def simulate_vehicle(
             min=64,
             max=4096,
             metavar="W H",
-            help="Size of the photographs in px; in a replay that of the model's.",
+            help="Size of the photographs in px; a replay has the size of the model's photographs.",
             show_default="640 480",
         ),
     ] = None,
     auto_exposure: Annotated[
         bool,
-        typer.Option("--auto-exposure", help="The camera brings each photograph to the same brightness."),
+        typer.Option("--auto-exposure", help="Expose all photographs to the same brightness."),
     ] = False,
     shutter: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, metavar="S", help="Exposure time: what moves is blurred."),
+        typer.Option(min=0.0, max=1.0, metavar="S", help="Exposure time; motion in it blurs the photograph."),
     ] = 0.004,
     gps_noise: Annotated[
-        float, typer.Option(min=0.0, max=100.0, metavar="M", help="Noise of a fix: standard deviation.")
+        float,
+        typer.Option(min=0.0, max=100.0, metavar="M", help="Standard deviation of the noise of a GPS fix."),
     ] = 1.5,
     gps_bias: Annotated[
-        float, typer.Option(min=0.0, max=100.0, metavar="M", help="Bias of the receiver, which drifts.")
+        float, typer.Option(min=0.0, max=100.0, metavar="M", help="Bias of the GPS receiver, which drifts.")
     ] = 0.5,
-    wind: Annotated[str, typer.Option(metavar=_WIND_FORM, help="Where the wind blows to, in m/s.")] = "0,0",
+    wind: Annotated[
+        str,
+        typer.Option(metavar=_WIND_FORM, help="Velocity of the wind, in the direction it blows to, in m/s."),
+    ] = "0,0",
     gusts: Annotated[
         float, typer.Option(min=0.0, max=30.0, metavar="M/S", help="Standard deviation of the wind.")
     ] = 0.0,
@@ -102,7 +107,8 @@ def simulate_vehicle(
         float, typer.Option(min=10.0, max=100_000.0, metavar="S", help="How long the battery lasts.")
     ] = 1500.0,
     speed_up: Annotated[
-        float, typer.Option(min=0.1, max=50.0, help="Simulated time passes so many times as fast.")
+        float,
+        typer.Option(min=0.1, max=50.0, help="Run the simulation this many times faster than real time."),
     ] = 1.0,
     fail: Annotated[
         list[int] | None,
@@ -110,7 +116,7 @@ def simulate_vehicle(
             min=0,
             max=1_000_000,
             metavar="N",
-            help="Photograph N, from 0, fails; once for each.",
+            help="Photograph N, counted from 0, fails; may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -136,7 +142,6 @@ def simulate_vehicle(
     latitude, longitude, altitude = _numbers(origin, 3, _ORIGIN_FORM, "--origin")
     east, north = _numbers(wind, 2, _WIND_FORM, "--wind")
     home = GeodeticPosition(latitude, longitude, altitude)
-    photographs.mkdir(parents=True, exist_ok=True)
     vehicle = Vehicle(
         wind=Wind((east, north), gusts),
         gps=GpsErrors(gps_noise, gps_bias),
@@ -148,6 +153,7 @@ def simulate_vehicle(
     if replay is None and poses is not None:
         raise typer.BadParameter("The courtyard has no photographs: give --replay.", param_hint="--poses")
     try:
+        _prepare_files(photographs, truth)
         if replay is None:
             scenery, sensor = _courtyard(seed, scale, size or _SIZE)
         else:
@@ -184,6 +190,17 @@ def simulate_vehicle(
     typer.echo(f"Listening on {autopilot.url}")
     autopilot.run(stopped.is_set)
     autopilot.close()
+
+
+def _prepare_files(photographs: Path, truth: Path | None) -> None:
+    """Create what a flight writes to; raises ``StorageError``, which else would come in flight."""
+    from fvs_engine.files.storage import storage_errors
+
+    with storage_errors(photographs):
+        photographs.mkdir(parents=True, exist_ok=True)
+    if truth is not None:
+        with storage_errors(truth), truth.open("a", encoding="utf-8"):
+            pass
 
 
 def _courtyard(seed: int, scale: float, size: tuple[int, int]) -> "tuple[Scenery, SimulatedCamera]":

@@ -59,7 +59,8 @@ Count = Annotated[int, Field(strict=True, ge=0), WHOLE]
 PositiveNumber = Annotated[Number, Field(gt=0)]
 Triple = tuple[Number, Number, Number]
 """Coordinates that the service computed."""
-Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
+DIGEST = r"^sha256:[0-9a-f]{64}$"
+Digest = Annotated[str, Field(pattern=DIGEST)]
 """The SHA-256 of an image's bytes."""
 Timestamp = AwareDatetime
 

@@ -13,8 +13,10 @@ import pytest
 import uvicorn
 from conftest_of import conftest_of
 from fvs_client import Client, Retries
+from fvs_client.cli.app import app as program
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.server import GatewayServer
+from typer.testing import CliRunner, Result
 
 _service = conftest_of("fvs_service")
 serve = _service.serve
@@ -61,6 +63,21 @@ def client(url: str) -> Iterator[Client]:
     """A client of the gateway."""
     with Client(url, retries=Retries(first_s=0.01, longest_s=0.05)) as client:
         yield client
+
+
+@pytest.fixture
+def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Runs `fvs-client` with these words, and checks its exit status."""
+    monkeypatch.setenv("FVS_URL", url)
+    monkeypatch.delenv("FVS_API_KEY", raising=False)
+    monkeypatch.setenv("COLUMNS", "160")
+
+    def run(*words: str | Path, expect: int = 0) -> Result:
+        result = CliRunner().invoke(program, [str(word) for word in words])
+        assert result.exit_code == expect, result.output
+        return result
+
+    return run
 
 
 @pytest.fixture

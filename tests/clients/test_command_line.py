@@ -10,29 +10,14 @@ from typing import Any
 
 import pytest
 from fvs_client import Client
-from fvs_client.cli.app import app
 from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
 from fvs_client.models.rankings import ScoredCandidate
 from fvs_service.scenes.model import Alignment, AlignmentStatus
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 Run = Callable[..., Result]
-
-
-@pytest.fixture
-def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Run:
-    monkeypatch.setenv("FVS_URL", url)
-    monkeypatch.delenv("FVS_API_KEY", raising=False)
-    monkeypatch.setenv("COLUMNS", "160")
-
-    def run(*words: str | Path, expect: int = 0) -> Result:
-        result = CliRunner().invoke(app, [str(word) for word in words])
-        assert result.exit_code == expect, result.output
-        return result
-
-    return run
 
 
 @pytest.fixture
@@ -89,6 +74,14 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     assert "not both" in run("plan", scene_id, *given, "--generator", "grid", expect=2).stderr
 
 
+def test_tables_have_the_unit_of_lengths_where_there_is_one(run: Run, gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    planned = run("plan", scene, "--count", "8", "--views", "1").stdout.splitlines()[0]
+    assert planned.split()[:7] == ["vehicle", "stop", "id", "distance", "(m)", "travel", "(m)"]
+    assert "distance (m)" in run("rank", scene, "--generator", "orbit", "--count", 4).stdout
+
+
 def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
     gateway.model(scene_id)
     volume, zone, wrong = (tmp_path / name for name in ("volume.json", "zone.json", "wrong.json"))
@@ -111,41 +104,6 @@ def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, 
     assert "inner" in run("plan", scene_id, "--volume", wrong, expect=2).stderr
     assert "not both" in run(*given, "--generator", "grid", expect=2).stderr
     assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
-
-
-def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Path) -> None:
-    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
-    scene = gateway.scene(world={"kind": "enu", "origin": origin})
-    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
-    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
-    fence, home = tmp_path / "fence.json", ("--home", "46.02,7.75,495")
-    fence.write_text("[[46.01, 7.74], [46.03, 7.74], [46.03, 7.76], [46.01, 7.76]]")
-    flown = ("--transit", 40, "--heights", 0, 120, "--geofence", fence, "--speed", 3, "--gimbal", -90, 0)
-    written = run("mission", ranking, *home, *flown, "--out", tmp_path)
-    assert written.stdout.strip() == str(tmp_path / f"{ranking}.plan")
-    plan = json.loads((tmp_path / f"{ranking}.plan").read_text())
-    assert plan["mission"]["hoverSpeed"] == 3.0
-    assert plan["mission"]["plannedHomePosition"] == [46.02, 7.75, 495.0]
-    assert len(plan["geoFence"]["polygons"][0]["polygon"]) == 4
-    out = tmp_path / "next.kmz"
-    options = ("--format", "dji-kmz", "--drone", "m30", "--in-the-air", "--finish", "hold", "--first", 1)
-    document = json.loads(run("mission", ranking, *home, *options, "--out", out, "--json").stdout)
-    assert document == {"file": str(out), "media_type": "application/vnd.google-earth.kmz", "left_out": []}
-    tour = tmp_path / "plan.json"
-    tour.write_text(run("plan", scene, "--count", 8, "--views", 3, "--json").stdout)
-    waypoints = tmp_path / "plan.waypoints"
-    run("mission", tour, "--format", "qgc-wpl", "--autopilot", "px4", "--out", waypoints)
-    assert waypoints.read_text().startswith("QGC WPL 110")
-    planned = json.loads(tour.read_text())
-    planned["tours"][0]["stops"][1]["pose"]["altitude_m"] = 900.0
-    tour.write_text(json.dumps(planned))
-    left = run("mission", tour, *home, "--format", "csv", "--out", out, "--heights", 0, 99, "--leave-out")
-    assert f"{planned['tours'][0]['stops'][1]['id']} cannot be flown and was left out" in left.stderr
-    assert "is no ranking's id" in run("mission", "nothing", expect=2).stderr
-    assert "is not LAT,LON" in run("mission", ranking, "--home", "north", expect=2).stderr
-    assert "is no polygon" in run("mission", ranking, "--geofence", tour, expect=2).stderr
-    assert "from 0" in run("mission", tour, "--vehicle", 1, expect=2).stderr
-    assert "cannot be flown" in run("mission", ranking, *home, "--heights", 50, 60, expect=3).stderr
 
 
 def test_vehicles_get_different_views(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:

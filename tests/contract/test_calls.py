@@ -211,7 +211,7 @@ def test_an_unknown_field_far_back_in_a_list_is_refused(tenant: Any, rpc: Any) -
     items = b"\x0a\x00" * 1_500 + b"\x0a\x03\xf8\x07\x01"
     for content, message in (
         (items[-5:] + items[:-5], "ranking.candidates.items: there is no field 127."),
-        (items, "there is an unknown field."),
+        (items, "There is an unknown field."),
     ):
         candidates = views.RankViewsRequest(scene_id=tenant.scene())
         candidates.ranking.candidates.MergeFromString(content)

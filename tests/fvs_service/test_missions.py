@@ -107,6 +107,18 @@ def test_views_that_cannot_be_flown_are_named_or_left_out(gateway: Any, scene: s
     left = gateway.client.post(address, json=views, params={**options, "leave_out": "true"})
     assert [row["id"] for row in _rows(left)] == ["near"]
     assert left.headers["left-out"] == "high"
+    reasons = json.loads(left.headers["left-out-reasons"])
+    assert reasons == ["it is 405.0 m above home; the highest allowed is 120 m"]
+    many = [{"id": f"high-{n}", "pose": {**at, "altitude_m": 900.0 + n}} for n in range(40)]
+    views["views"] += [*many, {"id": "up", "pose": {**at, "pitch_deg": 60.0}}]
+    left = gateway.client.post(address, json=views, params={**options, "leave_out": "true"})
+    assert left.headers["left-out"].count(",") == 41
+    assert len(json.loads(left.headers["left-out-reasons"])) == 16
+    views["views"] = views["views"][:1] + views["views"][-1:]
+    left = gateway.client.post(address, json=views, params={**options, "leave_out": "true"})
+    assert json.loads(left.headers["left-out-reasons"]) == [
+        "it needs a gimbal pitch of 60.0°; -90° to 30° are allowed"
+    ]
 
 
 def test_views_under_the_model_are_under_ground(gateway: Any, scene: str) -> None:
@@ -146,6 +158,7 @@ def test_a_scene_without_georeference_refuses_with_the_remedy(gateway: Any) -> N
         assert problem["status"] == 422
         assert "not georeferenced" in problem["detail"]
         assert "GPS" in problem["hint"]
+        assert "enu world" in problem["hint"]
     frames = _mission(gateway, ranking, format="nerfstudio").json()["frames"]
     assert len(frames) == sum(item["status"] == "ranked" for item in ranking["candidates"])
 

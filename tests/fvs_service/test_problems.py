@@ -69,12 +69,12 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
     ("path", "body", "field", "detail"),
     [
         ("/v1/scenes", {"name": "a", "nmae": "b"}, "nmae", "nmae: there is no such field."),
-        ("/v1/scenes", {}, "name", "name: it is missing."),
+        ("/v1/scenes", {}, "name", "`name` is missing."),
         (
             "/v1/scenes",
             {"name": "a", "world": {"kind": "enu"}},
             "world.origin",
-            "world.origin: it is missing.",
+            "`world.origin` is missing.",
         ),
         (
             "/v1/scenes/{scene}/rankings",
@@ -88,7 +88,44 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
             "/v1/scenes/{scene}/rankings",
             {"generator": {"kind": "orbit", "count": 0}},
             "generator.count",
-            "generator.count: Input should be greater than or equal to 1.",
+            "`generator.count` must be at least 1.",
+        ),
+        (
+            "/v1/scenes/{scene}/rankings",
+            {"generator": {"kind": "spiral"}},
+            "generator",
+            "`generator`'s kind must be one of 'orbit', 'grid', 'dataset', 'around-current'.",
+        ),
+        (
+            "/v1/scenes/{scene}/rankings",
+            {"generator": {"kind": "orbit", "count": "many"}, "radius_m": "x"},
+            "generator.count",
+            "`generator.count` must be a whole number.",
+        ),
+        (
+            "/v1/scenes/{scene}/rankings",
+            {"radius_m": 2},
+            "",
+            "radius_m needs a current_pose to be measured from.",
+        ),
+        (
+            "/v1/scenes/{scene}/rankings",
+            {"for_vehicle": "a vehicle"},
+            "for_vehicle",
+            "`for_vehicle` must be 1 to 64 letters, digits and . _ ~ : @ + -, of which the first is a letter "
+            "or a digit.",
+        ),
+        (
+            "/v1/scenes/{scene}/visits",
+            {"vehicle": "a", "state": "going-to", "views": []},
+            "views",
+            "`views` must not be empty.",
+        ),
+        (
+            "/v1/scenes/{scene}/visits",
+            {"vehicle": "a", "state": "lost", "views": []},
+            "state",
+            "`state` must be 'going-to', 'taken' or 'failed'.",
         ),
     ],
 )
@@ -107,7 +144,7 @@ def test_a_pose_that_is_no_object_is_named(gateway: Any) -> None:
     problem = gateway.client.post(f"/v1/scenes/{gateway.scene()}/rankings", json=body).json()
     assert problem["code"] == "invalid-request"
     assert problem["errors"][0]["field"] == "candidates.0.pose"
-    assert problem["detail"].startswith("candidates.0.pose: Input should be a valid dictionary")
+    assert problem["detail"] == "`candidates.0.pose` must be an object."
     assert "openapi.json" in problem["hint"]
 
 

@@ -337,7 +337,7 @@ def test_a_post_may_stand_for_another_method(device: Device) -> None:
         ({"scene": ""}, 400, "scene"),
         ({"scene": "scn_none"}, 404, "scene"),
         ({"latitude_deg": "91", "longitude_deg": "0", "altitude_m": "0"}, 422, "latitude_deg"),
-        ({"latitude_deg": "1"}, 422, "belong together"),
+        ({"latitude_deg": "1"}, 422, "latitude_deg, longitude_deg and altitude_m belong together"),
         ({"x_m": "0", "y_m": "0", "z_m": "0"}, 422, "local"),
         ({"name": "a/b"}, 422, "name"),
         ({"lattitude_deg": "1"}, 422, "lattitude_deg"),

@@ -14,6 +14,7 @@ from fvs_client.models.events import Event
 from fvs_client.models.missions import MissionFile
 
 M = TypeVar("M", bound=pydantic.BaseModel)
+_REASONS = pydantic.TypeAdapter(tuple[str, ...])
 
 
 def parse(kind: type[M], content: bytes, session: object = None) -> M:
@@ -86,9 +87,14 @@ def mission_file(response: httpx2.Response) -> MissionFile:
     if found is None:
         raise UnexpectedAnswerError("The answer is no file.", hint="Check the URL.")
     left_out = response.headers.get("left-out", "")
+    try:
+        reasons = _REASONS.validate_json(response.headers.get("left-out-reasons", "[]"))
+    except pydantic.ValidationError:  # of another version of the service
+        reasons = ()
     return MissionFile(
         name=found[1],
         media_type=response.headers.get("content-type", ""),
         content=response.content,
         left_out=tuple(left_out.split(",")) if left_out else (),
+        reasons=reasons,
     )

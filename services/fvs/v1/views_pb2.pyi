@@ -755,13 +755,15 @@ class MissionRequest(_message.Message):
     def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
 
 class MissionFile(_message.Message):
-    __slots__ = ("name", "media_type", "content", "left_out")
+    __slots__ = ("name", "media_type", "content", "left_out", "reasons")
     NAME_FIELD_NUMBER: _ClassVar[int]
     MEDIA_TYPE_FIELD_NUMBER: _ClassVar[int]
     CONTENT_FIELD_NUMBER: _ClassVar[int]
     LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    REASONS_FIELD_NUMBER: _ClassVar[int]
     name: str
     media_type: str
     content: bytes
     left_out: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ...) -> None: ...
+    reasons: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ..., reasons: _Optional[_Iterable[str]] = ...) -> None: ...

@@ -154,7 +154,9 @@ def list_keys(root: RootOption = None) -> None:
 
 
 @keys.command("revoke")
-def revoke_key(key_id: Annotated[str, typer.Argument(metavar="ID")], root: RootOption = None) -> None:
+def revoke_key(
+    key_id: Annotated[str, typer.Argument(metavar="ID", help="A key's id.")], root: RootOption = None
+) -> None:
     """Revoke a key at once."""
     from fvs_service.application import open_existing_storage
 

@@ -7,13 +7,11 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 
 from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_service.gateway.plain_messages import plain_message, sentence
 
 _MAX_FIELDS = 16
 _MAX_CHARACTERS = 300
 """Maximum length of a field's name and of a message: both may repeat what was sent."""
-_VALIDATOR = "Value error, "
-"""Pydantic's prefix of the messages of our validators."""
-_MESSAGES = {"extra_forbidden": "there is no such field", "missing": "it is missing"}
 _HINT = "GET /openapi.json describes the request."
 
 
@@ -38,17 +36,11 @@ def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> Inv
 def _error(fields: Iterable[FieldError], hint: str = _HINT) -> InvalidRequestError:
     found = tuple(dict.fromkeys(fields))  # dependencies may share a parameter
     first = found[0]
-    sentence = f"{first.field}: {first.message}." if first.field else _sentence(first.message)
-    return InvalidRequestError(sentence, errors=found, hint=hint)
+    return InvalidRequestError(sentence(first.field, first.message), errors=found, hint=hint)
 
 
 def _field(kind: str, message: str, path: Iterable[str | int]) -> FieldError:
-    said = _MESSAGES.get(kind) or message.removeprefix(_VALIDATOR)
-    return FieldError(_short(".".join(map(str, path))), _short(said))
-
-
-def _sentence(message: str) -> str:
-    return f"{message[:1].upper()}{message[1:]}."
+    return FieldError(_short(".".join(map(str, path))), _short(plain_message(kind, message)))
 
 
 def _short(text: str) -> str:

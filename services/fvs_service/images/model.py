@@ -9,7 +9,8 @@ from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNum
 from fvs_service.quantities import Altitude, AsText, Coordinate, Latitude, Longitude, Tilt, Yaw
 from fvs_service.scenes.model import AltitudeDatum
 
-ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[^/\\\x00-\x1f\x7f]+$")]
+IMAGE_NAME = r"^[^/\\\x00-\x1f\x7f]+$"
+ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=IMAGE_NAME)]
 """The sender's name of the image; it is never a path."""
 
 

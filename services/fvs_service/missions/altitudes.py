@@ -55,8 +55,9 @@ class Altitudes:
         order = (AltitudeDatum.TAKEOFF, self.datum, AltitudeDatum.SEA_LEVEL, AltitudeDatum.ELLIPSOID)
         if wanted is not None:
             if wanted not in possible:
+                have = ", ".join(f"altitude_datum={one.value}" for one in AltitudeDatum if one in possible)
                 raise InvalidRequestError(
-                    f"{what} has no altitudes above {_NAMES[wanted]}.", hint="Choose another altitude_datum."
+                    f"{what} has no altitudes above {_NAMES[wanted]}.", hint=f"It can have {have}."
                 )
             order = (wanted, wanted, wanted, wanted)
         for datum in order:
@@ -70,7 +71,7 @@ class Altitudes:
     def _remedy(self, wanted: AltitudeDatum | None) -> str:
         if self.datum is AltitudeDatum.TAKEOFF:
             return "Ask for altitude_datum=takeoff: nothing relates this scene to another datum."
-        home = "home_altitude_m, the altitude of the place of takeoff above the scene's datum"
+        home = f"home_altitude_m, the altitude of the place of takeoff above {_NAMES[self.datum]}"
         geoid = "geoid_height_m, the height of the geoid above the ellipsoid at the site"
         if wanted is AltitudeDatum.TAKEOFF:
             return f"Give {home}."

@@ -14,8 +14,8 @@ _SAME_M = 0.5
 """A way up or down that is shorter is none."""
 _CLEAR_OF_GROUND_M = 2.0
 """A takeoff goes at least so high."""
-_MOST_NAMED = 16
-"""Views that an error names."""
+MOST_NAMED = 16
+"""Views whose reasons an error, or the answer, names."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Composer:
         """
         flown, via_home, violations = self._flyable(legs, via_home)
         if violations and not (flown and self._options.leave_out):
-            raise _refusal(violations)
+            raise _refusal(violations, leave_out=self._options.leave_out)
         offset_m = self._altitudes.offset(datum)
         assert offset_m is not None, "the datum was chosen among those that are known"
         waypoints = tuple(self._waypoints(flown, via_home))
@@ -134,11 +134,19 @@ class Composer:
         return Home(*place, sea_level_m=home_m + above_sea_m)
 
 
-def _refusal(violations: Sequence[Violation]) -> InvalidRequestError:
-    first = violations[0]
-    more = f", nor {len(violations) - 1} more" if len(violations) > 1 else ""
+def _refusal(violations: Sequence[Violation], *, leave_out: bool) -> InvalidRequestError:
+    """The error that names the views which cannot be flown; with ``leave_out`` no other view is left."""
+    first, count = violations[0], len(violations)
+    if count == 1:
+        message = f"The view {first.view} cannot be flown: {first.reason}."
+    else:
+        message = f"{count} views cannot be flown. The first is {first.view}: {first.reason}."
+    hint = "Change the options, choose other candidates, or leave these views out with leave_out=true."
+    if leave_out:
+        message = f"No view is left. {message}"
+        hint = "Change the options, or choose other candidates."
     return InvalidRequestError(
-        f"The view {first.view} cannot be flown{more}: {first.reason}.",
-        hint="Change the options, choose other candidates, or leave these views out with leave_out=true.",
-        errors=[FieldError(violation.view, violation.reason) for violation in violations[:_MOST_NAMED]],
+        message,
+        hint=hint,
+        errors=[FieldError(violation.view, violation.reason) for violation in violations[:MOST_NAMED]],
     )

@@ -88,7 +88,7 @@ class MissionOptions(Model):
 
     format: MissionFormat = Field(description="What the mission is written for.")
     first: Annotated[int | None, WHOLE] = Field(
-        default=None, ge=1, le=100_000, description="Only so many views, the first ones; by default all."
+        default=None, ge=1, le=100_000, description="Fly only the first views, this many; by default all."
     )
     home_latitude_deg: AsText[Latitude] | None = Field(
         default=None, description="Where the vehicle takes off."
@@ -126,8 +126,8 @@ class MissionOptions(Model):
     )
     leave_out: bool = Field(
         default=False,
-        description="Leave out the views that cannot be flown, and name them in the header `Left-Out`; else "
-        "they are an error.",
+        description="Leave out the views that cannot be flown: `Left-Out` names them, and "
+        "`Left-Out-Reasons` says why. Otherwise they are an error.",
     )
     speed_m_s: AsText[_Speed] = Field(default=5.0, description="The speed between views.")
     acceptance_radius_m: AsText[_Radius] = Field(
@@ -245,9 +245,10 @@ class MissionRequest(Model):
 
 @dataclass(frozen=True)
 class MissionFile:
-    """A mission as bytes, and the ids of views that are not in it."""
+    """A mission as bytes, the ids of the views that are not in it, and why the first of those are not."""
 
     name: str
     media_type: str
     content: bytes
     left_out: tuple[str, ...]
+    reasons: tuple[str, ...]

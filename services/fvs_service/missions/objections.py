@@ -28,7 +28,7 @@ class Objections:
             for name in ("transit_height_m", "lowest_height_m", "highest_height_m"):
                 if getattr(options, name) is not None:
                     raise InvalidRequestError(
-                        f"{name} is above home, whose altitude is not known.",
+                        f"{name} is measured from home, whose altitude is not known.",
                         hint="Give home_altitude_m, above the datum of the scene's altitudes.",
                         errors=[FieldError(name, "home_altitude_m is missing")],
                     )
@@ -43,7 +43,9 @@ class Objections:
         """Why a view cannot be photographed, whatever the way to it."""
         low_deg, high_deg = self._options.gimbal_lowest_deg, self._options.gimbal_highest_deg
         if not low_deg - _ROUNDING_DEG <= view.pitch_deg <= high_deg + _ROUNDING_DEG:
-            return f"a gimbal pitch of {view.pitch_deg:.1f}° is beyond {low_deg:g}° to {high_deg:g}°"
+            return (
+                f"it needs a gimbal pitch of {view.pitch_deg:.1f}°; {low_deg:g}° to {high_deg:g}° are allowed"
+            )
         if self._options.format.of_gimbals and (reason := gimbal.objection(view)) is not None:
             return reason
         reason = self._to_height("it is", view.altitude_m)
@@ -61,7 +63,7 @@ class Objections:
                 return reason
         transit_m, highest_m = self._options.transit_height_m, self._options.highest_height_m
         if highest_m is not None and transit_m is not None and transit_m > highest_m:
-            return f"the transit to it is {transit_m:g} m above home, and the highest is {highest_m:g} m"
+            return f"the transit to it is {transit_m:g} m above home; the highest allowed is {highest_m:g} m"
         return None
 
     def to_way_home(self, view: Waypoint, via: Sequence[Waypoint]) -> str | None:
@@ -86,11 +88,11 @@ class Objections:
             return f"{what} under ground: {below_m:.1f} m below the lowest point of the model"
         lowest_m, highest_m = self._options.lowest_height_m or 0.0, self._options.highest_height_m
         if height_m < min(lowest_m, 0.0):
-            return f"{what} under ground: {-height_m:.1f} m below home, and the lowest is {lowest_m:g} m"
+            return f"{what} {-height_m:.1f} m below home; the lowest allowed is {lowest_m:g} m"
         if height_m < lowest_m:
-            return f"{what} {height_m:.1f} m above home, and the lowest is {lowest_m:g} m"
+            return f"{what} {height_m:.1f} m above home; the lowest allowed is {lowest_m:g} m"
         if highest_m is not None and height_m > highest_m:
-            return f"{what} {height_m:.1f} m above home, and the highest is {highest_m:g} m"
+            return f"{what} {height_m:.1f} m above home; the highest allowed is {highest_m:g} m"
         return None
 
     def _leaves(self, places: Sequence[Corner]) -> bool:

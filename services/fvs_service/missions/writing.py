@@ -2,23 +2,21 @@
 
 from collections.abc import Sequence
 
-from fvs_service.errors import InvalidRequestError
+from fvs_service.errors import FieldError, InvalidRequestError
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.camera_poses import CameraPoses
-from fvs_service.missions.composition import Composer, Leg, Violation
+from fvs_service.missions.composition import MOST_NAMED, Composer, Leg, Violation
 from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
 from fvs_service.missions.gimbal import levelled
 from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
-from fvs_service.scenes.model import AltitudeDatum
+from fvs_service.scenes.model import AltitudeDatum, Origin
 from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, require_on_earth
 from fvs_service.snapshots.model import PinholeIntrinsics
 
-_OF_EARTH = frozenset(
-    {
-        *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
-        *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m"),
-    }
+_OF_EARTH = (
+    *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
+    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m"),
 )
 """Options that mean nothing without georeference."""
 
@@ -60,6 +58,7 @@ def write_mission(
         media_type=writer.media_type,
         content=content,
         left_out=tuple(violation.view for violation in violations),
+        reasons=tuple(violation.reason for violation in violations[:MOST_NAMED]),
     )
 
 
@@ -73,7 +72,7 @@ def _composed(
     writer: MissionWriter | None = None,
 ) -> tuple[Mission, tuple[Violation, ...]]:
     """The mission, and what was left out of it; without a ``writer`` in any datum."""
-    origin = frame.require_origin()
+    origin = _origin_of(frame)
     altitudes = Altitudes.of(origin.altitude_datum, options.home_altitude_m, options.geoid_height_m)
     possible = frozenset(AltitudeDatum) if writer is None else writer.datums
     datum = altitudes.choose(options.altitude_datum, possible, "the file" if writer is None else writer.name)
@@ -86,15 +85,31 @@ def _composed(
     return composer.mission(name, legs, _passed(frame, via_home), datum)
 
 
+def _origin_of(frame: WorldFrame) -> Origin:
+    """The origin of the world; raises ``InvalidRequestError`` when the scene is not georeferenced."""
+    if frame.georeferenced:
+        return frame.require_origin()
+    raise InvalidRequestError(
+        "The scene is not georeferenced: where on Earth its views are is not known, so they cannot be flown.",
+        hint="Send images with GPS to a scene with an automatic or an enu world: a local world is nowhere on "
+        "Earth. The format nerfstudio needs no georeference.",
+    )
+
+
 def _require_no_earth(frame: WorldFrame, options: MissionOptions, writer: PoseWriter) -> None:
     """Raise ``InvalidRequestError`` for what a scene without georeference cannot have."""
-    if any(getattr(options, name) is not None for name in _OF_EARTH):
-        frame.require_origin()
     if writer.metric and not frame.aligned:
         raise InvalidRequestError(
             f"The scene has no metres, which {writer.name} needs: its world is the model frame.",
             hint="Send images with GPS, or with positions in a local world.",
         )
+    for name in _OF_EARTH:
+        if getattr(options, name) is not None:
+            raise InvalidRequestError(
+                f"The scene is not georeferenced, so {name} has no meaning in it.",
+                hint=f"Leave it out: {writer.name} has only the poses, as they are in the world frame.",
+                errors=[FieldError(name, "the scene is not georeferenced")],
+            )
 
 
 def _passed(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> tuple[Waypoint, ...]:

@@ -16,7 +16,8 @@ from fvs_service.scenes.poses import FramePose, Pose, PoseFrame
 
 CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
 CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
-VehicleName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,63}$")]
+VEHICLE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,63}$"
+VehicleName = Annotated[str, Field(pattern=VEHICLE_NAME)]
 _PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 
 _FEW_CANDIDATES = 100

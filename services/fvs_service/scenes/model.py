@@ -9,7 +9,8 @@ from fvs_engine.images.focal import PLAUSIBLE_SHARE
 from fvs_service.model import WHOLE, Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple
 from fvs_service.quantities import Altitude, Days, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
 
-SceneName = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+SCENE_NAME = r"^[^\x00-\x1f\x7f]+$"
+SceneName = Annotated[str, Field(min_length=1, max_length=200, pattern=SCENE_NAME)]
 """A name for people; several scenes may have the same."""
 
 

@@ -190,7 +190,8 @@ class WorldFrame:
         if self._origin is None or not self.aligned:
             raise InvalidRequestError(
                 "The scene is not georeferenced, so geodetic poses have no meaning in it.",
-                hint='Send images with GPS, or give poses as {"frame", "position", "orientation_wxyz"}.',
+                hint="Send images with GPS to a scene with an automatic or an enu world, or give poses as "
+                '{"frame", "position", "orientation_wxyz"}.',
             )
         return self._origin
 

@@ -7,6 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fvs_engine.cli.app import app
+from fvs_engine.cli.exit_codes import exit_code_of
+from fvs_engine.errors import StorageError
 
 
 def test_it_leaves_photographs_and_the_truth(tmp_path: Path) -> None:
@@ -34,3 +36,18 @@ def test_a_wrong_size_is_a_usage_error(tmp_path: Path, size: str) -> None:
     result = CliRunner().invoke(app, ["simulate", str(tmp_path), f"--size={size}"])
     assert result.exit_code == 2
     assert "640x480" in result.output
+
+
+@pytest.mark.parametrize("below", ["", "photographs"])
+def test_a_vehicle_whose_folder_cannot_be_made_does_not_start(tmp_path: Path, below: str) -> None:
+    (tmp_path / "taken").write_text("a file")
+    result = CliRunner().invoke(app, ["simulate-vehicle", str(tmp_path / "taken" / below)])
+    assert result.exit_code == exit_code_of(StorageError(""))
+    assert "a file is in the way" in result.output
+
+
+def test_a_vehicle_whose_truth_cannot_be_written_does_not_start(tmp_path: Path) -> None:
+    truth = tmp_path / "missing" / "truth.jsonl"
+    result = CliRunner().invoke(app, ["simulate-vehicle", str(tmp_path / "out"), "--truth", str(truth)])
+    assert result.exit_code == exit_code_of(StorageError(""))
+    assert f"{truth} cannot be written: No such file or directory." in result.output

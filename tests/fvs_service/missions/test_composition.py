@@ -11,7 +11,7 @@ from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
 from fvs_service.scenes.model import Alignment, AlignmentStatus, AltitudeDatum
-from fvs_service.scenes.poses import VehiclePose, WorldFrame
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
 
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
 AROUND = "46.01,7.74;46.03,7.74;46.03,7.76;46.01,7.76"
@@ -89,26 +89,31 @@ def test_every_view_that_cannot_be_flown_is_named_with_the_reason(write: Write) 
     with pytest.raises(InvalidRequestError) as refused:
         write(views, **limits)
     assert _reasons(refused) == {
-        "high": "it is 130.0 m above home, and the highest is 120 m",
-        "low": "it is 4.0 m above home, and the lowest is 5 m",
+        "high": "it is 130.0 m above home; the highest allowed is 120 m",
+        "low": "it is 4.0 m above home; the lowest allowed is 5 m",
         "far": "it is outside of the geofence",
-        "up": "a gimbal pitch of 45.0° is beyond -90° to 30°",
+        "up": "it needs a gimbal pitch of 45.0°; -90° to 30° are allowed",
     }
-    assert "The view high cannot be flown, nor 3 more" in refused.value.message
+    assert refused.value.message == (
+        "4 views cannot be flown. The first is high: it is 130.0 m above home; the highest allowed is 120 m."
+    )
     assert "leave_out=true" in refused.value.hint
     file = write(views, **limits, leave_out=True)
     assert [name for name, _ in _rows(file)] == ["good", "last"]
     assert file.left_out == ("high", "low", "far", "up")
+    assert file.reasons == tuple(_reasons(refused).values())
 
 
 def test_a_gimbal_has_its_own_limits(write: Write) -> None:
     write([_view("a", 1, 20, -90.0)], gimbal_lowest_deg=-90.0)
-    with pytest.raises(InvalidRequestError, match="is beyond -45° to 0°"):
+    with pytest.raises(InvalidRequestError, match=r"-50\.0°; -45° to 0° are allowed"):
         write([_view("a", 1, 20, -50.0)], gimbal_lowest_deg=-45.0, gimbal_highest_deg=0.0)
 
 
 def test_views_under_ground_are_refused(write: Write) -> None:
-    with pytest.raises(InvalidRequestError, match=r"under ground: 3\.0 m below home, and the lowest is 0 m"):
+    with pytest.raises(
+        InvalidRequestError, match=r"a cannot be flown: it is 3\.0 m below home; the lowest allowed is 0 m\."
+    ):
         write([_view("a", 1, -3)], **HOME)
     write([_view("a", 1, -3)], **HOME, lowest_height_m=-10.0)  # on a cliff
     # Without home the lowest point of the model is the ground.
@@ -153,8 +158,8 @@ def test_ways_stay_under_the_highest_height(write: Write) -> None:
 
 def test_ways_stay_above_the_ground_and_the_lowest_height(write: Write) -> None:
     for height, reason in (
-        (-5, r"under ground: 5\.0 m below home"),
-        (2, r"2\.0 m above home, and the lowest"),
+        (-5, r"5\.0 m below home; the lowest"),
+        (2, r"2\.0 m above home; the lowest"),
     ):
         passed = (_pose(1.5, height),)
         with pytest.raises(InvalidRequestError, match=f"the way to it is {reason}"):
@@ -184,8 +189,9 @@ def test_positions_to_pass_go_with_the_view_that_is_left_out(write: Write) -> No
 def test_a_mission_without_views_is_refused(write: Write) -> None:
     with pytest.raises(InvalidRequestError, match="There is no view to fly to"):
         write([])
-    with pytest.raises(InvalidRequestError, match="The view a cannot be flown"):
+    with pytest.raises(InvalidRequestError, match=r"No view is left\. The view a cannot be flown") as refused:
         write([_view("a", 1, 999)], **HOME, highest_height_m=50.0, leave_out=True)
+    assert "leave" not in refused.value.hint
 
 
 @pytest.mark.parametrize(
@@ -195,7 +201,11 @@ def test_a_mission_without_views_is_refused(write: Write) -> None:
         ("ellipsoid", {"altitude_datum": "sea-level"}, "geoid_height_m"),
         ("sea-level", {"altitude_datum": "takeoff"}, "home_altitude_m"),
         ("takeoff", {"altitude_datum": "sea-level", "geoid_height_m": 50.0}, "altitude_datum=takeoff"),
-        ("sea-level", {"altitude_datum": "ellipsoid"}, "another altitude_datum"),
+        (
+            "sea-level",
+            {"altitude_datum": "ellipsoid"},
+            "It can have altitude_datum=sea-level, altitude_datum=takeoff",
+        ),
     ],
 )
 def test_altitudes_that_cannot_be_converted_are_refused(
@@ -231,6 +241,30 @@ def test_a_scene_without_georeference_is_refused_with_the_remedy() -> None:
     with pytest.raises(InvalidRequestError, match="not georeferenced") as refused:
         write_mission("m", frame, [_view("a", 1, 20)], (), options, None)
     assert "Send images with GPS" in refused.value.hint
+    assert "enu world" in refused.value.hint
+    assert "orientation_wxyz" not in refused.value.hint
+
+
+def test_formats_of_poses_refuse_what_needs_the_earth_by_name() -> None:
+    world, model = (
+        WorldFrame(None, Alignment(status=status))
+        for status in (AlignmentStatus.ALIGNED, AlignmentStatus.MODEL)
+    )
+    pose = FramePose(position=(0, 0, 1), orientation_wxyz=(1, 0, 0, 0))
+    views = [MissionView(id="a", pose=pose)]
+
+    def refused(frame: WorldFrame, name: str, **options: Any) -> InvalidRequestError:
+        wanted = MissionOptions.model_validate({"format": name, **options})
+        with pytest.raises(InvalidRequestError) as raised:
+            write_mission("m", frame, views, (), wanted, None)
+        return raised.value
+
+    assert "no metres, which ROS needs" in refused(model, "ros-posearray", **HOME).message
+    for frame, name in ((model, "nerfstudio"), (world, "nerfstudio"), (world, "ros-posearray")):
+        error = refused(frame, name, **HOME)
+        assert error.message == "The scene is not georeferenced, so home_latitude_deg has no meaning in it."
+        assert error.hint.startswith("Leave it out: ")
+        assert refused(frame, name, geofence=AROUND).errors[0].field == "geofence"
 
 
 def test_geojson_has_points_a_route_and_the_fence(write: Write) -> None:

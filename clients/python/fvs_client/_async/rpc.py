@@ -274,6 +274,7 @@ def _file(answer: Any) -> httpx2.Response:
     }
     if answer.left_out:
         headers["Left-Out"] = ",".join(answer.left_out)
+        headers["Left-Out-Reasons"] = json.dumps(list(answer.reasons))
     return httpx2.Response(200, headers=headers, content=answer.content)
 
 

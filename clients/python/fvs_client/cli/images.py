@@ -19,7 +19,7 @@ from fvs_client.models.images import Image, Registration
 from fvs_client.uploads import UploadedFile, UploadProgress, UploadReport
 
 ImageArguments = Annotated[
-    list[str], typer.Argument(metavar="IMAGE...", help="Names, numbers or digests of images.")
+    list[str], typer.Argument(metavar="IMAGE", help="Names, numbers or digests of images.")
 ]
 
 
@@ -62,7 +62,7 @@ def upload(
     context: typer.Context,
     scene: SceneArgument,
     paths: Annotated[
-        list[Path], typer.Argument(metavar="PATH...", exists=True, help="Image files, and folders of them.")
+        list[Path], typer.Argument(metavar="PATH", exists=True, help="Image files, and folders of them.")
     ],
     parallel: Annotated[int, typer.Option(min=1, max=64, help="Number of files sent at a time.")] = 8,
     as_json: JsonOption = False,
@@ -101,12 +101,12 @@ def originals(
     scene: SceneArgument,
     images: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[IMAGE]...", help="Names, numbers or digests.", show_default="all"),
+        typer.Argument(metavar="IMAGE", help="Names, numbers or digests.", show_default="all"),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = Path(),
     as_json: JsonOption = False,
 ) -> None:
-    """Download accepted images again, all by default, as they were sent. Interrupted downloads resume."""
+    """Download accepted images as they were sent, by default all. Interrupted downloads resume."""
     with service(context, as_json=as_json, patient=True) as client:
         found = find_scene(client, scene).images
         out.mkdir(parents=True, exist_ok=True)
@@ -127,7 +127,7 @@ def originals(
 
 
 def exclude(context: typer.Context, scene: SceneArgument, images: ImageArguments) -> None:
-    """Leave images out of the next update's model; their bytes stay."""
+    """Leave images out of models, from the next update on; the service keeps them."""
     with service(context, as_json=False) as client:
         found = find_scene(client, scene).images
         for image in _named(list(found.list()), images):
@@ -145,7 +145,7 @@ def include(context: typer.Context, scene: SceneArgument, images: ImageArguments
 def delete(
     context: typer.Context, scene: SceneArgument, images: ImageArguments, yes: YesOption = False
 ) -> None:
-    """Permanently delete images and their bytes; the next update makes a model without them."""
+    """Permanently delete images; the next update makes a model without them."""
     with service(context, as_json=False) as client:
         found = find_scene(client, scene).images
         chosen = _named(list(found.list()), images)

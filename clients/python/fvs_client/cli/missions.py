@@ -1,13 +1,21 @@
 """``fvs-client mission``."""
 
-import json
+import math
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
 import pydantic
 import typer
 
-from fvs_client import Autopilot, Client, Drone, Finish, MissionFile, MissionFormat, Plan
+from fvs_client import AltitudeDatum, Autopilot, Client, Drone, Finish, MissionFile, MissionFormat, Plan
+from fvs_client.cli.flight_options import (
+    GeofenceOption,
+    HighestOption,
+    LowestOption,
+    TransitHeightOption,
+    flight_limits,
+)
 from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
@@ -23,11 +31,13 @@ def mission(
         typer.Argument(metavar="RANKING|PLAN", help="A ranking's id, or a file of `fvs-client plan --json`."),
     ],
     format: Annotated[  # noqa: A002
-        MissionFormat, typer.Option("--format", "-f", help="What it is written for.")
+        MissionFormat, typer.Option("--format", "-f", help="What the mission is written for.")
     ] = MissionFormat.QGC_PLAN,
-    out: Annotated[Path, typer.Option(metavar="PATH", help="File or folder to write to.")] = Path(),
+    out: Annotated[
+        str, typer.Option(metavar="PATH", help="File to write, or folder; a new folder ends with a slash.")
+    ] = ".",
     vehicle: Annotated[
-        int, typer.Option(min=0, max=19, metavar="N", help="Of a plan: the vehicle, from 0.")
+        int, typer.Option(min=0, max=19, metavar="N", help="The vehicle of a plan, counted from 0.")
     ] = 0,
     first: Annotated[
         int | None, typer.Option(min=1, max=100_000, metavar="N", help="Only the first N views.")
@@ -39,51 +49,37 @@ def mission(
         ),
     ] = None,
     altitudes: Annotated[
-        str | None,
+        AltitudeDatum | None,
         typer.Option(
-            metavar="DATUM",
-            help="What altitudes in the file are above: takeoff, sea-level or ellipsoid.",
+            help="Datum of the altitudes in the file.",
             show_default="takeoff if home's altitude is given, else the scene's",
         ),
     ] = None,
     geoid: Annotated[
         float | None,
-        typer.Option(min=-150, max=150, metavar="M", help="Height of the geoid above the ellipsoid here."),
-    ] = None,
-    transit: Annotated[
-        float | None,
         typer.Option(
-            min=-10_000,
-            max=10_000,
-            metavar="M",
-            help="Fly from view to view M above home.",
-            show_default="straight",
+            min=-150, max=150, metavar="M", help="Height of the geoid above the ellipsoid at the site."
         ),
     ] = None,
-    heights: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            metavar="LOW HIGH",
-            help="Fly between these heights above home.",
-            callback=within((-10_000, 10_000), (-10_000, 10_000)),
-        ),
-    ] = None,
-    geofence: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True, dir_okay=False, metavar="FILE", help="JSON: stay inside [[lat, lon], …], a polygon."
-        ),
-    ] = None,
+    transit_height: TransitHeightOption = None,
+    lowest: LowestOption = None,
+    highest: HighestOption = None,
+    geofence: GeofenceOption = None,
     leave_out: Annotated[
         bool, typer.Option("--leave-out", help="Leave out views that cannot be flown.")
     ] = False,
     speed: Annotated[
-        float | None, typer.Option(min=0.1, max=50, metavar="M/S", help="Speed.", show_default="5")
+        float | None,
+        typer.Option(min=0.1, max=50, metavar="M/S", help="Speed between views.", show_default="5"),
     ] = None,
     acceptance: Annotated[
         float | None,
         typer.Option(
-            min=0.05, max=100, metavar="M", help="How near a waypoint counts as reached.", show_default="1"
+            min=0.05,
+            max=100,
+            metavar="M",
+            help="Distance from a waypoint at which it counts as reached.",
+            show_default="1",
         ),
     ] = None,
     hold: Annotated[
@@ -96,7 +92,7 @@ def mission(
         tuple[float, float] | None,
         typer.Option(
             metavar="LOW HIGH",
-            help="Range of the gimbal's pitch.",
+            help="Range of the gimbal's pitch, in degrees.",
             show_default="-90 30",
             callback=within((-180, 180), (-180, 180)),
         ),
@@ -105,7 +101,7 @@ def mission(
         bool, typer.Option("--takeoff/--in-the-air", help="Begin with a takeoff, if home is given.")
     ] = True,
     finish: Annotated[Finish, typer.Option(help="What to do after the last view.")] = Finish.RETURN,
-    autopilot: Annotated[Autopilot, typer.Option(help="Firmware of MAVLink commands.")] = (
+    autopilot: Annotated[Autopilot, typer.Option(help="Firmware that reads MAVLink commands.")] = (
         Autopilot.ARDUPILOT
     ),
     drone: Annotated[Drone, typer.Option(help="Aircraft of a DJI mission.")] = Drone.M3E,
@@ -115,12 +111,9 @@ def mission(
     settings: dict[str, Any] = {
         "first": first,
         **_home(home),
+        **flight_limits(transit_height, lowest, highest, geofence),
         "altitude_datum": altitudes,
         "geoid_height_m": geoid,
-        "transit_height_m": transit,
-        "lowest_height_m": None if heights is None else heights[0],
-        "highest_height_m": None if heights is None else heights[1],
-        "geofence": None if geofence is None else _corners(geofence),
         "leave_out": leave_out,
         "speed_m_s": speed,
         "acceptance_radius_m": acceptance,
@@ -139,13 +132,21 @@ def mission(
             file = client.rankings.get(what).mission(format, **given)
         else:
             file = _of_plan(client, plan, vehicle, format, given)
-    path = file.save(out)
+        path = file.save(out)
     if as_json:
-        print_json({"file": str(path), "media_type": file.media_type, "left_out": list(file.left_out)})
+        print_json(
+            {
+                "file": str(path),
+                "media_type": file.media_type,
+                "left_out": list(file.left_out),
+                "reasons": list(file.reasons),
+            }
+        )
         return
     typer.echo(path)
-    for view in file.left_out:
-        typer.echo(f"Warning: {view} cannot be flown and was left out.", err=True)
+    for view, reason in zip_longest(file.left_out, file.reasons):
+        why = f": {reason}" if reason else ""
+        typer.echo(f"Warning: {view} is left out{why}.", err=True)
 
 
 def _of_plan(
@@ -156,7 +157,10 @@ def _of_plan(
     settings: dict[str, Any],
 ) -> MissionFile:
     if vehicle >= len(plan.tours):
-        raise typer.BadParameter(f"The plan has {len(plan.tours)} vehicles, from 0.")
+        vehicles = "1 vehicle" if len(plan.tours) == 1 else f"{len(plan.tours)} vehicles"
+        raise typer.BadParameter(
+            f"The plan is for {vehicles}; `--vehicle` counts from 0.", param_hint="--vehicle"
+        )
     scene = client.scenes.get(plan.scene_id)
     return scene.mission(plan.tours[vehicle], wanted, snapshot_id=plan.snapshot_id, **settings)
 
@@ -179,16 +183,6 @@ def _home(text: str | None) -> dict[str, float]:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in (2, 3):
-        raise typer.BadParameter(f"{text!r} is not {_HOMES}.")
+    if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
+        raise typer.BadParameter(f"{text!r} is not {_HOMES}.", param_hint="--home")
     return dict(zip(names, numbers, strict=False))
-
-
-def _corners(path: Path) -> str:
-    try:
-        corners = pydantic.TypeAdapter(list[tuple[float, float]]).validate_python(
-            json.loads(path.read_text(encoding="utf-8"))
-        )
-    except ValueError as error:
-        raise typer.BadParameter(f"{path} is no polygon. Write [[46.01, 7.74], [46.03, 7.74], …].") from error
-    return ";".join(f"{latitude_deg!r},{longitude_deg!r}" for latitude_deg, longitude_deg in corners)

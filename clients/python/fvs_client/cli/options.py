@@ -16,7 +16,9 @@ JsonOption = Annotated[
 ForVehicleOption = Annotated[
     str | None,
     typer.Option(
-        "--for-vehicle", metavar="NAME", help="The vehicle that asks: what it flies to itself is not taken."
+        "--for-vehicle",
+        metavar="NAME",
+        help="Name of the vehicle that asks; the views that it flies to itself stay candidates.",
     ),
 ]
 YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without asking.")]
@@ -38,7 +40,7 @@ IterationsOption = Annotated[
         "--iterations",
         min=1,
         max=100_000,
-        help="Training iterations; of updates, only a scene's first one can set this.",
+        help="Training iterations; only a scene's first update and fine jobs can set this.",
         show_default="the service's",
     ),
 ]
@@ -49,7 +51,7 @@ LongSideOption = Annotated[
         min=64,
         max=8192,
         metavar="PX",
-        help="Reduce training images to this long side; of updates, only a scene's first one can set this.",
+        help="Long side of the training images; only a scene's first update and fine jobs can set this.",
         show_default="the service's",
     ),
 ]

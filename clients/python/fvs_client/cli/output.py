@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from fvs_client.models.scenes import Alignment, AlignmentStatus
 from fvs_client.models.snapshots import SnapshotMetrics
 
 
@@ -27,6 +28,11 @@ def print_table(
     for row in rows:
         table.add_row(*row)
     Console().print(table)
+
+
+def with_unit(what: str, alignment: Alignment) -> str:
+    """The heading of lengths in the world frame, with their unit: there is none without an alignment."""
+    return what if alignment.status is AlignmentStatus.MODEL else f"{what} (m)"
 
 
 def describe_metrics(metrics: SnapshotMetrics) -> str:

@@ -8,7 +8,7 @@ import typer
 
 from fvs_client import Expectation, InVolume, Plan, Tour
 from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument
-from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.output import print_json, print_table, with_unit
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
@@ -33,7 +33,8 @@ def plan(
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and --volume.")
+        int | None,
+        typer.Option(min=1, max=2_000, help="Number of candidates that orbit and --volume generate."),
     ] = None,
     volume: Annotated[
         Path | None,
@@ -48,15 +49,19 @@ def plan(
         str | None,
         typer.Option(
             metavar="WHERE",
-            help="Where they look: the middle of the model, its nearest part, or a point: "
-            "middle, nearest or X,Y,Z.",
+            help="What candidates in a volume look at: the middle of the model, its nearest part, or a "
+            "point: middle, nearest or X,Y,Z.",
             show_default="middle",
         ),
     ] = None,
-    level: Annotated[bool, typer.Option("--level", help="They look there with a level camera.")] = False,
+    level: Annotated[
+        bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
+    ] = False,
     safety: Annotated[
         float | None,
-        typer.Option(min=0, max=2e7, metavar="M", help="Keep so far from matter, also on the way."),
+        typer.Option(
+            min=0, max=2e7, metavar="M", help="Minimum distance from anything in the model, also on the way."
+        ),
     ] = None,
     no_fly: Annotated[
         list[Path] | None,
@@ -64,28 +69,31 @@ def plan(
             exists=True,
             dir_okay=False,
             metavar="FILE",
-            help="JSON: a volume to avoid; once for each.",
+            help="JSON: a volume to stay out of; may be repeated.",
             show_default=False,
         ),
     ] = None,
     targets: Annotated[
         Path | None,
         typer.Option(
-            exists=True, dir_okay=False, metavar="FILE", help="JSON: poses that the model must serve."
+            exists=True, dir_okay=False, metavar="FILE", help="JSON: poses that the model must serve well."
         ),
     ] = None,
-    views: Annotated[int, typer.Option(min=1, max=100, metavar="N", help="How many photographs.")] = 10,
+    views: Annotated[int, typer.Option(min=1, max=100, metavar="N", help="Number of photographs.")] = 10,
     distance: Annotated[
-        float | None, typer.Option(min=0, max=2e7, metavar="M", help="How far each vehicle flies, at most.")
+        float | None,
+        typer.Option(min=0, max=2e7, metavar="M", help="Maximum distance that each vehicle flies."),
     ] = None,
-    home: Annotated[bool, typer.Option("--home", help="Vehicles fly back to where they are.")] = False,
+    home: Annotated[
+        bool, typer.Option("--home", help="Plan the way back to where each vehicle is now.")
+    ] = False,
     vehicle: Annotated[
         list[Path] | None,
         typer.Option(
             exists=True,
             dir_okay=False,
             metavar="FILE",
-            help="JSON: the pose of a vehicle; once for each.",
+            help="JSON: the pose of a vehicle; may be repeated.",
             show_default="the last image",
         ),
     ] = None,
@@ -105,7 +113,7 @@ def plan(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Plan the views to photograph next, in the order of a short flight, and what they bring."""
+    """Plan which views to photograph next, in the order of a short flight, and what each brings."""
     if sum(given is not None for given in (candidates, generator, volume)) > 1:
         raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
     if volume is None and (aim is not None or level):
@@ -156,10 +164,11 @@ def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -
 
 def _print(made: Plan) -> None:
     chances = {terms.id: terms.chance for terms in made.candidates}
+    distance, travel = (with_unit(what, made.alignment) for what in ("distance", "travel"))
     print_table(
-        ("vehicle", "stop", "id", "distance", "travel", "registered", "expected", "pose"),
+        ("vehicle", "stop", "id", distance, travel, "registered", "expected", "pose"),
         [row for tour in made.tours for row in _rows(tour, chances)],
-        right_aligned=("vehicle", "stop", "distance", "travel", "registered", "expected"),
+        right_aligned=("vehicle", "stop", distance, travel, "registered", "expected"),
     )
     typer.echo(f"{made.summary} On {made.snapshot_id}.")
     for warning in made.warnings:

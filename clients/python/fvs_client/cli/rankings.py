@@ -7,7 +7,7 @@ import typer
 
 from fvs_client import Ranking
 from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument, YesOption
-from fvs_client.cli.output import print_json, print_table
+from fvs_client.cli.output import print_json, print_table, with_unit
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
@@ -33,7 +33,8 @@ def rank(
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and around-current.")
+        int | None,
+        typer.Option(min=1, max=2_000, help="Number of candidates that orbit and around-current generate."),
     ] = None,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
@@ -123,8 +124,9 @@ def delete(
 
 
 def _print(ranking: Ranking) -> None:
+    distance = with_unit("distance", ranking.alignment)
     print_table(
-        ("rank", "id", "score", "coverage", "distance", "status", "pose"),
+        ("rank", "id", "score", "coverage", distance, "status", "pose"),
         [
             (
                 "" if item.rank is None else str(item.rank),
@@ -137,7 +139,7 @@ def _print(ranking: Ranking) -> None:
             )
             for item in ranking.candidates
         ],
-        right_aligned=("rank", "score", "coverage", "distance"),
+        right_aligned=("rank", "score", "coverage", distance),
     )
     more = ranking.total - len(ranking.candidates)
     rest = f"{more} more; " if more > 0 else ""

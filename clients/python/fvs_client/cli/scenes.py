@@ -155,7 +155,7 @@ def change(
             min=0,
             max=100_000,
             metavar="N",
-            help="Keep the newest N snapshots; 0 keeps as many as the service.",
+            help="Keep the newest N snapshots; 0 keeps as many as the service's setting says.",
         ),
     ] = None,
     days: Annotated[
@@ -164,7 +164,7 @@ def change(
             min=0,
             max=36_500,
             metavar="D",
-            help="Keep snapshots for D days; 0 keeps them as long as the service.",
+            help="Keep snapshots for D days; 0 keeps them as long as the service's setting says.",
         ),
     ] = None,
     as_json: JsonOption = False,

@@ -10,6 +10,7 @@ from fvs_client import Client, Scene
 from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE
 from fvs_client.cli.program import Target
+from fvs_client.cli.wording import hint_in_options, in_options
 from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
 from fvs_client.retries import Retries
 
@@ -31,10 +32,10 @@ def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> 
         try:
             yield client
         except FvsError as error:
-            _print_error(error, as_json=as_json)
+            _print_error(error, _command(context), as_json=as_json)
             raise typer.Exit(exit_code_of(error)) from error
         except OSError as error:
-            typer.echo(f"Error: {error}", err=True)
+            _print_file_error(error, as_json=as_json)
             raise typer.Exit(USAGE) from error
         except KeyboardInterrupt as error:
             typer.echo("Interrupted. Jobs in the service continue.", err=True)
@@ -68,17 +69,34 @@ def confirm(question: str, *, yes: bool) -> None:
         raise typer.Exit(USAGE)
 
 
-def _print_error(error: FvsError, *, as_json: bool) -> None:
+def _command(context: typer.Context) -> str:
+    """The words of a command, without options."""
+    return f"fvs-client {context.command_path.partition(' ')[2]}"
+
+
+def _print_file_error(error: OSError, *, as_json: bool) -> None:
+    """Print why a file cannot be read or written."""
+    message = str(error)
+    if error.filename is not None and error.strerror is not None:
+        message = f"{error.filename}: {error.strerror}."
+    if as_json:
+        typer.echo(json.dumps({"error": {"code": type(error).__name__, "message": message}}), err=True)
+    else:
+        typer.echo(f"Error: {message}", err=True)
+
+
+def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
     code = error.problem.code if isinstance(error, ApiError) else type(error).__name__
     if isinstance(error, JobFailedError) and error.job.error is not None:
         code = error.job.error.code
     fields = error.errors if isinstance(error, ApiError) else ()
+    message, hint = in_options(error.message), hint_in_options(error.hint, fields, command)
     if as_json:
         document = {
             "error": {
                 "code": code,
-                "message": error.message,
-                "hint": error.hint,
+                "message": message,
+                "hint": hint,
                 "retryable": error.retryable,
                 "request_id": error.request_id,
                 "errors": [field.model_dump() for field in fields],
@@ -86,10 +104,11 @@ def _print_error(error: FvsError, *, as_json: bool) -> None:
         }
         typer.echo(json.dumps(document, ensure_ascii=False), err=True)
         return
-    typer.echo(f"Error: {error.message}", err=True)
+    typer.echo(f"Error: {message}", err=True)
     for field in fields[1:]:  # the message has the first one
-        typer.echo(f"       {field.field or 'request'}: {field.message}", err=True)
-    if error.hint:
-        typer.echo(error.hint, err=True)
+        wrong = in_options(f"{field.field or 'request'}: {field.message}")
+        typer.echo(f"       {wrong}", err=True)
+    if hint:
+        typer.echo(hint, err=True)
     if isinstance(error, ApiError) and error.request_id:
         typer.echo(f"(request {error.request_id})", err=True)

@@ -22,7 +22,7 @@ def download(
     ],
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Artifacts to download.", show_default="all"),
+        typer.Argument(metavar="NAME", help="Artifacts to download.", show_default="all"),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = Path(),
     as_json: JsonOption = False,

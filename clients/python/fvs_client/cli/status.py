@@ -14,7 +14,7 @@ from fvs_client.models.service import WorkerStatus
 
 
 def status(context: typer.Context, as_json: JsonOption = False) -> None:
-    """Show what works and what does not: uploads, jobs, workers. Exits with 4 when something does not."""
+    """Show whether uploads, jobs and workers work; the exit status is 4 if something does not."""
     problem: ApiError | None = None
     with service(context, as_json=as_json) as client:
         found = client.capabilities()

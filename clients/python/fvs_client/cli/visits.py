@@ -16,15 +16,17 @@ from fvs_client.cli.session import find_scene, service
 def visit(
     context: typer.Context,
     scene: SceneArgument,
-    state: Annotated[VisitState, typer.Argument(help="What the vehicle does about the views.")],
-    vehicle: Annotated[str, typer.Option(metavar="NAME", help="The vehicle, by a name that it keeps.")],
+    state: Annotated[VisitState, typer.Argument(help="What the vehicle reports of the views.")],
+    vehicle: Annotated[str, typer.Option(metavar="NAME", help="Name of the vehicle, always the same one.")],
     ranking: Annotated[
-        str | None, typer.Option(metavar="ID", help="A ranking, whose candidates the views are.")
+        str | None, typer.Option(metavar="ID", help="The ranking whose candidates the views are.")
     ] = None,
     candidate: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="ID", help="A candidate of it; once for each.", show_default="the first-ranked one"
+            metavar="ID",
+            help="A candidate of the ranking; may be repeated.",
+            show_default="the first-ranked one",
         ),
     ] = None,
     candidates: Annotated[
@@ -34,11 +36,11 @@ def visit(
         ),
     ] = None,
     expires: Annotated[
-        int, typer.Option(min=1, max=86_400, metavar="S", help="The report counts for S seconds.")
+        int, typer.Option(min=1, max=86_400, metavar="S", help="The report expires after S seconds.")
     ] = 600,
     as_json: JsonOption = False,
 ) -> None:
-    """Report that a vehicle flies to views, took their photographs, or failed to: others get other views."""
+    """Report that a vehicle flies to views, photographed them or failed to: others get other views."""
     if (ranking is None) == (candidates is None):
         raise typer.BadParameter("Give the views: --ranking, with --candidate, or --candidates.")
     if candidate and ranking is None:
@@ -51,7 +53,7 @@ def visit(
 
 
 def visits(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """List the views that vehicles fly to, have photographed or failed to, until the reports expire."""
+    """List what vehicles reported of views, until the reports expire."""
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene).visits()
     _show(found, as_json=as_json)

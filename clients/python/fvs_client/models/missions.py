@@ -1,5 +1,6 @@
 """Missions: views as files for autopilots, ground stations and robots."""
 
+import os
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
@@ -61,7 +62,7 @@ class MissionSettings(TypedDict, total=False):
     """How a mission is flown. Heights are above home; altitudes have the scene's datum."""
 
     first: int
-    """Only so many views, the first ones."""
+    """Only the first views, this many."""
     home_latitude_deg: float
     home_longitude_deg: float
     home_altitude_m: float
@@ -133,17 +134,27 @@ class MissionRequest(Input):
 
 @dataclass(frozen=True)
 class MissionFile:
-    """A mission as a file, and the ids of the views that are not in it."""
+    """A mission as a file, and the ids of the views that are not in it.
+
+    ``reasons`` says why, in the order of ``left_out``; of the first views, if there are many.
+    """
 
     name: str
     media_type: str
     content: bytes
     left_out: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
 
     def save(self, path: str | PathLike[str] = ".") -> Path:
-        """Write it to ``path``, or under its name into that folder; return where it is."""
-        target = Path(fspath(path))
+        """Write it to ``path``, or under its name into that folder; return where it is.
+
+        A path that ends with a slash is a folder, which is made if it is missing. Raises ``OSError``.
+        """
+        text = fspath(path)
+        target = Path(text)
+        if text.endswith(("/", os.sep)):
+            target.mkdir(parents=True, exist_ok=True)
         if target.is_dir():
-            target = target / self.name
+            target /= self.name
         target.write_bytes(self.content)
         return target

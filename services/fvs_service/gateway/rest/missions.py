@@ -1,5 +1,6 @@
 """Missions over REST."""
 
+import json
 from typing import Annotated
 
 from fastapi import Depends, Query, Response
@@ -17,7 +18,8 @@ router = json_router("/v1", "missions")
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _FILES = {
     200: {
-        "description": "The file. `Left-Out` names the views that are not in it.",
+        "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
+        "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order.",
         "content": {writer.media_type.partition(";")[0]: _BINARY for writer in WRITERS.values()},
     }
 }
@@ -55,4 +57,5 @@ def _response(file: MissionFile) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.left_out:
         headers["Left-Out"] = ",".join(file.left_out)
+        headers["Left-Out-Reasons"] = json.dumps(file.reasons)
     return Response(file.content, headers=headers, media_type=file.media_type)

@@ -23,6 +23,7 @@ from google.protobuf.message import DecodeError, Message
 from pydantic import ValidationError
 
 from fvs_service.errors import FieldError, InvalidRequestError, MalformedRequestError
+from fvs_service.gateway.plain_messages import sentence
 from fvs_service.gateway.validation import invalid_body
 from fvs_service.model import Model
 from fvs_service.settings import Limits
@@ -248,4 +249,4 @@ def _first_number(content: bytes) -> int:
 
 def _invalid(path: str, message: str, hint: str = _HINT) -> InvalidRequestError:
     fields = (FieldError(path, message),)
-    return InvalidRequestError(f"{path}: {message}." if path else f"{message}.", errors=fields, hint=hint)
+    return InvalidRequestError(sentence(path, message), errors=fields, hint=hint)

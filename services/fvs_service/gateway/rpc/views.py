@@ -141,5 +141,9 @@ class ViewServicer:
 
 def _mission(file: MissionFile) -> pb.MissionFile:
     return pb.MissionFile(
-        name=file.name, media_type=file.media_type, content=file.content, left_out=file.left_out
+        name=file.name,
+        media_type=file.media_type,
+        content=file.content,
+        left_out=file.left_out,
+        reasons=file.reasons,
     )

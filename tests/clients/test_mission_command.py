@@ -1,0 +1,136 @@
+"""`fvs-client mission`, and files that commands cannot write."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fvs_service.scenes.model import Alignment, AlignmentStatus
+from typer.testing import Result
+
+Run = Callable[..., Result]
+
+
+def _said(result: Result) -> str:
+    """What a command wrote to stderr, where the log of the gateway in this process goes, too."""
+    return "".join(
+        line for line in result.stderr.splitlines(keepends=True) if not line.startswith('{"method"')
+    )
+
+
+def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
+    fence, home = "46.01,7.74;46.03,7.74;46.03,7.76;46.01,7.76", ("--home", "46.02,7.75,495")
+    heights = ("--transit-height", 40, "--lowest", 0, "--highest", 120)
+    flown = (*heights, "--geofence", fence, "--speed", 3, "--gimbal", -90, 0)
+    written = run("mission", ranking, *home, *flown, "--out", tmp_path)
+    assert written.stdout.strip() == str(tmp_path / f"{ranking}.plan")
+    plan = json.loads((tmp_path / f"{ranking}.plan").read_text())
+    assert plan["mission"]["hoverSpeed"] == 3.0
+    assert plan["mission"]["plannedHomePosition"] == [46.02, 7.75, 495.0]
+    assert len(plan["geoFence"]["polygons"][0]["polygon"]) == 4
+    out = tmp_path / "next.kmz"
+    options = ("--format", "dji-kmz", "--drone", "m30", "--in-the-air", "--finish", "hold", "--first", 1)
+    document = json.loads(run("mission", ranking, *home, *options, "--out", out, "--json").stdout)
+    kind = "application/vnd.google-earth.kmz"
+    assert document == {"file": str(out), "media_type": kind, "left_out": [], "reasons": []}
+    tour = tmp_path / "plan.json"
+    tour.write_text(run("plan", scene, "--count", 8, "--views", 3, "--json").stdout)
+    waypoints = tmp_path / "plan.waypoints"
+    run("mission", tour, "--format", "qgc-wpl", "--autopilot", "px4", "--out", waypoints)
+    assert waypoints.read_text().startswith("QGC WPL 110")
+    planned = json.loads(tour.read_text())
+    planned["tours"][0]["stops"][1]["pose"]["altitude_m"] = 900.0
+    tour.write_text(json.dumps(planned))
+    stop = planned["tours"][0]["stops"][1]["id"]
+    flown = (*home, "--format", "csv", "--lowest", 0, "--highest", 99)
+    left = run("mission", tour, *flown, "--out", out, "--leave-out")
+    reason = "it is 405.0 m above home; the highest allowed is 99 m"
+    assert _said(left) == f"Warning: {stop} is left out: {reason}.\n"
+    left = run("mission", tour, *flown, "--out", out, "--leave-out", "--json")
+    assert json.loads(left.stdout)["reasons"] == [reason]
+    assert "is no ranking's id" in run("mission", "nothing", expect=2).stderr
+    for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
+        assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr
+    assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=3).stderr
+    refused = run("mission", ranking, "--geofence", "46.01,7.74", expect=3).stderr
+    assert "--geofence: a fence has 3 to 200 corners" in refused
+    refused = run("mission", tour, "--vehicle", 1, expect=2).stderr
+    assert "The plan is for 1 vehicle; `--vehicle` counts from 0." in refused
+    written = run("mission", ranking, "--format", "csv", "--out", f"{tmp_path}/new/folder/").stdout.strip()
+    assert written == str(tmp_path / "new" / "folder" / f"{ranking}.csv")
+
+
+def test_missions_are_refused_in_the_words_of_the_command_line(
+    run: Run, gateway: Any, url: str, rpc_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
+    flat = gateway.scene()
+    gateway.model(flat)
+    nowhere = json.loads(run("rank", flat, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
+    home = ("--home", "46.02,7.75,495")
+    help_hint = "`fvs-client mission --help` describes the options."
+    for given, said in (
+        ((ranking, *home, "--lowest", 5, "--highest", 5), ["--lowest is not below --highest.", help_hint]),
+        ((ranking, *home, "--lowest", 50, "--highest", 60), ["or leave these views out with --leave-out."]),
+        (
+            (ranking, *home, "--lowest", 50, "--highest", 60, "--leave-out"),
+            ["Error: No view is left.", "\nChange the options, or choose other candidates.\n"],
+        ),
+        (
+            (ranking, *home, "--format", "mavsdk", "--altitudes", "ellipsoid"),
+            ["MAVSDK has no altitudes above the ellipsoid.", "It can have --altitudes takeoff."],
+        ),
+        (
+            (ranking, "--format", "mavsdk"),
+            [
+                "Give ALT in --home LAT,LON,ALT, the altitude of the place of takeoff above sea level, or ",
+                "or --geoid, the height of the geoid",
+            ],
+        ),
+        ((ranking, "--transit-height", 30), ["--transit-height is measured from home", "Give ALT in --home"]),
+        ((ranking, "--gimbal", 10, 5), ["LOW of --gimbal is not below HIGH of --gimbal.", help_hint]),
+        ((nowhere,), ["Send images with GPS", "enu world (`fvs-client scenes create --origin`)"]),
+        ((nowhere, "--format", "nerfstudio", *home), ["so --home has no meaning in it.", "Leave it out: "]),
+        ((nowhere, "--format", "ros-posearray", *home), ["no metres, which ROS needs"]),
+    ):
+        refused = _said(run("mission", *given, expect=3))
+        for part in said:
+            assert part in refused
+        assert not re.search(r"[a-z]_[a-z]|openapi", refused.replace("(request req_", "")), refused
+        monkeypatch.setenv("FVS_URL", rpc_url)
+        over_rpc = _said(run("mission", *given, expect=3))
+        monkeypatch.setenv("FVS_URL", url)
+        assert re.sub(r"req_\w+", "", over_rpc) == re.sub(r"req_\w+", "", refused)
+
+
+def test_files_that_cannot_be_written_are_errors_of_one_line(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    snapshot = gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
+    missing, taken = tmp_path / "missing" / "next.plan", tmp_path / "taken"
+    taken.write_text("a file")
+    refused = run("mission", ranking, "--out", missing, expect=2)
+    assert _said(refused) == f"Error: {missing}: No such file or directory.\n"
+    refused = run("mission", ranking, "--out", missing, "--json", expect=2)
+    assert json.loads(_said(refused))["error"]["message"] == f"{missing}: No such file or directory."
+    for words in (
+        ("mission", ranking, "--out", taken / "next.plan"),
+        ("rank", scene, "--renders", taken),
+        ("rank", scene, "--renders", taken / "below"),
+        ("download", snapshot, "--out", taken),
+        ("download", snapshot, "--out", taken / "below"),
+        ("originals", scene, "--out", taken),
+    ):
+        lines = _said(run(*words, expect=2)).splitlines()
+        assert lines[-1].startswith(f"Error: {taken}"), lines
+    assert taken.read_text() == "a file"
