@@ -116,11 +116,13 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
         with _stdout() as stdout:
             stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
         return
+    several = len(result.flown) > 1
     table = Table("view", "name", "score", "distance", "travel", "", box=None, header_style="bold")
     for column in (0, 2, 3, 4):
         table.columns[column].justify = "right"
     for view in result.views:
         notes = ["initial"] if view.initial else []
+        notes += [f"vehicle {view.vehicle}"] if several and view.vehicle else []
         notes += [f"fallback: {view.fallback}"] if view.fallback else []
         notes += [] if view.registered else ["not registered"]
         table.add_row(
@@ -137,6 +139,9 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
             f"{result.stop.message} Travel {result.travel:.4g}; all views in order of capture: "
             f"{result.travel_of_capture:.4g}.\n"
         )
+        if several:
+            flown = ", ".join(f"{length:.4g}" for length in result.flown)
+            stdout.write(f"Flown by each vehicle after the initial views: {flown}.\n")
         if (forecast := result.expected.forecast) is not None:
             stdout.write(
                 f"Expected PSNR over all views that could be visited: {forecast.db:.1f} dB, "
