@@ -103,7 +103,8 @@ def _travel(protocol: Protocol) -> Iterator[tuple[str, str]]:
         yield (
             "travel",
             f"{each} flies at most {protocol.max_travel:.4g} after the initial views, to at most "
-            f"{protocol.budget} views in all; a share of it ends before the view that would exceed it",
+            f"{protocol.budget} views in all; a share of it ends before the view that would exceed it. "
+            "The column has the initial views, too",
         )
     if vehicles:
         yield "vehicles", f"{vehicles}; all begin at the last initial view"

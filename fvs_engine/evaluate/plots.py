@@ -55,8 +55,10 @@ def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> N
     last = max((row.place for row in rows), default=0)
     final = [row for row in rows if row.place == last]
     _draw_intervals(ends, [(row.method, row.psnr_db) for row in reversed(final)], styled, ".2f")
-    end = f"within a travel of {last:.4g}" if summary.travel_rows else f"after {last} views"
-    ends.set_xlabel(f"PSNR {end} / dB, with its 95 % interval")
+    if summary.travel_rows:
+        ends.set_xlabel(f"PSNR within {last:.4g} / dB, with its 95 % interval")
+    else:
+        ends.set_xlabel(f"PSNR after {last} views / dB, with its 95 % interval")
     _save(figure, path, f"{_title(summary)}: quality of the model")
 
 
