@@ -54,7 +54,7 @@ from fvs_client.models.missions import (
     MissionSettings,
     MissionView,
 )
-from fvs_client.models.plans import CandidateTerms, Expectation, InVolume, Plan, PlanRequest, Stop, Tour
+from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -63,6 +63,7 @@ from fvs_client.models.rankings import (
     Dataset,
     Generator,
     Grid,
+    InVolume,
     Orbit,
     Pose,
     RankedCandidate,

@@ -1,6 +1,7 @@
 """Arguments and options that several commands share."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
@@ -17,6 +18,38 @@ ForVehicleOption = Annotated[
     str | None,
     typer.Option(
         "--for-vehicle", metavar="NAME", help="The vehicle that asks: what it flies to itself is not taken."
+    ),
+]
+VolumeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--volume",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="JSON: generate candidates in a volume: box, cylinder, prism, shell, corridor.",
+    ),
+]
+AimOption = Annotated[
+    str | None,
+    typer.Option(
+        "--aim",
+        metavar="WHERE",
+        help="Where they look: the middle of the model, its nearest part, or a point: "
+        "middle, nearest or X,Y,Z.",
+        show_default="middle",
+    ),
+]
+LevelOption = Annotated[bool, typer.Option("--level", help="They look there with a level camera.")]
+NoFlyOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--no-fly",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="JSON: a volume to avoid; once for each.",
+        show_default=False,
     ),
 ]
 YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without asking.")]
