@@ -130,7 +130,7 @@ class RankingRequest(Model):
                         "count": 200,
                     },
                     "safety_m": 2.0,
-                    "method": "median-frequency-fast",
+                    "top_k": 5,
                 },
                 {
                     "candidates": [

@@ -172,14 +172,13 @@ class Choice:
 
     def _rank(self, photographs: int) -> Ranking:
         settings = self._settings
+        generator = settings.generator if self._candidates is None else None
         ranking = self._scene.rank(
             self._candidates,
-            generator=settings.generator if self._candidates is None else None,
+            generator=generator,
             current_pose=self._pose(),
             radius_m=settings.radius_m,
-            safety_m=settings.safety_m
-            if self._candidates is None and isinstance(settings.generator, InVolume)
-            else None,
+            safety_m=settings.safety_m if isinstance(generator, InVolume) else None,
             method=settings.method,
             budget=max(1, photographs),
             for_vehicle=settings.vehicle,
