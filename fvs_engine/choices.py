@@ -39,7 +39,7 @@ Method = Literal[
 ]
 """Selectors, see ``fvs_engine.select.selectors``."""
 
-ProtocolName = Literal["paper", "fisherrf", "nearest5"]
+ProtocolName = Literal["paper", "fisherrf", "nearest5", "travel"]
 """Protocols of a comparison, see ``fvs_engine.evaluate.protocol``."""
 
 ViewGroup = Literal["held-out", "training", "all", "path"]

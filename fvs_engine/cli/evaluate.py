@@ -36,6 +36,7 @@ def _methods(text: str) -> tuple[str, ...]:
     **dict.fromkeys(("poses", "initial", "radius", "nearest"), "the preset's"),
     long_side_px="640",
     max_gaussians="300000",
+    max_travel="no limit; travel: the length of the capture",
 )
 def evaluate(
     *,
@@ -45,7 +46,8 @@ def evaluate(
         ProtocolName,
         typer.Option(
             help="paper: the first 10 images, a radius, 100 views, estimated poses; fisherrf: 4 far from one "
-            "another, all in reach, 20 views; nearest5: 4 consecutive, the 5 nearest in reach, 20 views."
+            "another, all in reach, 20 views; nearest5: 4 consecutive, the 5 nearest in reach, 20 views; "
+            "travel: 4 consecutive, all in reach, as far as --max-travel, 20 views."
         ),
     ] = "fisherrf",
     methods: Annotated[str, typer.Option(metavar="A,B,…", help="The selectors to compare, or all.")] = "all",
@@ -93,6 +95,8 @@ def evaluate(
     run: RunOptions,
 ) -> None:
     """Compare selectors: a table of selectors × seeds, with means, confidence intervals and plots.
+
+    With --max-travel a run ends when the next view would exceed it, and is measured at each quarter of it.
 
     After a stop, the same command resumes. Further methods and seeds are added to those in DIR.
     """

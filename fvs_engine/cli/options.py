@@ -12,6 +12,7 @@ from fvs_engine.choices import Backend, Poses
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
 MAX_SEED = 2**31 - 1
 MAX_VIEWS, MAX_ITERATIONS, MAX_GAUSSIANS, MAX_THREADS = 100_000, 10_000_000, 100_000_000, 1_024
+MAX_VEHICLES = 20
 MAX_SIDE_PX = 32_768  # images.limits, which takes too long to import for a command line's help
 YEAR_S = 31_536_000
 
@@ -106,6 +107,26 @@ class LoopOptions:
         int | None,
         typer.Option(
             min=1, max=MAX_VIEWS, metavar="K", help="Choose among the K nearest views instead of a radius."
+        ),
+    ] = None
+    max_travel: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=1e9,
+            metavar="D",
+            help="How far each vehicle flies after the initial views, in the dataset's unit.",
+            show_default="no limit",
+        ),
+    ] = None
+    vehicles: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MAX_VEHICLES,
+            metavar="N",
+            help="Vehicles, all at the last initial view; always the one that has flown least is next.",
+            show_default="1",
         ),
     ] = None
     registrable: Annotated[

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.cli.options import JsonOption
+from fvs_engine.cli.options import MAX_VEHICLES, JsonOption
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from fvs_engine.pipeline.plan import PlanResult
     from fvs_engine.plan.generate import Aim
 
-MAX_VEHICLES = 20
 MOST_VIEWS = 200
 """A plan of so many takes half a minute; a longer flight is planned again on the way."""
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from fvs_engine.evaluate.report import Summary
+    from fvs_engine.evaluate.report import Measures, Summary
     from fvs_engine.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.plan import PlanResult
@@ -116,11 +116,13 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
         with _stdout() as stdout:
             stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
         return
+    several = len(result.flown) > 1
     table = Table("view", "name", "score", "distance", "travel", "", box=None, header_style="bold")
     for column in (0, 2, 3, 4):
         table.columns[column].justify = "right"
     for view in result.views:
         notes = ["initial"] if view.initial else []
+        notes += [f"vehicle {view.vehicle}"] if several and view.vehicle else []
         notes += [f"fallback: {view.fallback}"] if view.fallback else []
         notes += [] if view.registered else ["not registered"]
         table.add_row(
@@ -137,6 +139,9 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
             f"{result.stop.message} Travel {result.travel:.4g}; all views in order of capture: "
             f"{result.travel_of_capture:.4g}.\n"
         )
+        if several:
+            flown = ", ".join(f"{length:.4g}" for length in result.flown)
+            stdout.write(f"Flown by each vehicle after the initial views: {flown}.\n")
         if (forecast := result.expected.forecast) is not None:
             stdout.write(
                 f"Expected PSNR over all views that could be visited: {forecast.db:.1f} dB, "
@@ -147,26 +152,33 @@ def show_selection(result: "SelectionResult", folder: Path, *, machine: bool) ->
 
 
 def show_experiment(summary: "Summary", folder: Path, *, machine: bool) -> None:
-    """Print the selectors' results at the last view count, the notes, and the paths of the files."""
+    """Print the selectors' results at the last view count or travel, the notes, and the files."""
     if machine:
         with _stdout() as stdout:
             stdout.write(json.dumps({**summary.model_dump(mode="json"), "folder": str(folder)}) + "\n")
         return
-    last = max(row.visited for row in summary.rows)
+    rows: Sequence[Measures]
+    if summary.travel_rows:
+        share = max(row.share for row in summary.travel_rows)
+        rows = [row for row in summary.travel_rows if row.share == share]
+        reached = f"Within a travel of {share * (summary.protocol.max_travel or 0.0):.4g}"
+    else:
+        last = max(row.visited for row in summary.rows)
+        rows = [row for row in summary.rows if row.visited == last]
+        reached = f"After {last} views"
     table = Table("selector", "PSNR dB", "SSIM", "travel", "s per selection", box=None, header_style="bold")
     for column in table.columns[1:]:
         column.justify = "right"
-    for row in summary.rows:
-        if row.visited == last:
-            table.add_row(
-                row.method,
-                _estimate(row.psnr_db, 2),
-                _estimate(row.ssim, 3),
-                _estimate(row.travel, 2),
-                _estimate(row.selection_s, 3),
-            )
+    for row in rows:
+        table.add_row(
+            row.method,
+            _estimate(row.psnr_db, 2),
+            _estimate(row.ssim, 3),
+            _estimate(row.travel, 2),
+            _estimate(row.selection_s, 3),
+        )
     with _stdout() as stdout:
-        stdout.write(f"After {last} views, seeds {', '.join(map(str, summary.seeds))}:\n")
+        stdout.write(f"{reached}, seeds {', '.join(map(str, summary.seeds))}:\n")
         _console(stdout).print(table)
         stdout.writelines(f"{note}\n" for note in summary.notes)
         stdout.writelines(f"{path}\n" for path in sorted(folder.glob("*.png")))

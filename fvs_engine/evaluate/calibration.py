@@ -28,9 +28,7 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
     candidates' poses come from the alignment, as they do for the selectors. Stage ``calibrate``, in methods.
     """
     names, scene = loop.unvisited, loop.scene
-    here = loop.dataset.by_name[loop.visited[-1]].centre
-    centres = {name: loop.dataset.by_name[name].centre for name in names}
-    in_reach = frozenset(loop.reach.distances(here, centres))
+    in_reach = frozenset(loop.in_reach)
     psnr_db, found = {}, []
     with torch_threads_for(scene.rasterizer.device):
         for view in aligned_views(loop, names):

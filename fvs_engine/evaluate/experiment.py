@@ -108,6 +108,7 @@ def run_experiment(
     else; ``Cancelled``; the first error of a run when all failed.
     """
     _check(dataset, protocol, methods, seeds)
+    protocol = protocol.for_dataset(dataset)
     paths = ExperimentFolder(folder)
     paths.claim(dataset, protocol)
     lpips = find_lpips()

@@ -79,6 +79,7 @@ def evaluate(
         views=tuple(qualities),
         unvisited_db=unvisited_db,
         repeats=tuple(repeats),
+        flown=tuple(vehicle.flown for vehicle in loop.vehicles.all),
     )
 
 

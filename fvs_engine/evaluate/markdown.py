@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from fvs_engine.evaluate.protocol import Protocol
-from fvs_engine.evaluate.report import BASELINES, CorrelationRow, Row, Summary
+from fvs_engine.evaluate.report import BASELINES, CorrelationRow, Measures, Summary, TravelRow
 from fvs_engine.evaluate.statistics import CONFIDENCE, Estimate
 
 _NONE = "–"
-_Column = tuple[str, Callable[[Row], Estimate | None], str]
+_Column = tuple[str, Callable[[Measures], Estimate | None], str]
 
 
 def markdown(summary: Summary) -> str:
-    """The whole report: the protocol, one table per number of views, rank correlations, notes."""
+    """The whole report: the protocol, tables by travel and by number of views, rank correlations, notes."""
     return "\n".join(_lines(summary)) + "\n"
 
 
@@ -19,6 +19,14 @@ def _lines(summary: Summary) -> Iterator[str]:
     yield f"# {summary.dataset}: which selector gains most from a view"
     yield ""
     yield from _protocol(summary.protocol, summary.seeds)
+    if summary.travel_rows:
+        yield from _by_travel(summary.travel_rows)
+    for share in reversed(list(dict.fromkeys(row.share for row in summary.travel_rows))):
+        rows = [row for row in summary.travel_rows if row.share == share]
+        yield ""
+        yield f"## Within a travel of {_share(rows[0])}"
+        yield ""
+        yield from _table(rows)
     counts = list(dict.fromkeys(row.visited for row in summary.rows))
     for visited in reversed(counts):  # the last count is the result, so it comes first
         yield ""
@@ -60,6 +68,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         ("preset", protocol.name),
         ("initial views", initial),
         ("candidates", reach),
+        *_travel(protocol),
         ("camera poses", poses),
         ("images", f"long side {protocol.long_side_px} px; {held_out}"),
         (
@@ -87,8 +96,52 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         yield f"| {name} | {value} |"
 
 
-def _table(rows: Sequence[Row]) -> Iterator[str]:
-    columns = [column for column in _COLUMNS if any(column[1](row) is not None for row in rows)]
+def _travel(protocol: Protocol) -> Iterator[tuple[str, str]]:
+    vehicles = f"{protocol.vehicles} vehicles, the one that has flown least next" * (protocol.vehicles > 1)
+    if protocol.max_travel is not None:
+        each = "each vehicle" if vehicles else "the vehicle"
+        yield (
+            "travel",
+            f"{each} flies at most {protocol.max_travel:.4g} after the initial views, to at most "
+            f"{protocol.budget} views in all; a share of it ends before the view that would exceed it. "
+            "The column has the initial views, too",
+        )
+    if vehicles:
+        yield "vehicles", f"{vehicles}; all begin at the last initial view"
+
+
+def _share(row: TravelRow) -> str:
+    """A share of the travel, and how far that is."""
+    return f"{row.limit:.4g} ({row.share:.0%})"
+
+
+def _by_travel(rows: Sequence[TravelRow]) -> Iterator[str]:
+    """PSNR of each selector at each share of the travel."""
+    shares = {row.share: _share(row) for row in rows}
+    found = {(row.method, row.share): row for row in rows}
+    last = [row.method for row in rows if row.share == max(shares)]
+    methods = dict.fromkeys([*last, *(row.method for row in rows)])
+    kinds: tuple[_Column, ...] = (_COLUMNS[0], next(c for c in _COLUMNS if c[0] == "unvisited dB"))
+    for title, value, form in kinds:
+        if all(value(row) is None for row in rows):
+            continue
+        yield ""
+        yield f"## {title} within a travel"
+        yield ""
+        yield "| selector | " + " | ".join(shares.values()) + " |"
+        yield "|---|" + "---:|" * len(shares)
+        for method in methods:
+            cells = []
+            for share in shares:
+                row = found.get((method, share))
+                views = "" if row is None else f" ({row.views.mean:.3g} views)"
+                cells.append(_shown(value(row) if row else None, form) + views)
+            yield f"| {method} | {' | '.join(cells)} |"
+
+
+def _table(rows: Sequence[Measures]) -> Iterator[str]:
+    offered = (*_COLUMNS, *_vehicles(max(len(row.flown) for row in rows)))
+    columns = [column for column in offered if any(column[1](row) is not None for row in rows)]
     # Only rows with all seeds compete: the finished ones may be the easy ones.
     complete = [row for row in rows if row.psnr_db.count == max(r.psnr_db.count for r in rows)]
     best = {
@@ -144,11 +197,20 @@ def _shown(estimate: Estimate | None, form: str) -> str:
     )
 
 
-def _gain_over(baseline: str) -> Callable[[Row], Estimate | None]:
+def _vehicles(count: int) -> tuple[_Column, ...]:
+    """A column for what each vehicle has flown."""
+
+    def flown(number: int) -> Callable[[Measures], Estimate | None]:
+        return lambda row: row.flown[number] if number < len(row.flown) else None
+
+    return tuple((f"flown by vehicle {number + 1}", flown(number), ".2f") for number in range(count))
+
+
+def _gain_over(baseline: str) -> Callable[[Measures], Estimate | None]:
     return lambda row: row.gains.get(baseline)
 
 
-def _unvisited_over(baseline: str) -> Callable[[Row], Estimate | None]:
+def _unvisited_over(baseline: str) -> Callable[[Measures], Estimate | None]:
     return lambda row: row.unvisited_gains.get(baseline)
 
 
@@ -160,6 +222,7 @@ _COLUMNS: tuple[_Column, ...] = (
     ("SD of trainings, dB", lambda row: row.training_sd_db, ".2f"),
     ("SSIM", lambda row: row.ssim, ".3f"),
     ("LPIPS", lambda row: row.lpips, ".3f"),
+    ("views", lambda row: row.views if isinstance(row, TravelRow) else None, ".1f"),
     ("travel", lambda row: row.travel, ".2f"),
     ("s per selection", lambda row: row.selection_s, ".3f"),
     ("registered views", lambda row: row.registered if row.aligned_only is not None else None, ".1f"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fvs_engine.evaluate.report import CorrelationRow, Row, Summary
+from fvs_engine.evaluate.report import CorrelationRow, Measures, Summary, TravelRow
 from fvs_engine.evaluate.statistics import Estimate
 from fvs_engine.files.atomic import replacing
 
@@ -45,27 +45,36 @@ def styles(methods: Sequence[str]) -> dict[str, Style]:
 
 
 def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> None:
-    """PSNR against views, and where each selector ends with its confidence interval; a PNG."""
+    """PSNR against views (or the travel allowed), and where each selector ends, with its interval; a PNG."""
     figure = Figure(figsize=(11.5, 5.2))
     curves, ends = figure.subplots(1, 2, width_ratios=(1.45, 1))
     figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.9, wspace=0.72)
-    _draw_curves(curves, summary.rows, styled, lambda row: row.psnr_db)
+    rows: Sequence[Measures] = summary.travel_rows or summary.rows
+    _draw_curves(curves, rows, styled, lambda row: row.psnr_db)
     curves.set_ylabel("PSNR of the test views / dB")
-    last = max((row.visited for row in summary.rows), default=0)
-    final = [row for row in summary.rows if row.visited == last]
+    last = max((row.place for row in rows), default=0)
+    final = [row for row in rows if row.place == last]
     _draw_intervals(ends, [(row.method, row.psnr_db) for row in reversed(final)], styled, ".2f")
-    ends.set_xlabel(f"PSNR after {last} views / dB, with its 95 % interval")
+    if summary.travel_rows:
+        ends.set_xlabel(f"PSNR within {last:.4g} / dB, with its 95 % interval")
+    else:
+        ends.set_xlabel(f"PSNR after {last} views / dB, with its 95 % interval")
     _save(figure, path, f"{_title(summary)}: quality of the model")
 
 
 def plot_travel(path: Path, summary: Summary, styled: Mapping[str, Style]) -> None:
-    """Travel against views, and PSNR against travel; a PNG."""
+    """Travel against views (or views against the travel allowed), and PSNR against travel; a PNG."""
     figure = Figure(figsize=(11.5, 5.2))
     travel, worth = figure.subplots(1, 2)
     figure.subplots_adjust(left=0.06, right=0.87, bottom=0.1, top=0.9, wspace=0.5)
-    _draw_curves(travel, summary.rows, styled, lambda row: row.travel)
-    travel.set_ylabel("travel / units of the dataset")
-    _draw_curves(worth, summary.rows, styled, lambda row: row.psnr_db, lambda row: row.travel.mean)
+    if summary.travel_rows:
+        _draw_curves(travel, summary.travel_rows, styled, _views)
+        travel.set_ylabel("visited views")
+    else:
+        _draw_curves(travel, summary.rows, styled, lambda row: row.travel)
+        travel.set_ylabel("travel / units of the dataset")
+    rows: Sequence[Measures] = summary.travel_rows or summary.rows
+    _draw_curves(worth, rows, styled, lambda row: row.psnr_db, lambda row: row.travel.mean)
     worth.set_xlabel("travel / units of the dataset")
     worth.set_ylabel("PSNR of the test views / dB")
     _save(figure, path, f"{_title(summary)}: travel, and quality over travel")
@@ -99,26 +108,32 @@ def _by_mean_correlation(rows: Sequence[CorrelationRow]) -> list[str]:
     return sorted(found, key=lambda method: (sum(found[method]) / len(found[method]), method))
 
 
+def _views(row: Measures) -> Estimate:
+    assert isinstance(row, TravelRow)
+    return row.views
+
+
 def _draw_curves(
     axes: Axes,
-    rows: Sequence[Row],
+    rows: Sequence[Measures],
     styled: Mapping[str, Style],
-    value: Callable[[Row], Estimate],
-    abscissa: Callable[[Row], float] = lambda row: row.visited,
+    value: Callable[[Measures], Estimate],
+    abscissa: Callable[[Measures], float] = lambda row: row.place,
 ) -> None:
     """One curve of means per method, labelled where it ends."""
     ends: dict[str, tuple[float, float]] = {}
     for method, (color, mark) in styled.items():
-        mine = sorted((row for row in rows if row.method == method), key=lambda row: row.visited)
+        mine = sorted((row for row in rows if row.method == method), key=lambda row: row.place)
         if not mine:
             continue
         xs, ys = [abscissa(row) for row in mine], [value(row).mean for row in mine]
         axes.plot(xs, ys, color=color, marker=mark, markersize=5, linewidth=1.6, label=method)
         ends[method] = (xs[-1], ys[-1])
-    axes.set_xlabel("visited views")
-    counts = sorted({row.visited for row in rows})
-    if counts and all(abscissa(row) == row.visited for row in rows):
-        axes.set_xticks(counts)
+    by_travel = any(isinstance(row, TravelRow) for row in rows)
+    axes.set_xlabel("travel of a vehicle, at most / units of the dataset" if by_travel else "visited views")
+    places = sorted({row.place for row in rows})
+    if places and all(abscissa(row) == row.place for row in rows):
+        axes.set_xticks(places)
     _tidy(axes)
     axes.grid(axis="y", color="#E4E4E4", linewidth=0.8)
     _label_ends(axes, ends, styled)

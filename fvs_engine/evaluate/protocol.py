@@ -1,12 +1,18 @@
 """Protocols of a comparison: the settings that all its runs share."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
 from fvs_engine.choices import HoldOut, InitialChoice, Poses, ProtocolName
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.hold_out import hold_out
+from fvs_engine.plan.distances import path_length
 from fvs_engine.records import Record, first_error
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.select.loop_settings import MAX_VEHICLES
+
+QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 class Protocol(Record):
@@ -19,6 +25,10 @@ class Protocol(Record):
     the dataset); or the ``nearest`` N views. Quality is measured when the numbers in ``view_counts``
     are reached, on every ``test_every``-th photograph by name, or as many ``random`` ones (``hold_out``),
     which no selector has access to.
+
+    With ``travel_shares`` travel is a budget, too: each of the ``vehicles`` flies at most ``max_travel``
+    after the initial views (None: the length of the capture, see ``for_dataset``), and quality is also
+    measured before the view that would take a vehicle beyond each of these shares of it.
 
     ``poses``: ``known``, those of the dataset; ``sfm``, estimated from the visited images. With ``sfm``
     and ``priors`` the dataset's poses are their pose priors, with noise: ``position_noise_percent`` of the
@@ -55,6 +65,9 @@ class Protocol(Record):
     time_limit_s: float | None = Field(default=None, gt=0)
     registrable: bool = True
     trainings: int = Field(default=1, ge=1, le=100)
+    max_travel: float | None = Field(default=None, gt=0)
+    travel_shares: tuple[Annotated[float, Field(gt=0, le=1)], ...] = ()
+    vehicles: int = Field(default=1, ge=1, le=MAX_VEHICLES)
 
     @model_validator(mode="after")
     def _counts_rise_from_the_initial_views(self) -> Self:
@@ -78,6 +91,31 @@ class Protocol(Record):
                 "candidates are all, those within a radius, or the nearest few: give one of the three"
             )
         return self
+
+    @model_validator(mode="after")
+    def _shares_rise_to_the_whole(self) -> Self:
+        shares = self.travel_shares
+        if shares and (list(shares) != sorted(set(shares)) or shares[-1] != 1):
+            raise ValueError(f"travel_shares must rise to 1, not {', '.join(map(str, shares))}")
+        if self.max_travel is not None and not shares:
+            raise ValueError("a max_travel needs travel_shares, at which to measure")
+        return self
+
+    def for_dataset(self, dataset: Dataset) -> "Protocol":
+        """The protocol with the travel that follows from the dataset where it is a budget and not given.
+
+        Raises ``InvalidInputError`` where all views have one position.
+        """
+        if not self.travel_shares or self.max_travel is not None:
+            return self
+        pool, _ = hold_out(dataset.names, self.test_every, self.hold_out)
+        capture = path_length([dataset.by_name[name].centre for name in pool])
+        if capture <= 0:
+            raise InvalidInputError(
+                f"All views of {dataset.name} have the same position: no travel follows from its capture.",
+                hint="Compare by views instead (--preset fisherrf).",
+            )
+        return self.model_copy(update={"max_travel": capture})
 
     @property
     def budget(self) -> int:
@@ -111,17 +149,28 @@ PRESETS: dict[ProtocolName, Protocol] = {
         reach="nearest",
         nearest=5,
     ),
+    "travel": Protocol(
+        name="travel",
+        initial=4,
+        initial_choice="consecutive",
+        view_counts=(20,),
+        poses="known",
+        reach="all",
+        travel_shares=QUARTERS,
+    ),
 }
 """``paper``: the method's own setting, Algorithm 1 with its schedule. ``fisherrf``: FisherRF's 20 views on
 Mip-NeRF360, any view may be next. ``nearest5``: as on a vehicle, only the five nearest unvisited views may be
-next, and the given ones lie side by side."""
+next, and the given ones lie side by side. ``travel``: any view may be next, but a run ends where the vehicle
+has flown as far as the capture did, or so far as is asked for, and with 20 views at most."""
 
 
 def protocol_from_preset(preset: str, **changes: object) -> Protocol:
     """A preset with some of its numbers changed; changes that are None leave the preset's.
 
-    ``radius`` or ``nearest`` also set the ``reach``. Raises ``InvalidInputError`` for an unknown preset and
-    for numbers that are out of range or contradict each other.
+    ``radius`` or ``nearest`` also set the ``reach``, and with ``max_travel`` quality is measured at quarters
+    of it. Raises ``InvalidInputError`` for an unknown preset and for numbers that are out of range or
+    contradict each other.
     """
     found = next((protocol for name, protocol in PRESETS.items() if name == preset), None)
     if found is None:
@@ -133,6 +182,8 @@ def protocol_from_preset(preset: str, **changes: object) -> Protocol:
     for limit in ("radius", "nearest"):
         if limit in given:
             reach = {"radius": None, "nearest": None, "reach": limit}
+    if "max_travel" in given and not found.travel_shares:
+        given.setdefault("travel_shares", QUARTERS)
     try:
         return Protocol.model_validate({**found.model_dump(), **reach, **given})
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Summary of runs: per selector and number of views, mean and confidence interval over the seeds."""
+"""Summary of runs: per selector and number of views or travel, mean and interval over the seeds."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -11,22 +11,24 @@ BASELINES = ("farthest", "random")
 """The selectors that others are compared with: farthest-point sampling and random choice."""
 
 _Value = Callable[[Evaluation], float | None]
+_Reached = Sequence[tuple[Run, Evaluation]]
+"""Runs, with what was measured of each at one number of views, or one share of the travel."""
 _BySeed = dict[str, dict[int, float]]
 """A number by method and seed."""
 
 
-class Row(Record):
-    """One selector after ``visited`` views, over the seeds whose runs got that far.
+class Measures(Record):
+    """What was measured of one selector, over the seeds whose runs got that far.
 
     ``gains``: its PSNR less a baseline's, seed by seed, and ``unvisited_gains`` the same over the views that
     may still be visited. ``training_sd_db``: between models of the same views; None where each has one model.
     ``selection_s``: per choice, up to here; None when
     nothing was chosen yet. ``aligned_only``: number of test views whose pose is only that of the
-    alignment, and ``worst_rms``: of the alignment in the whole run; None for known poses.
+    alignment, and ``worst_rms``: of the alignment in the whole run; None for known poses. ``travel``: of all
+    vehicles, initial views included; ``flown``: of each of several vehicles after them.
     """
 
     method: str
-    visited: int
     psnr_db: Estimate
     ssim: Estimate
     lpips: Estimate | None
@@ -39,6 +41,36 @@ class Row(Record):
     registered: Estimate
     aligned_only: Estimate | None
     worst_rms: Estimate | None
+    flown: tuple[Estimate, ...] = ()
+
+    @property
+    def place(self) -> float:
+        """What the numbers are for: so many views, or so much travel."""
+        raise NotImplementedError
+
+
+class Row(Measures):
+    """One selector after ``visited`` views."""
+
+    visited: int
+
+    @property
+    def place(self) -> float:
+        """See ``Measures``."""
+        return self.visited
+
+
+class TravelRow(Measures):
+    """One selector before a vehicle flew beyond ``limit``, a ``share`` of the travel; ``views``: visited."""
+
+    share: float
+    limit: float
+    views: Estimate
+
+    @property
+    def place(self) -> float:
+        """See ``Measures``."""
+        return self.limit
 
 
 class CorrelationRow(Record):
@@ -51,7 +83,10 @@ class CorrelationRow(Record):
 
 
 class Summary(Record):
-    """The whole table: ``rows`` by view count, best PSNR first. ``notes`` name what is missing and why."""
+    """The whole table: ``rows`` by view count, best PSNR first. ``notes`` name what is missing and why.
+
+    ``travel_rows``: the same by share of the travel, where that is a budget.
+    """
 
     dataset: str
     protocol: Protocol
@@ -60,6 +95,7 @@ class Summary(Record):
     correlations: tuple[CorrelationRow, ...]
     notes: tuple[str, ...]
     runs: tuple[Run, ...]
+    travel_rows: tuple[TravelRow, ...] = ()
 
 
 def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iterable[str] = ()) -> Summary:
@@ -67,7 +103,7 @@ def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iter
     ended_early = (
         f"{run.method}, seed {run.seed}, ended at {len(run.order)} views: {run.stop}"
         for run in runs
-        if len(run.order) < protocol.budget
+        if len(run.order) < protocol.budget and run.stop_kind != "travel"
     )
     fell_back = (
         f"{run.method}, seed {run.seed}: {run.fallbacks} of {len(run.selection_s)} choices fell back, "
@@ -93,29 +129,54 @@ def summarise(dataset: str, protocol: Protocol, runs: Sequence[Run], notes: Iter
         dataset=dataset,
         protocol=protocol,
         seeds=tuple(sorted({run.seed for run in runs})),
-        rows=_rows(runs),
+        rows=_rows(runs, protocol),
+        travel_rows=_travel_rows(runs, protocol),
         correlations=_correlations(runs),
         notes=(*notes, *ended_early, *unregistered, *lost, *fell_back),
         runs=tuple(runs),
     )
 
 
-def _rows(runs: Sequence[Run]) -> tuple[Row, ...]:
-    rows = []
-    for visited in sorted({evaluation.visited for run in runs for evaluation in run.evaluations}):
+def _rows(runs: Sequence[Run], protocol: Protocol) -> tuple[Row, ...]:
+    counts = {evaluation.visited for run in runs for evaluation in run.evaluations}
+    if protocol.travel_shares:  # runs end, and are measured, at any number of views
+        counts &= set(protocol.view_counts)
+    rows: list[Row] = []
+    for visited in sorted(counts):
         reached = [(run, evaluation) for run in runs if (evaluation := run.at(visited)) is not None]
-        held_out, unvisited = (
-            _by_seed(reached, value) for value in (lambda e: e.mean_psnr_db, lambda e: e.mean_unvisited_db)
-        )
-        found = [
-            _row(method, visited, [pair for pair in reached if pair[0].method == method], held_out, unvisited)
-            for method in held_out
-        ]
-        rows += sorted(found, key=lambda row: (-row.psnr_db.mean, row.method))
+        rows += (Row(visited=visited, **dict(measures)) for measures, _ in _measured(reached))
     return tuple(rows)
 
 
-def _by_seed(reached: Sequence[tuple[Run, Evaluation]], value: _Value) -> _BySeed:
+def _travel_rows(runs: Sequence[Run], protocol: Protocol) -> tuple[TravelRow, ...]:
+    rows: list[TravelRow] = []
+    for share in protocol.travel_shares:
+        reached = [(run, evaluation) for run in runs if (evaluation := run.at_share(share)) is not None]
+        rows += (
+            TravelRow(
+                share=share,
+                limit=share * (protocol.max_travel or 0.0),
+                views=estimate([evaluation.visited for _, evaluation in mine]),
+                **dict(measures),
+            )
+            for measures, mine in _measured(reached)
+        )
+    return tuple(rows)
+
+
+def _measured(reached: _Reached) -> list[tuple[Measures, _Reached]]:
+    """The ``Measures`` of each method, and what they are of; best PSNR first."""
+    held_out, unvisited = (
+        _by_seed(reached, value) for value in (lambda e: e.mean_psnr_db, lambda e: e.mean_unvisited_db)
+    )
+    found = []
+    for method in held_out:
+        mine = [pair for pair in reached if pair[0].method == method]
+        found.append((_measures(method, mine, held_out, unvisited), mine))
+    return sorted(found, key=lambda pair: (-pair[0].psnr_db.mean, pair[0].method))
+
+
+def _by_seed(reached: _Reached, value: _Value) -> _BySeed:
     found: _BySeed = {}
     for run, evaluation in reached:
         number = value(evaluation)
@@ -134,13 +195,7 @@ def _gains(method: str, by_seed: _BySeed) -> dict[str, Estimate]:
     }
 
 
-def _row(
-    method: str,
-    visited: int,
-    reached: Sequence[tuple[Run, Evaluation]],
-    held_out: _BySeed,
-    unvisited: _BySeed,
-) -> Row:
+def _measures(method: str, reached: _Reached, held_out: _BySeed, unvisited: _BySeed) -> Measures:
     def over_seeds(value: _Value) -> Estimate | None:
         values = [value(evaluation) for _, evaluation in reached]
         known = [number for number in values if number is not None]
@@ -150,10 +205,11 @@ def _row(
         return estimate([value(evaluation) for _, evaluation in reached])
 
     rms = [run.worst_rms for run, _ in reached if run.worst_rms is not None]
-    choices = [run.selection_s[: visited - run.initial] for run, _ in reached]
-    return Row(
+    choices = [run.selection_s[: evaluation.visited - run.initial] for run, evaluation in reached]
+    flown = [evaluation.flown for _, evaluation in reached]
+    by_vehicle = list(zip(*flown, strict=True)) if len({len(lengths) for lengths in flown}) == 1 else []
+    return Measures(
         method=method,
-        visited=visited,
         psnr_db=required(lambda e: e.mean_psnr_db),
         ssim=required(lambda e: e.ssim),
         lpips=over_seeds(lambda e: e.lpips),
@@ -166,6 +222,7 @@ def _row(
         registered=required(lambda e: e.registered),
         aligned_only=required(lambda e: len(e.aligned_only)) if len(rms) == len(reached) else None,
         worst_rms=estimate(rms) if len(rms) == len(reached) else None,
+        flown=tuple(map(estimate, by_vehicle)) if len(by_vehicle) > 1 else (),
     )
 
 

@@ -33,6 +33,7 @@ class Evaluation(Record):
 
     ``unvisited_db``: mean PSNR of the views that may still be visited, at the dataset's poses, moved by the
     alignment where poses are estimated; None where none is left. ``repeats``: other models of the same views.
+    ``flown``: by each vehicle after the initial views (empty in results of earlier versions).
     """
 
     visited: int
@@ -47,6 +48,7 @@ class Evaluation(Record):
     views: tuple[ViewQuality, ...]
     unvisited_db: float | None = None
     repeats: tuple[Repeat, ...] = ()
+    flown: tuple[float, ...] = ()
 
     @property
     def mean_psnr_db(self) -> float:
@@ -89,6 +91,13 @@ class Calibration(Record):
     selectors: tuple[RankCorrelation, ...]
 
 
+class TravelPoint(Record):
+    """With what a run went through a share of its travel: so many ``visited`` views."""
+
+    share: float
+    visited: int
+
+
 class Run(Record):
     """One selector with one seed, from its initial views to its last.
 
@@ -97,6 +106,9 @@ class Run(Record):
     without the selector's scores. ``stop``: why the run ended. ``worst_rms``: the largest root mean square
     distance between the dataset's camera centres and the model's after alignment, in the dataset's unit.
     ``time_limit_s``: the limit that ended it before its last view; None when something else did.
+    ``stop_kind``: that of the ``StopReason``. ``vehicles``: which one flew to each chosen view (empty: the
+    same to all). ``travel_points``: for each share of the travel that it went through, or would have if more
+    views had been worth it; empty where travel is no budget.
     """
 
     method: str
@@ -111,6 +123,9 @@ class Run(Record):
     stop: str
     seconds: float
     time_limit_s: float | None = None
+    stop_kind: str = ""
+    vehicles: tuple[int, ...] = ()
+    travel_points: tuple[TravelPoint, ...] = ()
 
     def may_go_on(self, time_limit_s: float | None) -> bool:
         """Whether the run ended because of a time limit shorter than ``time_limit_s`` (None: no limit)."""
@@ -119,6 +134,10 @@ class Run(Record):
     def at(self, visited: int) -> Evaluation | None:
         """The evaluation after ``visited`` views; None without one."""
         return next((evaluation for evaluation in self.evaluations if evaluation.visited == visited), None)
+
+    def at_share(self, share: float) -> Evaluation | None:
+        """The evaluation at a share of the travel; None where the run did not get so far."""
+        return next((self.at(point.visited) for point in self.travel_points if point.share == share), None)
 
 
 def read_result(path: Path, kind: type[RecordT]) -> RecordT | None:

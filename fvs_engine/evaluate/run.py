@@ -9,16 +9,19 @@ from fvs_engine.errors import StorageError
 from fvs_engine.evaluate.calibration import calibrate
 from fvs_engine.evaluate.held_out import Lpips, evaluate
 from fvs_engine.evaluate.protocol import Protocol
-from fvs_engine.evaluate.results import Calibration, Evaluation, Run, read_result
+from fvs_engine.evaluate.results import Calibration, Evaluation, Run, TravelPoint, read_result
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings, prior_noise
-from fvs_engine.select.loop import LoopSettings, SelectionLoop, StopReason
+from fvs_engine.select.loop import Choice, LoopSettings, SelectionLoop, StopReason
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.raster import Rasterizer
+
+_TOLERANCE = 1e-9
+"""Share of a travel by which rounding may exceed it."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class Setup:
             hold_out=protocol.hold_out,
             seed=seed,
             time_limit_s=protocol.time_limit_s,
+            max_travel=protocol.max_travel,
+            vehicles=protocol.vehicles,
             registrable=protocol.registrable,
         )
 
@@ -146,13 +151,45 @@ def execute(
             trainings = setup.protocol.trainings if visited == setup.protocol.budget else 1
             evaluation = _evaluate(setup, plan, loop, monitor, trainings)
         on_step(visited, evaluation)
-        outcome = loop.step(monitor)
+        outcome = loop.choose(monitor)
         if isinstance(outcome, StopReason):
             break
+        if _passes(setup.protocol, loop, outcome):
+            evaluation = _evaluate(setup, plan, loop, monitor, 1)
+            on_step(visited, evaluation)
+        loop.step(monitor)
     _evaluate(setup, plan, loop, monitor, setup.protocol.trainings)
     run = _result(setup.protocol, plan, loop, outcome)
     write_record(plan.result_path, run)
     return run
+
+
+def _limits(protocol: Protocol) -> dict[float, float]:
+    """How far a vehicle flies at most at each share of the travel."""
+    whole = (protocol.max_travel or 0.0) * (1 + _TOLERANCE)
+    return {share: share * whole for share in protocol.travel_shares}
+
+
+def _passes(protocol: Protocol, loop: SelectionLoop, choice: Choice) -> bool:
+    """Whether a choice takes its vehicle beyond a share of the travel beyond which none has flown yet."""
+    flown = [vehicle.flown for vehicle in loop.vehicles.all]
+    after = flown[choice.vehicle - 1] + choice.distance
+    return any(max(flown) <= limit < after for limit in _limits(protocol).values())
+
+
+def _travel_points(protocol: Protocol, loop: SelectionLoop, stop: StopReason) -> tuple[TravelPoint, ...]:
+    """The views before any vehicle went beyond each share; all where none did, unless time was up."""
+    flown = dict.fromkeys(range(1, protocol.vehicles + 1), 0.0)
+    longest = []
+    for record in loop.records:
+        flown[record.choice.vehicle] += record.choice.distance
+        longest.append(max(flown.values()))
+    points = []
+    for share, limit in _limits(protocol).items():
+        count = sum(length <= limit for length in longest)
+        if count < len(longest) or stop.kind != "time-limit":
+            points.append(TravelPoint(share=share, visited=len(loop.initial) + count))
+    return tuple(points)
 
 
 def _evaluate(
@@ -173,7 +210,9 @@ def _evaluate(
 
 def _result(protocol: Protocol, plan: RunPlan, loop: SelectionLoop, stop: StopReason) -> Run:
     visited = len(loop.visited)
-    counts = [n for n in range(len(loop.initial), visited + 1) if n in protocol.view_counts or n == visited]
+    points = _travel_points(protocol, loop, stop)
+    measured = {visited, *protocol.view_counts, *(point.visited for point in points)}
+    counts = [n for n in range(len(loop.initial), visited + 1) if n in measured]
     evaluations = (read_result(plan.folder / f"evaluation-{n:04d}.json", Evaluation) for n in counts)
     calibrations = (read_result(plan.folder / f"calibration-{n:04d}.json", Calibration) for n in counts)
     rms = [record.alignment.rms for record in loop.records if record.alignment.source != "known"]
@@ -190,6 +229,9 @@ def _result(protocol: Protocol, plan: RunPlan, loop: SelectionLoop, stop: StopRe
         stop=stop.message,
         seconds=sum(record.seconds.total for record in loop.records),
         time_limit_s=protocol.time_limit_s if stop.kind == "time-limit" else None,
+        stop_kind=stop.kind,
+        vehicles=tuple(record.choice.vehicle for record in loop.records),
+        travel_points=points,
     )
 
 

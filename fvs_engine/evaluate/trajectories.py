@@ -48,7 +48,8 @@ def plot_trajectories(
     for axes, run in zip(panels, runs, strict=False):
         flown = [places[name] for name in run.order]
         _draw_run(axes, run, below, below[flown], above[flown], styled[run.method][0])
-        axes.set_title(f"{run.method}: {_travel(capture[flown]):.1f} units", fontsize=10)
+        travel = sum(_travel(capture[flown][way]) for way in _ways(run))
+        axes.set_title(f"{run.method}: {travel:.1f} units", fontsize=10)
         axes.set_xlim(low[0] - margin, high[0] + margin)
         axes.set_ylim(low[1] - margin, high[1] + margin)
     for axes in panels:
@@ -64,11 +65,24 @@ def _draw_run(axes: Axes, run: Run, capture: Array, below: Array, above: Array, 
     axes.plot(*capture.T, color=_CAPTURE, linewidth=0.8, marker=".", markersize=2.5, label="capture")
     for low, high in zip(below, above, strict=True):
         axes.plot(*np.stack([low, high]).T, color=color, linewidth=0.5, linestyle=":", alpha=0.7)
-    axes.plot(*above.T, color=color, linewidth=1.3, label=run.method)
+    first, *others = _ways(run)
+    axes.plot(*above[first].T, color=color, linewidth=1.3, label=run.method)
+    for way in others:
+        axes.plot(*above[way].T, color=color, linewidth=1.3)
     given, chosen = above[: run.initial], above[run.initial :]
     axes.plot(*chosen.T, color=color, linestyle="none", marker="o", markersize=4)
     axes.plot(*given.T, color=color, linestyle="none", marker="o", markersize=5, markerfacecolor="white")
     axes.plot(*above[-1:].T, color=color, linestyle="none", marker="*", markersize=12)
+
+
+def _ways(run: Run) -> list[list[int]]:
+    """The way of each vehicle, in indices of ``run.order``; the first one flew to the initial views."""
+    given, chosen = list(range(run.initial)), range(run.initial, len(run.order))
+    vehicles = run.vehicles or (1,) * len(chosen)
+    of = {
+        number: [i for i, v in zip(chosen, vehicles, strict=True) if v == number] for number in {1, *vehicles}
+    }
+    return [[*given, *of[1]], *([given[-1], *way] for number, way in sorted(of.items()) if number != 1)]
 
 
 def as_seen(points: Array) -> Array:

@@ -30,6 +30,7 @@ from fvs_engine.splat.raster import create_rasterizer
 class SelectedView(Record):
     """A visited view; ``distance`` from the one before and ``travel`` up to it are in the dataset's unit.
 
+    ``vehicle`` photographed it (None: initial views); the one before is that vehicle's, the travel of all.
     ``score`` is None for initial views, and for choices without a score (``fallback`` names the rule).
     """
 
@@ -41,12 +42,14 @@ class SelectedView(Record):
     fallback: str | None
     distance: float
     travel: float
+    vehicle: int | None = None
 
 
 class SelectionResult(Record):
     """``result.json``: what was visited, in order, and why the selection ended.
 
     ``travel_of_capture`` is the path length through all views that could be visited, in order of capture.
+    ``flown``: by each vehicle after the initial views, at most ``max_travel`` (None: no limit).
     ``expected``: of the quick model's renders of all views that could be visited.
     ``worst_rms``: of the alignments between dataset and model, in the dataset's unit. ``iterations`` and
     ``gaussians`` are those of the full model.
@@ -62,6 +65,8 @@ class SelectionResult(Record):
     nearest: int | None
     travel: float
     travel_of_capture: float
+    max_travel: float | None
+    flown: tuple[float, ...]
     expected: Expectation
     worst_rms: float
     iterations: int
@@ -114,6 +119,7 @@ def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str],
         loop.dataset,
         initial=loop.initial,
         chosen=[record.chosen for record in loop.records],
+        vehicles=[record.choice.vehicle for record in loop.records],
         test=loop.held_out_names,
         title=f"{result.dataset} · {result.method} · {len(result.views)} views · "
         f"travel {result.travel:.1f} of {result.travel_of_capture:.1f}",
@@ -139,8 +145,9 @@ def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> Selecti
                 registered=name in registered,
                 score=choice.score if choice else None,
                 fallback=choice.fallback if choice else None,
-                distance=path_length(way[max(0, index - 1) : index + 1]),
-                travel=path_length(way[: index + 1]),
+                distance=choice.distance if choice else path_length(way[max(0, index - 1) : index + 1]),
+                travel=choice.travel if choice else path_length(way[: index + 1]),
+                vehicle=choice.vehicle if choice else None,
             )
         )
     return SelectionResult(
@@ -154,6 +161,8 @@ def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> Selecti
         nearest=loop.reach.nearest,
         travel=loop.travel,
         travel_of_capture=path_length([centres[name] for name in loop.pool]),
+        max_travel=loop.settings.max_travel,
+        flown=tuple(vehicle.flown for vehicle in loop.vehicles.all),
         expected=loop.expected(),
         worst_rms=max((record.alignment.rms for record in loop.records), default=0.0),
         iterations=model.iterations,

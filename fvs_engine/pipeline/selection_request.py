@@ -45,6 +45,8 @@ class SelectionRequest(Record):
     time_limit_s: float | None = None
     stop_at_db: float | None = None
     stop_at_gain_db: float | None = None
+    max_travel: float | None = None
+    vehicles: int = 1
     registrable: bool = True
     seed: int = 0
     threads: int | None = None
@@ -94,6 +96,8 @@ class SelectionRequest(Record):
                 time_limit_s=self.time_limit_s,
                 stop_at_db=self.stop_at_db,
                 stop_at_gain_db=self.stop_at_gain_db,
+                max_travel=self.max_travel,
+                vehicles=self.vehicles,
                 registrable=self.registrable,
             )
         except ValidationError as error:

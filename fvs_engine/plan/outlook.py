@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fvs_engine.plan.fleet import Fleet, FleetPlan
 from fvs_engine.plan.forecast import LEAST_PHOTOGRAPHS, PsnrForecast, Seen
 from fvs_engine.plan.plan_records import Expectation, Outlook
 from fvs_engine.plan.planner import plan_views
@@ -25,13 +26,25 @@ class Expectations:
         return self._line.gain_db(variance, variance_after) if self._line else None
 
 
-def look_ahead(targets: Targets, reachable: Sequence[str], remaining: int, seen: Sequence[Seen]) -> Outlook:
-    """The outlook with ``remaining`` views to visit, of which one that is ``reachable`` comes next."""
+def look_ahead(
+    targets: Targets,
+    reachable: Sequence[str],
+    remaining: int,
+    seen: Sequence[Seen],
+    fleet: Fleet | None = None,
+) -> Outlook:
+    """The outlook with ``remaining`` views to visit, of which one that is ``reachable`` comes next.
+
+    ``fleet``: the vehicles, where their travel is limited or there are several (None: one without a limit).
+    """
     expectations = Expectations(seen)
     among = np.array([targets.index[name] for name in reachable], dtype=np.int64)
     now = targets.variance.variance
     after_next = now - float(targets.variance.gains([], among).max(initial=0.0))
-    end = plan_views(targets.variance, remaining, targets.admissible).variance_after
+    if fleet is not None and fleet.distance is not None:
+        end = FleetPlan(targets, remaining, fleet).variance_after
+    else:
+        end = plan_views(targets.variance, remaining, targets.admissible).variance_after
     return Outlook(
         now=expectations.at(now),
         after_next=expectations.at(after_next),

@@ -38,19 +38,31 @@ class Tour:
 class Budget:
     """What may be spent: ``views`` in all, and a ``distance`` for each vehicle; None does not limit it.
 
-    With ``home`` every vehicle flies back to its start, which counts. Raises ``InvalidInputError`` for
-    numbers that are not positive.
+    With ``home`` every vehicle flies back to its start, which counts. ``flown``: what each vehicle has flown
+    already, which counts too (empty: nothing). Raises ``InvalidInputError`` for numbers that are not
+    positive.
     """
 
     views: int
     distance: float | None = None
     home: bool = False
+    flown: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.views < 1:
             raise InvalidInputError(f"A plan needs at least one view, not {self.views}.")
         if self.distance is not None and not 0.0 < self.distance < np.inf:
             raise InvalidInputError(f"The distance of a plan must be positive, not {self.distance}.")
+
+    def before(self, vehicle: int) -> float:
+        """What a vehicle has flown before its tour."""
+        return self.flown[vehicle] if self.flown else 0.0
+
+    def left(self, vehicle: int) -> float:
+        """The length that the tour of a vehicle may have; infinite without a limit."""
+        if self.distance is None:
+            return np.inf
+        return max(0.0, self.distance * (1 + _TOLERANCE) - self.before(vehicle))
 
 
 def plan_tours(
@@ -113,7 +125,7 @@ class _Tours:
         """Share out views, so that the longest tour is short: always the one that a tour is shortest with."""
         left = np.array(sorted(views), dtype=np.int64)
         while len(left):
-            lengths = np.stack([tour.length + self._insertions(v, left) for v, tour in enumerate(self.tours)])
+            lengths = np.stack([self._flown(v) + self._insertions(v, left) for v in range(len(self.tours))])
             vehicle, place = np.unravel_index(int(np.argmin(lengths)), lengths.shape)
             self._insert(int(vehicle), int(left[place]))
             left = np.delete(left, place)
@@ -171,9 +183,7 @@ class _Tours:
         whose = np.zeros(len(candidates), dtype=np.int64)
         for vehicle, tour in enumerate(self.tours):
             added = self._insertions(vehicle, candidates)
-            if self._budget.distance is not None:
-                most = self._budget.distance * (1 + _TOLERANCE)
-                added = np.where(tour.length + added <= most, added, np.inf)
+            added = np.where(tour.length + added <= self._budget.left(vehicle), added, np.inf)
             better = added < best
             best, whose = np.where(better, added, best), np.where(better, vehicle, whose)
         return best, whose
@@ -205,8 +215,8 @@ class _Tours:
             self.tours = shorter
 
     def _leveled(self) -> tuple[Tour, ...] | None:
-        longest = max(range(len(self.tours)), key=lambda vehicle: self.tours[vehicle].length)
-        mine, limit = self.tours[longest].views, self.tours[longest].length - 1e-9
+        longest = max(range(len(self.tours)), key=self._flown)
+        mine, limit = self.tours[longest].views, self._flown(longest) - 1e-9
         for vehicle, tour in enumerate(self.tours):
             if vehicle == longest:
                 continue
@@ -214,12 +224,17 @@ class _Tours:
                 rest = [other for other in mine if other != index]
                 for given in ([], *([other] for other in self._nearest(index, tour.views))):
                     taken = [other for other in tour.views if other not in given]
-                    changed = self._routed(longest, [*rest, *given]), self._routed(vehicle, [*taken, index])
-                    if max(each.length for each in changed) < limit:
-                        tours = list(self.tours)
-                        tours[longest], tours[vehicle] = changed
-                        return tuple(tours)
+                    changed = {
+                        longest: self._routed(longest, [*rest, *given]),
+                        vehicle: self._routed(vehicle, [*taken, index]),
+                    }
+                    if max(self._budget.before(v) + each.length for v, each in changed.items()) < limit:
+                        return tuple(changed.get(v, each) for v, each in enumerate(self.tours))
         return None
+
+    def _flown(self, vehicle: int) -> float:
+        """How far a vehicle will have flown at the end of its tour."""
+        return self._budget.before(vehicle) + self.tours[vehicle].length
 
     def _nearest(self, index: int, views: Sequence[int]) -> list[int]:
         """The few of ``views`` that are nearest to a view."""
@@ -243,21 +258,21 @@ def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Seque
             "No candidate can be visited.",
             hint="Give candidates nearer to the photographs, so that they can be registered.",
         )
-    lengths = legs.between(np.array(starts), np.arange(len(possible))).min(axis=0)
-    reachable = np.isfinite(lengths)
+    lengths = legs.between(np.array(starts), np.arange(len(possible)))
+    reachable = np.isfinite(lengths.min(axis=0))
     if not (possible & reachable).any():
         raise InvalidInputError(
             "No candidate can be reached from where the vehicle is.",
             hint="Something is in the way, or the start is too near to matter or in a no-fly zone: give "
             "another start, or candidates on this side.",
         )
-    nearest = float(lengths[possible & reachable].min())
-    way = nearest * (2.0 if budget.home else 1.0)
-    if budget.distance is not None and way > budget.distance * (1 + _TOLERANCE):
+    nearest = lengths[:, possible & reachable].min(axis=1)
+    ways = nearest * (2.0 if budget.home else 1.0)
+    if not any(way <= budget.left(vehicle) for vehicle, way in enumerate(ways)):
         back = " and back" if budget.home else ""
         raise InvalidInputError(
             f"A distance of {budget.distance:.4g} does not reach any candidate: the nearest is "
-            f"{nearest:.4g} away.",
-            hint=f"Give at least {way:.4g} for the way there{back}, or nearer candidates.",
+            f"{nearest.min():.4g} away.",
+            hint=f"Give at least {ways.min():.4g} for the way there{back}, or nearer candidates.",
         )
     return np.asarray(reachable)

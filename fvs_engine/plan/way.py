@@ -17,12 +17,14 @@ WIDTH = 200
 _MOST_STEPS = 4_000
 """Steps of all ways that are kept: of ways of 100 steps 40 are, which costs up to 1 % of their gain."""
 _LEAST_WIDTH = 20
+_LEAST_LENGTH = 1e-9
 
 
 @dataclass(frozen=True)
 class _Way:
     views: tuple[int, ...]
     gain: float
+    length: float = 0.0
 
 
 def plan_way(
@@ -33,11 +35,13 @@ def plan_way(
     centres: Array,
     here: Array,
     reach: Reach,
+    distance: float | None = None,
     width: int | None = None,
 ) -> ViewPlan:
     """Plan ``count`` steps from ``here`` [3], each to a candidate in ``reach`` of the last.
 
-    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on.
+    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on, or
+    where the next step would be longer than what is left of the ``distance`` (None: no limit).
     ``chosen`` is in the order of the visit, and ``ends`` holds the end of the best way that begins with each
     candidate in reach; infinite for the others. ``width``: how many ways are kept at every step (None: as
     many as take a second or so).
@@ -46,19 +50,26 @@ def plan_way(
     neighbours = _Neighbours(centres, reach)
     ends = np.full(len(centres), np.inf)
     best = _Way((), 0.0)
-    ways = [best]
-    for _ in range(count):
-        steps = []
-        for way in ways:
-            near = neighbours.of(here if not way.views else way.views[-1], way.views)
-            near = near[admissible(way.views)[near]]
-            steps.append((near, way.gain + variance.gains(way.views, near)))
-        ways = _best(ways, steps, width)
-        if not ways:
-            break
-        best = ways[0]
-        for way in reversed(ways):  # a first step whose ways were all given up keeps what they had reached
-            ends[way.views[0]] = variance.variance - way.gain
+    # With a distance the ways that gain most in so many steps are long, and soon at their end.
+    for power in (0.0,) if distance is None else (0.0, 0.5, 1.0):
+        ways = [_Way((), 0.0)]
+        for _ in range(count):
+            steps = []
+            for way in ways:
+                last = here if not way.views else centres[way.views[-1]]
+                near = neighbours.of(here if not way.views else way.views[-1], way.views)
+                near = near[admissible(way.views)[near]]
+                lengths = way.length + np.linalg.norm(centres[near] - last, axis=1)
+                if distance is not None:
+                    near, lengths = near[lengths <= distance], lengths[lengths <= distance]
+                steps.append((near, way.gain + variance.gains(way.views, near), lengths))
+            ways = _best(ways, steps, width, power)
+            if not ways:
+                break
+            best = max(best, *ways, key=lambda way: way.gain)
+            for way in ways:  # a first step whose ways were all given up keeps what they had reached
+                first = way.views[0]
+                ends[first] = min(ends[first], variance.variance - way.gain)
     return ViewPlan(
         best.views,
         tuple(_gains(variance, best.views)),
@@ -68,18 +79,26 @@ def plan_way(
     )
 
 
-def _best(ways: Sequence[_Way], steps: Sequence[tuple[NDArray[np.int64], Array]], width: int) -> list[_Way]:
-    """The ``width`` best ways that go on from each of ``ways`` by ``steps``: candidates, and the gain there.
+def _best(
+    ways: Sequence[_Way],
+    steps: Sequence[tuple[NDArray[np.int64], Array, Array]],
+    width: int,
+    power: float,
+) -> list[_Way]:
+    """The ``width`` best ways on from each of ``ways`` by ``steps``: candidates, gains and lengths there.
 
-    Of ways through the same views to the same last one, the best is enough. Equal gains are ordered by views.
+    The best has the highest gain per ``power`` of its length. Of ways through the same views to the same last
+    one, the best is enough. Equal ones are ordered by views.
     """
     order_of_views = np.argsort(sorted(range(len(ways)), key=lambda number: ways[number].views))
-    parents = np.repeat(np.arange(len(ways)), [len(near) for near, _ in steps])
-    last, gains = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+    parents = np.repeat(np.arange(len(ways)), [len(near) for near, _, _ in steps])
+    last, gains, lengths = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+    worth = gains if power == 0 else gains / np.maximum(lengths, _LEAST_LENGTH) ** power
     found: dict[tuple[frozenset[int], int], _Way] = {}
-    for place in np.lexsort((last, order_of_views[parents], -gains)).tolist():
+    for place in np.lexsort((last, order_of_views[parents], -worth)).tolist():
         longer = (*ways[parents[place]].views, int(last[place]))
-        found.setdefault((frozenset(longer), longer[-1]), _Way(longer, float(gains[place])))
+        way = _Way(longer, float(gains[place]), float(lengths[place]))
+        found.setdefault((frozenset(longer), longer[-1]), way)
         if len(found) == width:
             break
     return list(found.values())

@@ -12,6 +12,7 @@ from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
+from fvs_engine.plan.fleet import Fleet
 from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.registration import Observations
 from fvs_engine.plan.targets import Targets
@@ -36,7 +37,8 @@ class SelectionContext:
     them (empty: the candidates), ``reach`` what each step can reach, in units of the model frame (None:
     everything), and ``targets`` the poses that the model must serve (empty: all views that may be visited).
     ``observations`` are the sparse points where poses are estimated, so that a view which is visited must be
-    registered to be of use (None: poses are known).
+    registered to be of use (None: poses are known). ``fleet``: the vehicles with their places and what they
+    have flown of their distance, in the model frame, the one that chooses first (None: one without a limit).
 
     Raises ``InvalidInputError`` for a name that occurs twice, that is both visited and a candidate, or that
     ``order`` lacks.
@@ -56,6 +58,7 @@ class SelectionContext:
     targets: tuple[PinholeView, ...] = ()
     observations: Observations | None = None
     here: NDArray[np.float64] | None = None
+    fleet: Fleet | None = None
 
     def __post_init__(self) -> None:
         known: set[str] = set()

@@ -1,8 +1,7 @@
 """The loop of the paper's Algorithm 1: train, choose the next view, visit it, repeat."""
 
 import time
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.select.candidate_views import comparable_views, psnr_of
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
@@ -37,14 +37,15 @@ from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import (
     Clock,
     budget_spent,
+    check_first_step,
     gain_too_small,
-    nothing_in_reach,
+    grounded,
     quality_reached,
     time_is_up,
+    too_far,
 )
-from fvs_engine.splat.metrics import psnr
+from fvs_engine.select.vehicles import Vehicle, Vehicles
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.render import render_color
 from fvs_engine.views import PinholeView
 
 __all__ = [
@@ -130,10 +131,9 @@ class SelectionLoop:
         initial = initial_views(
             [dataset.by_name[name] for name in pool], settings.initial, settings.initial_choice, settings.seed
         )
-        unvisited = {name: centres[name] for name in pool if name not in initial}
-        stop = nothing_in_reach(reach, centres[initial[-1]], unvisited)
-        if stop is not None and settings.budget > settings.initial:
-            raise InvalidInputError(stop.message, hint="Choose a larger radius, or how many of the nearest.")
+        if settings.budget > settings.initial:
+            unvisited = {name: centres[name] for name in pool if name not in initial}
+            check_first_step(reach, settings.max_travel, centres[initial[-1]], unvisited)
 
         place = LoopFolder(folder)
         manifest = place.open(
@@ -162,8 +162,21 @@ class SelectionLoop:
 
     @property
     def travel(self) -> float:
-        """The length of the path through the visited views, in the dataset's unit."""
-        return path_length([self._centres[name] for name in self.visited])
+        """The length of the path through the visited views, of all vehicles, in the dataset's unit."""
+        initial = path_length([self._centres[name] for name in self.initial])
+        return initial + sum(record.choice.distance for record in self._records)
+
+    @property
+    def vehicles(self) -> Vehicles:
+        """Where the vehicles are, and how far each has flown since the initial views."""
+        settings, choices = self.settings, [record.choice for record in self._records]
+        return Vehicles(settings.vehicles, self.initial[-1], settings.max_travel, choices)
+
+    @property
+    def in_reach(self) -> dict[str, float]:
+        """The unvisited views in reach of the vehicle whose turn is next, with their distances."""
+        (vehicle, *_) = self.vehicles.in_turn
+        return self.reach.distances(self._centres[vehicle.at], self._unvisited_centres())
 
     @property
     def model(self) -> SceneModel:
@@ -189,12 +202,27 @@ class SelectionLoop:
     def step(self, monitor: Monitor) -> StepRecord | StopReason:
         """Choose the next view, visit it and train on it, or return why the selection ends here.
 
+        Raises what ``choose`` raises.
+        """
+        choice = self.choose(monitor)
+        if isinstance(choice, StopReason):
+            return choice
+        record = self._visit(choice, monitor)
+        self._folder.write_step(record.choice, record)
+        self._records.append(record)
+        self._pending = None
+        monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
+        return record
+
+    def choose(self, monitor: Monitor) -> Choice | StopReason:
+        """Choose the view that ``step`` visits next, once, or return why the selection ends here.
+
         Raises ``InvalidInputError`` when the dataset's poses contradict the photographs, ``Cancelled`` with
         everything on disk, and what ``begin`` raises.
         """
         self.begin(monitor)
         if self._pending is None:
-            choice = self._stop_reason() or self._choose(monitor)
+            choice = self._next(monitor)
             stop = choice if isinstance(choice, StopReason) else None
             if stop != self._manifest.stop:
                 self._manifest = self._manifest.model_copy(update={"stop": stop})
@@ -203,12 +231,7 @@ class SelectionLoop:
                 return choice
             self._pending = choice
             self._folder.write_step(self._pending, None)
-        record = self._visit(self._pending, monitor)
-        self._folder.write_step(record.choice, record)
-        self._records.append(record)
-        self._pending = None
-        monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
-        return record
+        return self._pending
 
     def expected(self) -> Expectation:
         """What to expect of the renders of all views that may be visited, by the quick model."""
@@ -228,71 +251,76 @@ class SelectionLoop:
         except InvalidInputError as error:
             raise InvalidInputError(error.message, hint=_ALIGNMENT_HINT) from error
 
-    def context(self, candidates: Iterable[str], alignment: DatasetAlignment) -> SelectionContext:
+    def context(
+        self, candidates: Iterable[str], alignment: DatasetAlignment, vehicle: Vehicle | None = None
+    ) -> SelectionContext:
         """The input of a selector now, for ``candidates`` (names of views of the dataset).
 
+        ``vehicle``: the one that flies next (None: the one whose turn it is).
         Unregistered visited views get their pose from the alignment: they were visited, and a method that
         spreads views must not choose them again.
         """
         registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
         model_dir = self.scene.model_dir
+        visited = tuple(registered.get(view.name, view) for view in self._candidates(self.visited, alignment))
+        vehicles, centres = self.vehicles, {view.name: view.centre for view in visited}
+        vehicle = vehicle or (*vehicles.in_turn, *vehicles.all)[0]
+        scale = alignment.model_from_world.scale
         return SelectionContext(
             gaussians=self.model.gaussians,
             rasterizer=self.scene.rasterizer,
             sh_degree=self.model.sh_degree,
-            visited=tuple(
-                registered.get(view.name, view) for view in self._candidates(self.visited, alignment)
-            ),
+            visited=visited,
             candidates=self._candidates(candidates, alignment),
             order={name: index for index, name in enumerate(self.pool)},
             budget=self.settings.budget,
             seed=self.settings.seed,
             step=len(self._records),
             later=self._candidates(self.unvisited, alignment),
-            reach=self.reach.scaled(alignment.model_from_world.scale),
+            reach=self.reach.scaled(scale),
             observations=read_observations(model_dir) if model_dir is not None else None,
+            here=centres[vehicle.at],
+            fleet=vehicles.fleet(vehicle, centres, scale),
         )
 
     def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:
-        """Views of the dataset in the model frame.
-
-        Scores of different image sizes cannot be compared, so views with another image size than most get the
-        most frequent camera.
-        """
+        """Views of the dataset in the model frame."""
         cameras = {name: self.scene.expected_camera(name) for name in names}
-        if not cameras:
-            return ()
-        (size, _), *_ = Counter((camera.width, camera.height) for camera in cameras.values()).most_common()
-        fitting = [camera for camera in cameras.values() if (camera.width, camera.height) == size]
-        (usual, _), *_ = Counter(fitting).most_common()
-        candidates = []
-        for name, camera in cameras.items():
-            world_from_camera = self.dataset.by_name[name].camera_from_model.inverse()
-            model_from_camera = alignment.model_from_world.move_camera(world_from_camera)
-            comparable = camera if (camera.width, camera.height) == size else usual
-            candidates.append(PinholeView(name, comparable, model_from_camera.inverse()))
-        return tuple(candidates)
+        return comparable_views(self.dataset, cameras, alignment.model_from_world)
 
-    def _stop_reason(self) -> StopReason | None:
-        visited = self.visited
-        last_step_s = self._records[-1].seconds.total if self._records else 0.0
-        return (
-            budget_spent(len(visited), self.settings.budget)
-            or nothing_in_reach(self.reach, self._centres[visited[-1]], self._unvisited_centres())
-            or time_is_up(self._clock, last_step_s)
-        )
+    def _next(self, monitor: Monitor) -> Choice | StopReason:
+        """The choice of the first vehicle that can go on."""
+        outcome: Choice | StopReason | None = budget_spent(len(self.visited), self.settings.budget)
+        if outcome is not None:
+            return outcome
+        vehicles, last_step_s = self.vehicles, self._records[-1].seconds.total if self._records else 0.0
+        landed = list(vehicles.landed)
+        for vehicle in vehicles.in_turn:
+            here, left = self._centres[vehicle.at], vehicles.left(vehicle)
+            outcome = (
+                grounded(self.reach, left, here, self._unvisited_centres())
+                or time_is_up(self._clock, last_step_s)
+                or self._choose(vehicle, left, landed, monitor)
+            )
+            if isinstance(outcome, Choice) or outcome.kind not in ("nothing-in-reach", "travel"):
+                break
+            landed.append(vehicle.number)
+        assert outcome is not None
+        return outcome
 
     def _unvisited_centres(self) -> Mapping[str, NDArray[np.float64]]:
         return {name: self._centres[name] for name in self.unvisited}
 
-    def _choose(self, monitor: Monitor) -> Choice | StopReason:
+    def _choose(
+        self, vehicle: Vehicle, left: float, landed: Sequence[int], monitor: Monitor
+    ) -> Choice | StopReason:
         began = time.monotonic()
-        here = self._centres[self.visited[-1]]
-        distances = self.reach.distances(here, self._unvisited_centres())
+        distances = self.reach.distances(self._centres[vehicle.at], self._unvisited_centres())
         alignment = self.align()
-        context = self.context(distances, alignment)
+        context = self.context(distances, alignment, vehicle)
         targets = context.planning
-        outlook = look_ahead(targets, tuple(distances), context.remaining, self._seen)
+        near = tuple(name for name, distance in distances.items() if distance <= left)
+        outlook = look_ahead(targets, near, context.remaining, self._seen, context.fleet)
         stop = quality_reached(outlook, self.settings.stop_at_db) or gain_too_small(
             outlook, self.settings.stop_at_gain_db
         )
@@ -302,6 +330,9 @@ class SelectionLoop:
             context = replace(context, candidates=targets.registrable(context.candidates))
         selection = select(context, self._selector, distances, monitor=monitor)
         chosen = selection.chosen
+        stop = too_far(chosen, distances[chosen], left)
+        if stop is not None:
+            return stop
         return Choice(
             step=len(self._records) + 1,
             method=self.settings.method,
@@ -315,6 +346,8 @@ class SelectionLoop:
             seconds=time.monotonic() - began,
             outlook=outlook,
             variance=float(targets.own_variances()[targets.index[chosen]]),
+            vehicle=vehicle.number,
+            landed=tuple(landed),
         )
 
     @property
@@ -328,7 +361,7 @@ class SelectionLoop:
         warnings, add_s = self._add([choice.chosen], monitor)
         if before is not None:
             # Written before the model is trained on it: afterwards it cannot be measured again.
-            choice = choice.model_copy(update={"before_db": self._psnr_db(before, choice.chosen)})
+            choice = choice.model_copy(update={"before_db": psnr_of(self.scene, before, choice.chosen)})
             self._folder.write_step(choice, None)
         train_s = self._train(monitor)
         if choice.chosen in self.scene.unregistered and not any(choice.chosen in line for line in warnings):
@@ -343,14 +376,6 @@ class SelectionLoop:
             warnings=warnings,
             seconds=StepSeconds(score=choice.seconds, add=add_s, train=train_s),
         )
-
-    def _psnr_db(self, model: SceneModel, name: str) -> float | None:
-        """The PSNR of a registered view's photograph; None where it is unregistered."""
-        for view in self.scene.views:
-            if view.name == name:
-                render = render_color(model.gaussians, view, self.scene.rasterizer, sh_degree=model.sh_degree)
-                return psnr(render, view.image / 255.0)
-        return None
 
     def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], float]:
         """Add views; returns warnings and seconds."""

@@ -38,9 +38,10 @@ class Choice(Record):
     """The choice of one step; ``step`` counts from 1.
 
     ``ranked`` holds every candidate in reach, the best first; ``fallback`` names the rule that chose the view
-    where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``:
-    the path through all visited views up to it; both in the dataset's unit. ``seconds``: wall time of
-    aligning, rendering and scoring.
+    where no candidate could be ranked. ``distance``: how far the camera flies to it; ``travel``: the path of
+    all vehicles through all visited views up to it; both in the dataset's unit. ``vehicle`` is the one that
+    flies there, and those that have ``landed`` fly no more, by their numbers from 1. ``seconds``: wall time
+    of aligning, rendering and scoring.
 
     ``outlook``: what was to be expected before the visit. ``variance``: the kriging variance of the chosen
     pose then. ``before_db``: the PSNR of its photograph, rendered by the model that had not seen it; None
@@ -60,6 +61,8 @@ class Choice(Record):
     outlook: Outlook
     variance: float
     before_db: float | None = None
+    vehicle: int = 1
+    landed: tuple[int, ...] = ()
 
 
 class StepSeconds(Record):
@@ -111,5 +114,5 @@ class StepRecord(Record):
 class StopReason(Record):
     """Why a selection ended: ``kind`` for programs, ``message`` for people."""
 
-    kind: Literal["budget", "time-limit", "nothing-in-reach", "quality", "gain"]
+    kind: Literal["budget", "time-limit", "nothing-in-reach", "travel", "quality", "gain"]
     message: str

@@ -8,6 +8,8 @@ from fvs_engine.choices import HoldOut, InitialChoice
 from fvs_engine.records import Record
 from fvs_engine.scene.settings import SceneSettings
 
+MAX_VEHICLES = 20
+
 
 class LoopSettings(Record):
     """Settings of the loop; stored with the selection.
@@ -22,6 +24,8 @@ class LoopSettings(Record):
     another, beginning with one that it draws. ``time_limit_s`` bounds one run, not a selection that is
     resumed. ``stop_at_db``: end when the expected PSNR over all views that may be visited is that high;
     ``stop_at_gain_db``: when no view in reach is expected to add that much.
+    ``max_travel``: how far each of the ``vehicles`` flies after the initial views, in the dataset's unit; a
+    vehicle whose next view would exceed it flies no more. All begin at the last initial view.
     ``registrable``: with estimated poses, choose only among views that are likely to be registered.
     """
 
@@ -38,6 +42,8 @@ class LoopSettings(Record):
     time_limit_s: float | None = Field(default=None, gt=0)
     stop_at_db: float | None = Field(default=None, gt=0, le=100)
     stop_at_gain_db: float | None = Field(default=None, gt=0, le=100)
+    max_travel: float | None = Field(default=None, gt=0)
+    vehicles: int = Field(default=1, ge=1, le=MAX_VEHICLES)
     registrable: bool = True
 
     @model_validator(mode="after")

@@ -6,9 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.plan_records import Outlook
 from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
+
+_LEAST_SHARE = 1e-6
+"""Of the way to a view: what is left of the travel and is less is rounding."""
 
 
 class Clock:
@@ -83,6 +87,50 @@ def nothing_in_reach(
         message=f"None of the {len(unvisited)} unvisited views is within {reach.radius:.4g} of the camera; "
         f"a radius of {_rounded_up(nearest):.4g} would reach the nearest.",
     )
+
+
+def grounded(
+    reach: Reach, left: float, here: NDArray[np.float64], unvisited: Mapping[str, NDArray[np.float64]]
+) -> StopReason | None:
+    """Stop when no unvisited view is in reach, or within what is ``left`` of the travel."""
+    stop = nothing_in_reach(reach, here, unvisited)
+    if stop is not None:
+        return stop
+    name, distance = next(iter(Reach(nearest=1).distances(here, unvisited).items()))
+    return _travel_used(f"the nearest unvisited view, {name},", distance, left)
+
+
+def too_far(name: str, distance: float, left: float) -> StopReason | None:
+    """Stop when the way to the next view would exceed what is ``left`` of the travel."""
+    return _travel_used(f"the next view, {name},", distance, left)
+
+
+def _travel_used(view: str, distance: float, left: float) -> StopReason | None:
+    if distance <= left:
+        return None
+    shown = left if left > _LEAST_SHARE * distance else 0.0
+    return StopReason(
+        kind="travel", message=f"The travel is used: {view} is {distance:.4g} away, and {shown:.4g} is left."
+    )
+
+
+def check_first_step(
+    reach: Reach,
+    max_travel: float | None,
+    here: NDArray[np.float64],
+    unvisited: Mapping[str, NDArray[np.float64]],
+) -> None:
+    """Raise ``InvalidInputError`` where a selection cannot make its first step from ``here`` [3]."""
+    stop = nothing_in_reach(reach, here, unvisited)
+    if stop is not None:
+        raise InvalidInputError(stop.message, hint="Choose a larger radius, or how many of the nearest.")
+    nearest = next(iter(Reach(nearest=1).distances(here, unvisited).values()))
+    if max_travel is not None and nearest > max_travel:
+        raise InvalidInputError(
+            f"A travel of {max_travel:.4g} reaches no view: the nearest is {nearest:.4g} from the last "
+            "initial one.",
+            hint=f"Give --max-travel of at least {_rounded_up(nearest):.4g}.",
+        )
 
 
 def _rounded_up(distance: float) -> float:

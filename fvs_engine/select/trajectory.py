@@ -30,20 +30,21 @@ def draw_trajectory(
     *,
     initial: Sequence[str],
     chosen: Sequence[str],
+    vehicles: Sequence[int] | None = None,
     test: Sequence[str],
     title: str,
 ) -> None:
     """Write a PNG: all views of ``dataset`` and their capture in grey, test views hollow, initial ones black.
 
-    ``chosen`` views, and the path to each, are coloured by order. Seen along the cameras' common up
-    direction. Raises ``StorageError`` when it cannot be written.
+    ``chosen`` views, and the path to each, are coloured by order; ``vehicles`` flew there (None: one and the
+    same). Seen along the cameras' common up direction. Raises ``StorageError`` when it cannot be written.
     """
     plane = top_view(dataset)
     turns = Normalize(len(initial) + 1, len(initial) + max(len(chosen), 2))
     figure = Figure(figsize=(8.6, 7.6), layout="constrained")
     axes = figure.add_subplot()
     _draw_capture(axes, dataset, plane, (*initial, *chosen), test)
-    _draw_way(axes, plane, initial, chosen, turns)
+    _draw_way(axes, plane, initial, list(zip(vehicles or [1] * len(chosen), chosen, strict=True)), turns)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(title, loc="left", fontsize=12)
     axes.set_xlabel("from above, in the dataset's unit")
@@ -83,24 +84,31 @@ def _draw_capture(
 
 
 def _draw_way(
-    axes: Axes, plane: Mapping[str, Array], initial: Sequence[str], chosen: Sequence[str], turns: Normalize
+    axes: Axes,
+    plane: Mapping[str, Array],
+    initial: Sequence[str],
+    chosen: Sequence[tuple[int, str]],
+    turns: Normalize,
 ) -> None:
-    """The initial views, and every chosen one with the path to it."""
+    """The initial views, and every chosen one (with its vehicle) with the path to it."""
     x, y = np.stack([plane[name] for name in initial]).T
     axes.plot(x, y, color="black", linewidth=1.2, zorder=4)
     axes.scatter(x, y, s=26, color="black", zorder=6, label=f"initial ({len(initial)})")
     if not chosen:
         return
-    stops = np.stack([plane[name] for name in (initial[-1], *chosen)])
+    stops = np.stack([plane[name] for _, name in chosen])
+    at: dict[int, Array] = {}
+    legs_flown = []
+    for (vehicle, _), stop in zip(chosen, stops, strict=True):
+        legs_flown.append(np.stack([at.get(vehicle, plane[initial[-1]]), stop]))
+        at[vehicle] = stop
     numbers = np.arange(len(initial) + 1, len(initial) + len(chosen) + 1)
-    legs = LineCollection(
-        list(np.stack([stops[:-1], stops[1:]], axis=1)), cmap=_COLOR_MAP, norm=turns, linewidths=1.4, zorder=4
-    )
+    legs = LineCollection(legs_flown, cmap=_COLOR_MAP, norm=turns, linewidths=1.4, zorder=4)
     legs.set_array(numbers)
     axes.add_collection(legs)
     axes.scatter(
-        stops[1:, 0],
-        stops[1:, 1],
+        stops[:, 0],
+        stops[:, 1],
         c=numbers,
         cmap=_COLOR_MAP,
         norm=turns,

@@ -106,6 +106,25 @@ def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, 
     assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
 
 
+def test_candidates_of_a_volume_are_ranked(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
+    gateway.model(scene_id)
+    volume, zone = (tmp_path / name for name in ("volume.json", "zone.json"))
+    volume.write_text(json.dumps({"kind": "shell", "centre": [0, 0, 0], "inner": 3, "outer": 5}))
+    zone.write_text(json.dumps({"kind": "cylinder", "base": [0, 0, -9], "radius": 3.5, "height": 18}))
+    given = ["rank", scene_id, "--volume", volume, "--count", 30]
+    document = json.loads(run(*given, "--safety", 0.2, "--no-fly", zone, "--level", "--json").stdout)
+    assert document["total"] == 30
+    poses = [item["pose"] for item in document["candidates"]]
+    assert all(math.hypot(*pose["position"][:2]) > 3.5 for pose in poses)
+    assert document["request"]["safety_m"] == 0.2
+    run(*given, "--aim", "nearest")
+    assert "need a --volume" in run("rank", scene_id, "--aim", "nearest", expect=2).stderr
+    assert "need a --volume" in run("rank", scene_id, "--safety", 1, expect=2).stderr
+    assert "need a --volume" in run("rank", scene_id, "--no-fly", zone, expect=2).stderr
+    assert "not both" in run(*given, "--generator", "grid", expect=2).stderr
+    assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
+
+
 def test_vehicles_get_different_views(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
     gateway.model(scene_id)
     pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}

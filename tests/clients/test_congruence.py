@@ -13,17 +13,20 @@ import pytest
 from anyio.from_thread import start_blocking_portal
 from fvs_client import (
     AsyncClient,
+    Box,
     Client,
     EnuWorld,
     Finish,
     FramePose,
     FvsError,
     Grid,
+    InVolume,
     LocalWorld,
     MissionFormat,
     Orbit,
     Origin,
     Policy,
+    Prism,
     Retention,
     Retries,
     Trigger,
@@ -141,6 +144,13 @@ def rankings(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(scene.rank, generator=Grid(), method="guess")
     yield do(scene.rank, top_k=2)
     yield do(scene.rank, top_k=1, frame="model").best
+    block = Prism(corners=((-5, -5, 0), (5, -5, 0), (5, 5, 0)), lower=3.0, upper=5.0)
+    crane = Box(centre=(0.0, 0.0, 4.0), size=(1.0, 1.0, 9.0))
+    for more in ({"aim": (0.0, 0.0, 0.5)}, {"look": "nearest", "level": True}):
+        inside = InVolume(volume=block, count=6, **more)
+        yield do(scene.rank, generator=inside, safety_m=0.2, no_fly=[crane])
+    yield do(scene.rank, generator=inside, on_scored=scored.extend)
+    yield surface.attempt(scene.rank, generator=Orbit(count=5), safety_m=0.2)
     snapshot = do(scene.snapshots.latest)
     yield surface.items(scene.snapshots.list(), None) == [snapshot]
     yield do(snapshot.cameras)

@@ -221,20 +221,21 @@ def test_vehicles_get_different_views(compare: Compare) -> None:
     compare(scenario)
 
 
-def test_flights_are_planned_in_volumes(compare: Compare) -> None:
-    square = [[x, y, 0.0] for x, y in ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))]
-    volumes: list[dict[str, Any]] = [
-        {"kind": "box", "centre": [4.0, 0.0, 0.0], "size": [2.0, 8.0, 2.0], "along": [1.0, 1.0, 0.0]},
-        {"kind": "cylinder", "base": [0.0, 0.0, 3.0], "radius": 4.0, "height": 2.0, "up": [0.0, 0.1, 1.0]},
-        {"kind": "prism", "corners": square, "lower": 3.0, "upper": 5.0},
-        {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0, "above": -1.0},
-        {"kind": "corridor", "path": [[-5.0, 4.0, 2.0], [5.0, 4.0, 2.0]], "radius": 1.0},
-    ]
+SQUARE = [[x, y, 0.0] for x, y in ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))]
+VOLUMES: list[dict[str, Any]] = [
+    {"kind": "box", "centre": [4.0, 0.0, 0.0], "size": [2.0, 8.0, 2.0], "along": [1.0, 1.0, 0.0]},
+    {"kind": "cylinder", "base": [0.0, 0.0, 3.0], "radius": 4.0, "height": 2.0, "up": [0.0, 0.1, 1.0]},
+    {"kind": "prism", "corners": SQUARE, "lower": 3.0, "upper": 5.0},
+    {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0, "above": -1.0},
+    {"kind": "corridor", "path": [[-5.0, 4.0, 2.0], [5.0, 4.0, 2.0]], "radius": 1.0},
+]
 
+
+def test_flights_are_planned_in_volumes(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         scene = tenant.scene()
         _model(tenant, scene)
-        for volume in volumes:
+        for volume in VOLUMES:
             generator = {"kind": "in-volume", "volume": volume, "count": 30}
             made = tenant.call("PlanViews", {"generator": generator, "views": 3}, scene_id=scene)
             assert len(made.result["tours"][0]["stops"]) == 3
@@ -256,7 +257,41 @@ def test_flights_are_planned_in_volumes(compare: Compare) -> None:
             {"generator": generator, "safety_m": 1e5},
         ):
             _refused(tenant.call("PlanViews", wrong, scene_id=scene), "invalid-request")
-        _refused(tenant.call("RankViews", {"generator": generator}, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
+def test_candidates_of_volumes_are_ranked(compare: Compare) -> None:
+    shell = {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0}
+    zone = {"kind": "box", "centre": [4.0, 0.0, 0.0], "size": [2.0, 9.0, 9.0]}
+    generator = {"kind": "in-volume", "volume": shell, "count": 12}
+
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        _model(tenant, scene)
+        made = tenant.call("RankViews", {"generator": generator}, scene_id=scene).result
+        assert len(made["candidates"]) == 12
+        for volume in VOLUMES:
+            asked = {"generator": {**generator, "volume": volume, "aim": [0.0, 0.0, 0.5], "level": True}}
+            assert tenant.call("RankViews", {**asked, "no_fly": [zone]}, scene_id=scene).result["total"] > 0
+        asked = {"generator": {**generator, "look": "nearest"}, "safety_m": 0.2, "no_fly": [zone], "top_k": 5}
+        clear = tenant.call("RankViews", asked, scene_id=scene).result
+        assert len(clear["candidates"]) == 5
+        assert tenant.call("GetRanking", ranking_id=clear["id"]).result == clear
+        *_, last = tenant.call("StreamRankViews", asked, scene_id=scene).result
+        assert [place["id"] for place in last["ranking"]["candidates"]] == [
+            place["id"] for place in clear["candidates"]
+        ]
+        for wrong in (
+            {"generator": {"kind": "orbit"}, "safety_m": 0.2},
+            {"no_fly": [zone]},
+            {"generator": generator, "safety_m": -1.0},
+            {"generator": generator, "safety_m": 1e5},
+            {"generator": generator, "no_fly": [zone] * 21},
+            {"generator": {"kind": "in-volume"}},
+        ):
+            _refused(tenant.call("RankViews", wrong, scene_id=scene), "invalid-request")
+            _refused(tenant.call("StreamRankViews", wrong, scene_id=scene), "invalid-request")
 
     compare(scenario)
 

@@ -36,6 +36,8 @@ from fvs_service.jobs.queue import take_job
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.logs import configure_logging
 from fvs_service.rankings.port import (
+    GeneratedViews,
+    GenerateViews,
     PlannedFlight,
     PlanViews,
     RankedViews,
@@ -57,7 +59,7 @@ from fvs_service.snapshots.model import (
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.storage.tables import JobRow
 from fvs_service.worker.runner.model_states import ModelState
-from fvs_service.worker.runner.planning import plan_views
+from fvs_service.worker.runner.planning import generate_views, plan_views
 from lasting_inspectors import share_inspectors
 from PIL import Image
 from postgresql_server import PostgresqlServer, programs
@@ -88,6 +90,7 @@ class ComputingRunners:
         self._rasterizer = create_rasterizer("cpu")
         self.reachable = True
         self.asked: list[RankViews] = []
+        self.generated: list[GenerateViews] = []
 
     async def rank(self, request: RankViews) -> RankedViews:
         self._require_reachable()
@@ -104,6 +107,11 @@ class ComputingRunners:
     async def plan(self, request: PlanViews) -> PlannedFlight:
         self._require_reachable()
         return await run_sync(self._plan, request)
+
+    async def generate(self, request: GenerateViews) -> GeneratedViews:
+        self._require_reachable()
+        self.generated.append(request)
+        return await run_sync(self._generate, request)
 
     async def render(self, request: RenderView) -> bytes:
         self._require_reachable()
@@ -122,15 +130,23 @@ class ComputingRunners:
         )
 
     def _plan(self, request: PlanViews) -> PlannedFlight:
+        try:
+            return plan_views(request, self._state(request))
+        except EngineError as error:
+            raise from_engine(error) from error
+
+    def _generate(self, request: GenerateViews) -> GeneratedViews:
+        try:
+            return generate_views(request, self._state(request))
+        except EngineError as error:
+            raise from_engine(error) from error
+
+    def _state(self, request: PlanViews | GenerateViews) -> ModelState:
         content = self._blobs.read(find_artifact(self._blobs, request.scene_id, request.snapshot_id, CAMERAS))
         cameras = SnapshotCameras.model_validate_json(content)
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)
         nothing = Observations(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-        state = ModelState(request.snapshot_id, gaussians, 0, cameras, 7, lambda: nothing)
-        try:
-            return plan_views(request, state)
-        except EngineError as error:
-            raise from_engine(error) from error
+        return ModelState(request.snapshot_id, gaussians, 0, cameras, 7, lambda: nothing)
 
     def _render(self, request: RenderView) -> bytes:
         gaussians = self._gaussians(request.scene_id, request.snapshot_id)

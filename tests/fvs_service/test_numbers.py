@@ -62,6 +62,13 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
         {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0}},
         {**FULL, "generator": {"kind": "around-current", "count": 2}},
+        *(
+            {
+                "generator": {"kind": "in-volume", "volume": volume, "count": 2, "aim": [0.0, 0.0, 0.0]},
+                **{**FULL, "safety_m": 3.0, "no_fly": [ZONE]},
+            }
+            for volume in VOLUMES
+        ),
     ],
     "/v1/scenes/{scene_id}/visits": [
         {

@@ -62,7 +62,7 @@ from fvs_client.models.missions import (
     MissionSettings,
     MissionView,
 )
-from fvs_client.models.plans import CandidateTerms, Expectation, InVolume, Plan, PlanRequest, Stop, Tour
+from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -71,6 +71,7 @@ from fvs_client.models.rankings import (
     Dataset,
     Generator,
     Grid,
+    InVolume,
     Orbit,
     Pose,
     RankedCandidate,

@@ -1,11 +1,14 @@
 """The selector that plans: the views that leave the targets best surrounded at the end of the budget."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.planner import ViewPlan, plan_views
+from fvs_engine.plan.fleet import FleetPlan
+from fvs_engine.plan.planner import plan_views
 from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.way import plan_way
@@ -24,6 +27,9 @@ class Kriging:
     same, so a small price for travel puts the first stop of the shortest route before the others. Where
     poses are estimated, the plan keeps to views that are likely to be registered (``Familiarity``).
 
+    With a ``fleet``, the plan keeps to the distance that is left, and its vehicles share it (``FleetPlan``).
+    Where reach is limited, each vehicle plans an equal share of the views, beside what all have visited.
+
     Source: I-optimal design for kriging (Müller, "Collecting Spatial Data", 2007), with exchanges (Fedorov)
     instead of greedy choice. Cost: targets × candidates once, some milliseconds for 250 poses; nothing is
     rendered.
@@ -38,32 +44,35 @@ class Kriging:
     ) -> tuple[CandidateScore, ...]:
         """See ``Selector``. A budget that is used up counts as one remaining view."""
         targets = context.planning
-        plan, travel = _planned(context, targets)
+        planned, travel = _planned(context, targets)
         price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
         # A view that cannot be registered takes nothing from the variance. Where none in reach can be, the
         # likeliest goes first: it leads back to what is known.
         unlikely = targets.variance.variance + TRAVEL * (1.0 - targets.chances)
-        ends = np.where(np.isfinite(plan.ends), plan.ends, unlikely) + price * travel
+        ends = np.where(np.isfinite(planned), planned, unlikely) + price * travel
         return tuple(
             CandidateScore(view.name, float(ends[targets.index[view.name]]), CandidateStatus.RANKED, None)
             for view in context.candidates
         )
 
 
-def _planned(context: SelectionContext, targets: Targets) -> tuple[ViewPlan, NDArray[np.float64]]:
-    """The plan, and how far the camera travels in all if it goes to each of the later views next."""
-    centres = targets.centres
+def _planned(context: SelectionContext, targets: Targets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The variance at the end of the plan, and how far the camera travels, if it goes to each view next."""
+    centres, fleet = targets.centres, context.fleet
     here = centres.mean(axis=0) if context.centre is None else context.centre
     if context.reach is not None and not context.reach.reaches_all(len(centres)):
         plan = plan_way(
             targets.variance,
-            context.remaining,
+            context.remaining if fleet is None else math.ceil(context.remaining / len(fleet.centres)),
             targets.admissible,
             centres=centres,
             here=here,
             reach=context.reach,
+            distance=None if fleet is None or fleet.distance is None else fleet.left,
         )
-        return plan, np.zeros(len(centres))
+        return plan.ends, np.zeros(len(centres))
+    if fleet is not None:
+        return FleetPlan(targets, context.remaining, fleet).ends()
     plan = plan_views(targets.variance, context.remaining, targets.admissible)
     last = len(centres)  # the place of the camera
     legs = StraightLegs(np.concatenate([centres, here[None]]))
@@ -73,4 +82,4 @@ def _planned(context: SelectionContext, targets: Targets) -> tuple[ViewPlan, NDA
     for index in plan.chosen:
         rest = [other for other in plan.chosen if other != index]
         travel[index] = np.linalg.norm(centres[index] - here) + shortest_route(legs, index, rest)[1]
-    return plan, travel
+    return plan.ends, travel

@@ -495,7 +495,7 @@ class Generator(_message.Message):
     def __init__(self, orbit: _Optional[_Union[Orbit, _Mapping]] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., dataset: _Optional[_Union[Dataset, _Mapping]] = ..., around_current: _Optional[_Union[AroundCurrent, _Mapping]] = ..., in_volume: _Optional[_Union[InVolume, _Mapping]] = ...) -> None: ...
 
 class RankingRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle")
+    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle", "safety_m", "no_fly")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     CURRENT_POSE_FIELD_NUMBER: _ClassVar[int]
@@ -507,6 +507,8 @@ class RankingRequest(_message.Message):
     BUDGET_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     FOR_VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    SAFETY_M_FIELD_NUMBER: _ClassVar[int]
+    NO_FLY_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     current_pose: _poses_pb2.Pose
@@ -518,7 +520,9 @@ class RankingRequest(_message.Message):
     budget: int
     seed: int
     for_vehicle: str
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ...) -> None: ...
+    safety_m: float
+    no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ...) -> None: ...
 
 class ScoredCandidate(_message.Message):
     __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose", "estimated")

@@ -21,7 +21,7 @@ class Capabilities(Model):
     api: tuple[str, ...] = ("v1",)
     methods: tuple[str, ...]
     """The methods of rankings."""
-    generators: tuple[str, ...] = ("orbit", "grid", "dataset", "around-current")
+    generators: tuple[str, ...] = ("orbit", "grid", "dataset", "around-current", "in-volume")
     mission_formats: tuple[str, ...] = tuple(one.value for one in MissionFormat)
     """What missions are written for."""
     image_formats: tuple[str, ...]

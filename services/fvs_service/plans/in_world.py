@@ -1,21 +1,11 @@
 """What a runner planned, in the world frame."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.views import PinholeView
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of, require_on_earth
-
-
-def in_world(views: Sequence[PinholeView], frame: WorldFrame) -> Mapping[str, RigidTransform]:
-    """The poses of views of the model frame: name → world_from_camera. Raises as ``require_on_earth``."""
-    poses = {
-        view.name: frame.world_from_model.move_camera(view.camera_from_model.inverse()) for view in views
-    }
-    require_on_earth(poses)
-    return poses
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of
 
 
 def via(

@@ -1,50 +1,33 @@
 """Requests for plans, and plans."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from fvs_engine.plan.plan_records import Expectation as EngineExpectation
-from fvs_engine.plan.volumes import Volume
 from fvs_service.model import WHOLE, Count, Model, Number, within
-from fvs_service.quantities import MAX_COORDINATE_M, Length, Vector
-from fvs_service.rankings.model import CandidateRequest, Dataset, Grid, Orbit, VehicleName
+from fvs_service.quantities import Length
+from fvs_service.rankings.model import (
+    CandidateRequest,
+    Dataset,
+    Grid,
+    InVolume,
+    Orbit,
+    SafetyDistance,
+    VehicleName,
+    Zones,
+)
 from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment, Origin
 from fvs_service.scenes.poses import FramePose, Pose, PoseFrame, VehiclePose
 
 _MOST_VEHICLES = 20
-_MOST_ZONES = 20
-
-
-class InVolume(Model):
-    """Poses spread evenly over a volume, clear of the model's matter, that have some of it in their frame.
-
-    Coordinates and lengths are those of the world frame.
-    """
-
-    kind: Literal["in-volume"]
-    volume: Volume
-    count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
-    look: Literal["middle", "nearest"] = "middle"
-    """What they look at: the middle of the model, or for each the part of it that is nearest."""
-    aim: Vector | None = None
-    """A point to look at instead."""
-    level: bool = False
-    """Whether they look there with a level camera: in that direction, but not up or down."""
-
-    @model_validator(mode="after")
-    def _one_aim(self) -> Self:
-        if self.aim is not None and self.look != "middle":
-            raise ValueError("give either an aim or where to look, not both")
-        return self
 
 
 PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
 _Candidates = Annotated[
     tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
 ]
-_Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
 _Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
 
 
@@ -93,10 +76,10 @@ class PlanRequest(Model):
     """How far each vehicle flies, at most; by default as far as it takes."""
     home: bool = False
     """Whether each vehicle flies back to where it is now, which counts."""
-    safety_m: Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)] | None = None
+    safety_m: SafetyDistance | None = None
     """Keep so far from matter, which the model's opaque Gaussians show, also on the way. With it, `no_fly` or
     a volume, legs go around what is in the way; else they are straight."""
-    no_fly: _Zones = ()
+    no_fly: Zones = ()
     """Volumes of the world frame to stay out of, at most 20."""
     vehicles: _Vehicles | None = None
     """Where the vehicles are; by default one vehicle at the last registered image."""

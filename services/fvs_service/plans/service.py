@@ -10,14 +10,14 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.plan.plan_records import Mission
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
-from fvs_service.plans.in_model import clearance, views_in_volume
-from fvs_service.plans.in_world import in_world, via
-from fvs_service.plans.model import CandidateTerms, Expectation, InVolume, Plan, PlanRequest, Stop, Tour
+from fvs_service.plans.in_world import via
+from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import Orbit
+from fvs_service.rankings.in_model import clearance, views_in_volume
+from fvs_service.rankings.model import InVolume, Orbit
 from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
-from fvs_service.rankings.pose_frames import poses_in
-from fvs_service.rankings.service import TakenPoses, taken_cameras
+from fvs_service.rankings.pose_frames import in_world, poses_in
+from fvs_service.rankings.question import TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
@@ -125,7 +125,7 @@ class Plans:
             timeout_s=timeout_s,
             views=frame.views(left, camera),
             generate=generate,
-            clearance=clearance(request, frame) if request.around else None,
+            clearance=clearance(request.safety_m, request.no_fly, frame) if request.around else None,
             targets=frame.views(served, camera),
             taken=frame.views(taken, camera),
             starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, camera)),

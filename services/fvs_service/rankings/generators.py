@@ -1,5 +1,7 @@
 """Generators of candidate poses, in the world frame."""
 
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,13 +17,15 @@ from fvs_service.rankings.scene_geometry import SceneGeometry
 
 Array = NDArray[np.float64]
 Candidates = dict[str, RigidTransform]
+FromImages: TypeAlias = Orbit | Grid | Dataset | AroundCurrent
+"""Generators that need the poses of images only; ``InVolume`` needs the model, which a runner has."""
 
 _NEIGHBOURS = 2
 _GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def generate(
-    generator: Orbit | Grid | Dataset | AroundCurrent,
+    generator: FromImages,
     scene: SceneGeometry,
     current: Array | None,
     radius: float | None,

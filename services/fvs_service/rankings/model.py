@@ -8,8 +8,9 @@ from pydantic.config import JsonDict
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
+from fvs_engine.plan.volumes import Volume
 from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, within
-from fvs_service.quantities import Coordinate, Length, Vector
+from fvs_service.quantities import MAX_COORDINATE_M, Coordinate, Length, Vector
 from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment, Origin
 from fvs_service.scenes.poses import FramePose, Pose, PoseFrame
@@ -21,8 +22,17 @@ VehicleName = Annotated[str, Field(pattern=VEHICLE_NAME)]
 _PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 
 _FEW_CANDIDATES = 100
+_MOST_ZONES = 20
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
+_KEPT_CLEAR: tuple[JsonDict, ...] = (
+    {"required": ["safety_m"], "properties": {"safety_m": _GIVEN}},
+    {"required": ["no_fly"], "properties": {"no_fly": {"minItems": 1}}},
+)
+_OF_A_VOLUME: JsonDict = {
+    "required": ["generator"],
+    "properties": {"generator": {"required": ["kind"], "properties": {"kind": {"const": "in-volume"}}}},
+}
 
 
 class CandidateRequest(Model):
@@ -68,7 +78,32 @@ class AroundCurrent(Model):
     count: _PoseCount = 32
 
 
-Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminator="kind")]
+class InVolume(Model):
+    """Poses spread evenly over a volume, clear of the model's matter, that have some of it in their frame.
+
+    Coordinates and lengths are those of the world frame.
+    """
+
+    kind: Literal["in-volume"]
+    volume: Volume
+    count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
+    look: Literal["middle", "nearest"] = "middle"
+    """What they look at: the middle of the model, or for each the part of it that is nearest."""
+    aim: Vector | None = None
+    """A point to look at instead."""
+    level: bool = False
+    """Whether they look there with a level camera: in that direction, but not up or down."""
+
+    @model_validator(mode="after")
+    def _one_aim(self) -> Self:
+        if self.aim is not None and self.look != "middle":
+            raise ValueError("give either an aim or where to look, not both")
+        return self
+
+
+Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
+SafetyDistance = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
+Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
 
 
 class RankingRequest(Model):
@@ -82,8 +117,23 @@ class RankingRequest(Model):
             "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
             "if": {"required": ["radius_m"], "properties": {"radius_m": _GIVEN}},
             "then": {"required": ["current_pose"], "properties": {"current_pose": _GIVEN}},
+            "allOf": [{"if": kept_clear, "then": _OF_A_VOLUME} for kept_clear in _KEPT_CLEAR],
             "examples": [
                 {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
+                {
+                    "generator": {
+                        "kind": "in-volume",
+                        "volume": {
+                            "kind": "cylinder",
+                            "base": [0.0, 0.0, 5.0],
+                            "radius": 30.0,
+                            "height": 15.0,
+                        },
+                        "count": 200,
+                    },
+                    "safety_m": 2.0,
+                    "top_k": 5,
+                },
                 {
                     "candidates": [
                         {
@@ -113,6 +163,11 @@ class RankingRequest(Model):
     current_pose: Pose | None = None
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
+    safety_m: SafetyDistance | None = None
+    """Candidates of a volume keep so far from matter, which the model's opaque Gaussians show; by default
+    they are outside it."""
+    no_fly: Zones = ()
+    """Volumes of the world frame that candidates of a volume stay out of, at most 20."""
     frame: PoseFrame | None = None
     """The frame of the poses in the answer. Defaults to the frame of the candidates, else of the
     current pose, else to geodetic poses in a georeferenced scene and the world frame in others."""
@@ -135,6 +190,8 @@ class RankingRequest(Model):
             raise ValueError("radius_m needs a current_pose to be measured from")
         if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
             raise ValueError("around-current needs current_pose and radius_m")
+        if (self.safety_m is not None or self.no_fly) and not isinstance(self.generator, InVolume):
+            raise ValueError("safety_m and no_fly are for candidates of the generator in-volume")
         seen: set[str] = set()
         for candidate in self.candidates or ():
             if candidate.id in seen:

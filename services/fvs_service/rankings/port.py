@@ -125,6 +125,20 @@ class Clearance(Record):
     no_fly: tuple[Volume, ...] = ()
 
 
+class GenerateViews(Question):
+    """Generate ``views``, clear of matter by ``clearance``."""
+
+    kind: Literal["generate"] = "generate"
+    views: ViewsInVolume
+    clearance: Clearance
+
+
+class GeneratedViews(Record):
+    """Views, named by candidate id, in the model frame."""
+
+    views: PackedViews
+
+
 class PlanViews(Question):
     """Plan a flight through some of ``views``, named by candidate id; all in the model frame and its unit.
 
@@ -187,6 +201,10 @@ class SceneRunners(Protocol):
 
     async def render(self, request: RenderView) -> bytes:
         """A PNG of the view."""
+        ...
+
+    async def generate(self, request: GenerateViews) -> GeneratedViews:
+        """Generate candidates in a volume; nothing is rendered."""
         ...
 
     async def plan(self, request: PlanViews) -> PlannedFlight:

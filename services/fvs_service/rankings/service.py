@@ -1,17 +1,13 @@
 """Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
-from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+import time
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
-from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
 from anyio.to_thread import run_sync
-from numpy.typing import NDArray
 
 from fvs_engine import candidates as engine
-from fvs_engine.candidates import CandidateStatus
-from fvs_engine.geometry import RigidTransform
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError, NotFoundError
 from fvs_service.events.model import EventKind
@@ -20,15 +16,22 @@ from fvs_service.ids import new_id
 from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
-from fvs_service.rankings.model import RankedCandidate, Ranking, RankingPart, RankingRequest, ScoredCandidate
-from fvs_service.rankings.port import RankedViews, RankViews, RenderView, SceneRunners, ViewImage
-from fvs_service.rankings.pose_frames import poses_in
-from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.model import (
+    InVolume,
+    RankedCandidate,
+    Ranking,
+    RankingPart,
+    RankingRequest,
+    ScoredCandidate,
+)
+from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
+from fvs_service.rankings.pose_frames import in_world
+from fvs_service.rankings.question import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
-from fvs_service.scenes.repository import SceneHead, find_scene_head, scene_head_of
+from fvs_service.scenes.poses import WorldFrame
+from fvs_service.scenes.repository import find_scene_head, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
 from fvs_service.snapshots.repository import snapshot_of
@@ -40,27 +43,6 @@ from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_
 
 ReadRequest: TypeAlias = Callable[[], RankingRequest]
 """Gives a request; it is called in a thread, once the permission is checked."""
-TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose | VehiclePose]]
-"""The poses in a scene that are taken for a vehicle, or for one without a name."""
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    """What is known of a ranking before its candidates are scored.
-
-    By id: the ``poses`` of the answer, and the distances. What can be done before scoring is done before: it
-    takes several times as long afterwards, when scoring has replaced what the processor's caches held.
-    """
-
-    request: RankingRequest
-    scene: SceneHead
-    snapshot: Snapshot
-    frame: WorldFrame
-    poses: Mapping[str, FramePose | VehiclePose]
-    distances: Mapping[str, float]
-    excluded: Mapping[str, engine.RankedCandidate]
-    question: RankViews
-    remembered: IdempotencyKey
 
 
 class Rankings:
@@ -106,7 +88,7 @@ class Rankings:
         Cancelling it stops the computation. Raises ``DeadlineError`` when it takes longer than ``timeout_s``.
         """
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
+            prepared = await self._prepared(principal, scene_id, read, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
             question = prepared.question
@@ -123,7 +105,7 @@ class Rankings:
     ) -> AsyncGenerator[RankingPart, None]:
         """Rank candidates as ``create`` does; yields those that are scored, and last the ranking."""
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
+            prepared = await self._prepared(principal, scene_id, read, timeout_s, key)
             if isinstance(prepared, Ranking):
                 yield RankingPart(ranking=prepared)
                 return
@@ -159,6 +141,18 @@ class Rankings:
             )
             return png
 
+    async def _prepared(
+        self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float, key: str | None
+    ) -> PreparedRanking | Ranking:
+        """What to ask the runner, once the candidates are known; or the ranking that was made before."""
+        found = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
+        if not isinstance(found, BegunRanking):
+            return found
+        began = time.monotonic()
+        generated = await self._runners.generate(await run_sync(found.generation))
+        spent_s = time.monotonic() - began
+        return await run_sync(lambda: found.prepared(in_world(generated.views, found.frame), spent_s))
+
     def _prepare(
         self,
         principal: Principal,
@@ -166,8 +160,11 @@ class Rankings:
         read: ReadRequest,
         timeout_s: float,
         key: str | None,
-    ) -> _Prepared | Ranking:
-        """What to ask the runner, or the ranking that was made with the same idempotency key."""
+    ) -> PreparedRanking | BegunRanking | Ranking:
+        """What to ask the runner, or the ranking that was made with the same idempotency key.
+
+        Candidates of a volume are not known yet: only the runner can generate them.
+        """
         principal.require(Scope.OPERATE, scene_id)
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
@@ -184,54 +181,35 @@ class Rankings:
         frame = self._frames.frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
-        geometry = self._frames.geometry(snapshot.id)
-        current = (
-            None
-            if request.current_pose is None
-            else frame.world_from_camera(request.current_pose).translation
+        self._require_room()
+        begun = BegunRanking(
+            principal=principal,
+            request=request,
+            scene=scene,
+            endpoint=endpoint,
+            snapshot=snapshot,
+            frame=frame,
+            geometry=self._frames.geometry(snapshot.id),
+            camera=self._frames.cameras(snapshot.id).camera.pinhole,
+            taken=taken_cameras(frame, taken_poses),
+            timeout_s=timeout_s,
+            remembered=remembered,
         )
+        generator = request.generator
+        if isinstance(generator, InVolume):
+            self._frames.require_few(generator.count)
+            return begun
         poses = self._frames.candidates(
             request.candidates,
-            request.generator,
+            generator,
             frame,
-            geometry,
-            current=current,
+            begun.geometry,
+            current=begun.current,
             radius_m=request.radius_m,
         )
-        distances = _distances(poses, current)
-        taken = taken_cameras(frame, taken_poses)
-        excluded = _excluded(poses, distances, geometry, taken, request.radius_m)
-        scored = {name: pose for name, pose in poses.items() if name not in excluded}
-        later = {
-            name: poses[name]
-            for name, candidate in excluded.items()
-            if candidate.status is CandidateStatus.OUT_OF_RANGE
-        }
-        scale = frame.world_from_model.scale
-        camera = self._frames.cameras(snapshot.id).camera.pinhole
-        question = RankViews(
-            scene_id=scene.id,
-            endpoint=endpoint,
-            snapshot_id=snapshot.id,
-            api_key=principal.key_id,
-            timeout_s=timeout_s,
-            method=request.method,
-            views=frame.views(scored, camera),
-            distances={name: distances[name] for name in scored if name in distances},
-            taken=frame.views(taken, camera),
-            later=frame.views(later, camera),
-            here=None if current is None else tuple(frame.model_from_world.apply(current).tolist()),
-            reach=None if request.radius_m is None else request.radius_m / scale,
-            budget=request.budget,
-            seed=request.seed,
-        )
-        self._require_room()
-        given = request.candidates or ()
-        answered = poses_in(frame, tuple(poses), poses, given, request.frame, request.current_pose)
-        shown = dict(zip(poses, answered, strict=True))
-        return _Prepared(request, scene, snapshot, frame, shown, distances, excluded, question, remembered)
+        return begun.prepared(poses)
 
-    def _finish(self, principal: Principal, prepared: _Prepared, result: RankedViews) -> Ranking:
+    def _finish(self, principal: Principal, prepared: PreparedRanking, result: RankedViews) -> Ranking:
         """Keep the ranking that the runner's result makes."""
         request, scene_id, snapshot = prepared.request, prepared.scene.id, prepared.snapshot
         first = (*result.candidates, *prepared.excluded.values())[: request.top_k]
@@ -324,7 +302,9 @@ class Rankings:
             )
 
 
-def _scored(prepared: _Prepared, scores: Sequence[engine.CandidateScore]) -> tuple[ScoredCandidate, ...]:
+def _scored(
+    prepared: PreparedRanking, scores: Sequence[engine.CandidateScore]
+) -> tuple[ScoredCandidate, ...]:
     """Scored candidates as the client asked for them."""
     poses, distances = prepared.poses, prepared.distances
     return tuple(ScoredCandidate.of(one, distances.get(one.name), poses[one.name]) for one in scores)
@@ -338,40 +318,3 @@ def _unscored(snapshot: Snapshot) -> RankedViews:
 
 def _render_key(ranking_id: str, candidate_id: str, question: RenderView) -> str:
     return f"{ranking_prefix(question.scene_id, ranking_id)}{candidate_id}/{question.image.value}.png"
-
-
-def taken_cameras(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> dict[str, RigidTransform]:
-    """World_from_camera by a name that is no candidate's, for the poses that the frame knows."""
-    return {f"taken:{number}": camera for number, camera in enumerate(frame.known_cameras(poses))}
-
-
-def _distances(poses: Mapping[str, RigidTransform], current: NDArray[np.float64] | None) -> dict[str, float]:
-    """Distances from the current camera centre by id; empty without one."""
-    if current is None:
-        return {}
-    return {name: float(np.linalg.norm(pose.translation - current)) for name, pose in poses.items()}
-
-
-def _excluded(
-    poses: Mapping[str, RigidTransform],
-    distances: Mapping[str, float],
-    geometry: SceneGeometry,
-    taken: Mapping[str, RigidTransform],
-    radius: float | None,
-) -> dict[str, engine.RankedCandidate]:
-    """The candidates that are not scored, by id; nearest first, then by id."""
-    found: dict[str, engine.RankedCandidate] = {}
-    visited = geometry.visited(poses)
-    taken_views = geometry.same_view(poses, tuple(taken.values()))
-    for name in sorted(poses, key=lambda name: (distances.get(name, 0.0), name)):
-        distance = distances.get(name)
-        if name in visited:
-            status = CandidateStatus.VISITED
-        elif name in taken_views:
-            status = CandidateStatus.TAKEN
-        elif radius is not None and distance is not None and distance > radius:
-            status = CandidateStatus.OUT_OF_RANGE
-        else:
-            continue
-        found[name] = engine.RankedCandidate(None, name, None, status, None, distance)
-    return found

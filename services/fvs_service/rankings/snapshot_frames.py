@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import RigidTransform
 from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.principal import Principal
-from fvs_service.rankings.generators import generate
-from fvs_service.rankings.model import CandidateRequest, Generator
+from fvs_service.rankings.generators import FromImages, generate
+from fvs_service.rankings.model import CandidateRequest
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.scenes.model import Origin
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
@@ -75,7 +75,7 @@ class SnapshotFrames:
     def candidates(
         self,
         given: tuple[CandidateRequest, ...] | None,
-        generator: Generator | None,
+        generator: FromImages | None,
         frame: WorldFrame,
         geometry: SceneGeometry,
         *,

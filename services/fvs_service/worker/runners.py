@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import AbstractContextManager, aclosing
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeAlias, TypeVar, get_args
 
 from anyio.to_thread import run_sync
 from pydantic import TypeAdapter
@@ -17,6 +17,8 @@ from fvs_engine.choices import Method
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.rankings.port import (
+    GeneratedViews,
+    GenerateViews,
     PlannedFlight,
     PlanViews,
     RankedViews,
@@ -43,6 +45,7 @@ _SMALL_BYTES = 16_384
 _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
+_Question: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
 
 
 class LeasedRunners:
@@ -84,6 +87,11 @@ class LeasedRunners:
         with self._span(request, 1):
             return await self._ask(request, base64.b64decode)
 
+    async def generate(self, request: GenerateViews) -> GeneratedViews:
+        """See ``SceneRunners``."""
+        with self._span(request, request.views.count):
+            return await self._ask(request, GeneratedViews.model_validate)
+
     async def plan(self, request: PlanViews) -> PlannedFlight:
         """See ``SceneRunners``."""
         with self._span(request, request.size):
@@ -94,14 +102,14 @@ class LeasedRunners:
         self._connections.close()
         await asyncio.sleep(0)  # the event loop closes them in its next round
 
-    def _span(self, request: RankViews | RenderView | PlanViews, views: int) -> AbstractContextManager[Span]:
+    def _span(self, request: _Question, views: int) -> AbstractContextManager[Span]:
         return self._tracing.span(
             f"runner: {request.kind}",
             {"fvs.scene_id": request.scene_id, "fvs.snapshot_id": request.snapshot_id, "fvs.views": views},
             kind="CLIENT",
         )
 
-    async def _ask(self, request: RankViews | RenderView | PlanViews, parse: Callable[[Any], T]) -> T:
+    async def _ask(self, request: _Question, parse: Callable[[Any], T]) -> T:
         """The scene's runner's answer. Large messages are written and read in a thread, not on the loop."""
         until = time.monotonic() + request.timeout_s
         try:
@@ -116,7 +124,7 @@ class LeasedRunners:
         except RunnerError as error:
             raise error_of(error.failure) from error
 
-    async def _call(self, request: RankViews | RenderView | PlanViews, until: float) -> bytes:
+    async def _call(self, request: _Question, until: float) -> bytes:
         """The runner's response; asks again when the runner died or moved."""
         async with aclosing(self._addressed(request, until)) as addressed:
             async for endpoint, line in addressed:
@@ -134,9 +142,7 @@ class LeasedRunners:
                             yield await run_sync(_part, document)
                     return
 
-    async def _addressed(
-        self, request: RankViews | RenderView | PlanViews, until: float
-    ) -> AsyncGenerator[tuple[str, bytes], None]:
+    async def _addressed(self, request: _Question, until: float) -> AsyncGenerator[tuple[str, bytes], None]:
         """The endpoint of the scene's runner and the request as a line, again and again, until one answers.
 
         Starts a runner if need be. Raises ``UnavailableError`` when there has been none for too long, or is
@@ -169,10 +175,10 @@ class LeasedRunners:
         return None if holder is None else holder.endpoint
 
 
-async def _line(request: RankViews | RenderView | PlanViews, until: float) -> bytes:
+async def _line(request: _Question, until: float) -> bytes:
     """The request as it is sent, with the time that is left."""
     left = request.model_copy(update={"timeout_s": max(0.0, until - time.monotonic())})
-    if isinstance(left, RenderView) or len(left.views) <= _FEW_VIEWS:
+    if isinstance(left, RenderView | GenerateViews) or len(left.views) <= _FEW_VIEWS:
         return left.model_dump_json().encode()
     return (await run_sync(left.model_dump_json)).encode()
 

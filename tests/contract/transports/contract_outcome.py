@@ -7,7 +7,7 @@ from typing import Any
 import httpx2
 from google.rpc import error_details_pb2, status_pb2
 
-_LISTS_OR_NULL = frozenset({"centre"})
+_LISTS_OR_NULL = frozenset({"aim", "along", "centre"})
 """Lists that cannot be empty, and are null in REST when they are absent."""
 
 
@@ -75,7 +75,8 @@ def document_of(message: Any) -> Any:
     if message.DESCRIPTOR.full_name == "google.protobuf.Timestamp":
         return message.ToJsonString()
     if names == ["items"]:
-        return [document_of(item) for item in message.items]
+        (items,) = message.DESCRIPTOR.fields
+        return [_one(items, item) for item in message.items]
     for union in ("kind", "pose"):
         if union in oneofs:
             member = message.WhichOneof(union)

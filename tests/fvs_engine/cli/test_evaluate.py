@@ -62,6 +62,24 @@ def test_people_see_the_last_count_and_nothing_is_run_again(
     assert {path: path.stat().st_mtime_ns for path in out.glob("runs/**/*.json")} == before
 
 
+def test_travel_is_a_budget(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
+    options = (*OPTIONS[:8], "--preset", "travel", "--methods", "farthest,kriging", "--seeds", 0)
+    options = (*options, "--views", 9, "--max-travel", 4, "--vehicles", 2)
+    run = fvs("evaluate", room_dir, "--out", tmp_path / "out", "--json", *options)
+    assert run.status == 0, run.stderr
+    document = run.document
+    assert document["protocol"]["max_travel"] == 4
+    assert {(row["method"], row["share"]) for row in document["travel_rows"]} == {
+        (method, share) for method in ("farthest", "kriging") for share in (0.25, 0.5, 0.75, 1.0)
+    }
+    for made in document["runs"]:
+        assert all(flown <= 4 for flown in made["evaluations"][-1]["flown"])
+    again = fvs("evaluate", room_dir, "--out", tmp_path / "out", *options)
+    assert again.status == 0, again.stderr
+    assert "Within a travel of 4, seeds 0:" in again.stdout
+    assert (tmp_path / "out" / "travel.png").exists()
+
+
 @pytest.mark.slow  # 20 s; evaluate/test_experiment.py resumes in process
 def test_a_stopped_table_goes_on(
     fvs: Fvs, fvs_until: FvsUntil, room_dir: Path, tmp_path: Path, clean_run: tuple[Path, Any]
@@ -88,6 +106,7 @@ def test_a_stopped_table_goes_on(
         (("--views", "10,4"), "invalid-input", "rise"),
         (("--views", "4,400"), "invalid-input", "400 views are to be visited"),
         (("--radius", 1, "--nearest", 2), "invalid-input", "one of the three"),
+        (("--max-travel", 0.0001), "invalid-input", "reaches no view"),
     ],
 )
 def test_what_cannot_be_run_is_refused(

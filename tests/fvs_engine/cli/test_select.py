@@ -70,6 +70,33 @@ def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run
     assert (out / "scene" / "full.safetensors").read_bytes() == before
 
 
+def test_two_vehicles_fly_as_far_as_they_may(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
+    options = (*QUICK, "--initial", 4, "--budget", 14, "--nearest", 99, "--max-travel", 5, "--vehicles", 2)
+    options = (*options, "--method", "farthest")
+    run = fvs("select", room_dir, "--out", tmp_path / "out", "--json", *options)
+    assert run.status == 0, run.stderr
+    document = run.document
+    assert document["stop"]["kind"] == "travel"
+    assert document["max_travel"] == 5
+    flown = [0.0, 0.0]
+    for view in document["views"][4:]:
+        flown[view["vehicle"] - 1] += view["distance"]
+    assert document["flown"] == pytest.approx(flown)
+    assert all(0 < length <= 5 for length in flown)
+    assert {view["vehicle"] for view in document["views"][:4]} == {None}
+    assert document["travel"] == pytest.approx(sum(view["distance"] for view in document["views"]))
+    again = fvs("select", room_dir, "--out", tmp_path / "out", *options)
+    assert again.status == 0, again.stderr
+    assert "The travel is used" in again.stdout
+    assert "Flown by each vehicle after the initial views: " in again.stdout
+    assert sum("vehicle 2" in line for line in again.stdout.splitlines()) >= 1
+    other = fvs("select", room_dir, "--out", tmp_path / "out", *options, "--max-travel", 6)
+    assert other.status == EXIT_CODES["output-exists"]
+    little = fvs("select", room_dir, "--out", tmp_path / "little", *OPTIONS, "--max-travel", 0.001)
+    assert little.status == EXIT_CODES["invalid-input"]
+    assert "reaches no view" in little.stderr
+
+
 def test_without_a_budget_a_small_dataset_is_visited_whole(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     options = (*QUICK[:-1], 0, "--initial", 20, "--method", "random", "--nearest", 9)
     run = fvs("select", room_dir, "--out", tmp_path / "out", "--json", *options)

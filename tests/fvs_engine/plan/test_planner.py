@@ -130,3 +130,32 @@ def test_a_way_ends_where_nothing_is_in_reach():
     alone = plan_way(variance, 3, everything, centres=centres, here=np.full(3, 9e3), reach=Reach(radius=5.0))
     assert alone.chosen == ()
     assert alone.variance_after == alone.variance
+
+
+def test_a_way_keeps_to_a_distance_and_spends_it_well():
+    """Against all ways: a long step gains more than a short one, and is the last."""
+    shares = []
+    for seed in range(6):
+        variance, centres = a_variance(seed)
+        here, reach, distance = np.zeros(3), Reach(nearest=4), 3.0
+        names = {str(index): centre for index, centre in enumerate(centres)}
+
+        def ways(place, taken, left, names=names, reach=reach, centres=centres):
+            yield taken
+            free = {name: centre for name, centre in names.items() if int(name) not in taken}
+            for name, length in reach.distances(place, free).items():
+                if length <= left and len(taken) < 4:
+                    yield from ways(centres[int(name)], (*taken, int(name)), left - length)
+
+        best = min(variance.variance_after(way) for way in ways(here, (), distance))
+        plan = plan_way(
+            variance, 4, everything, centres=centres, here=here, reach=reach, distance=distance, width=3
+        )
+        way = np.concatenate([here[None], centres[list(plan.chosen)]])
+        assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() <= distance
+        assert plan.variance_after == pytest.approx(variance.variance_after(plan.chosen))
+        shares.append((plan.variance - plan.variance_after) / (plan.variance - best))
+        found = plan.ends[np.isfinite(plan.ends)]
+        assert found.min() == pytest.approx(plan.variance_after)
+    assert max(shares) <= 1 + 1e-9
+    assert min(shares) > 0.9

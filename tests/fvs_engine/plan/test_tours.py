@@ -136,3 +136,15 @@ def test_what_is_behind_a_wall_is_left_out():
         assert len(tour.views) == 3
         assert min(tour.views) >= 4
         assert np.isfinite(tour.length)
+
+
+def test_what_a_vehicle_has_flown_is_taken_from_its_distance():
+    variance, legs, starts = setting(1, vehicles=2)
+    fresh = plan(variance, Budget(views=8, distance=2.5), legs, starts[:1])
+    assert plan(variance, Budget(views=8, distance=4.5, flown=(2.0,)), legs, starts[:1]) == fresh
+    one, other = plan(variance, Budget(views=8, distance=4.0, flown=(3.99, 0.0)), legs, starts)
+    assert one.length <= 0.01 * (1 + 1e-6)
+    assert 0.01 < other.length <= 4.0 * (1 + 1e-9)
+    nearest = legs.between(np.array(starts), np.arange(COUNT)).min(axis=1)
+    with pytest.raises(InvalidInputError, match="does not reach"):
+        plan(variance, Budget(views=3, distance=9.0, flown=tuple(9.0 - nearest / 2)), legs, starts)

@@ -11,9 +11,11 @@ from fvs_engine.select.stopping import (
     Clock,
     budget_spent,
     gain_too_small,
+    grounded,
     nothing_in_reach,
     quality_reached,
     time_is_up,
+    too_far,
 )
 
 HERE = np.zeros(3)
@@ -77,3 +79,27 @@ def test_without_a_forecast_or_a_wish_a_selection_goes_on() -> None:
     assert quality_reached(outlook(99.0, None), None) is None
     assert gain_too_small(outlook(None, None), 0.1) is None
     assert gain_too_small(outlook(None, 0.0), None) is None
+
+
+def test_the_travel_ends_before_the_view_that_exceeds_it() -> None:
+    assert too_far("a", 2.0, 2.0) is None
+    reason = too_far("a", 2.0, 1.5)
+    assert reason is not None
+    assert reason.kind == "travel"
+    assert "a, is 2 away, and 1.5 is left" in reason.message
+
+
+def test_a_vehicle_is_grounded_by_its_reach_or_by_what_is_left() -> None:
+    unvisited = {"far": np.array([9.0, 0.0, 0.0]), "near": np.array([2.0, 0.0, 0.0])}
+    assert grounded(Reach(nearest=3), 2.0, HERE, unvisited) is None
+    kinds = [
+        grounded(Reach(radius=1.0), 1.9, HERE, unvisited),
+        grounded(Reach(radius=5.0), 1.9, HERE, unvisited),
+        grounded(Reach(nearest=3), np.inf, HERE, {}),
+    ]
+    assert [reason and reason.kind for reason in kinds] == ["nothing-in-reach", "travel", "nothing-in-reach"]
+    assert kinds[1] is not None
+    assert "near, is 2 away" in kinds[1].message
+    rounded = grounded(Reach(nearest=1), 1e-9, HERE, unvisited)
+    assert rounded is not None
+    assert rounded.message.endswith("and 0 is left.")

@@ -1,12 +1,15 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.scene.dataset import Dataset
+from fvs_engine.select import trajectory
 from fvs_engine.select.trajectory import draw_trajectory, top_view
 from fvs_engine.views import View
 
@@ -68,3 +71,29 @@ def test_the_picture_shows_what_was_chosen(tmp_path: Path) -> None:
             assert min(picture.size) > 600
             pictures.append(picture.tobytes())
     assert len(set(pictures)) == 3
+
+
+def test_every_vehicle_has_its_own_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = dataset(ring())
+    plane = top_view(data)
+    drawn: list[np.ndarray] = []
+
+    def kept(legs: list[np.ndarray], **options: Any) -> LineCollection:
+        drawn.append(np.array(legs))
+        return LineCollection(legs, **options)
+
+    monkeypatch.setattr(trajectory, "LineCollection", kept)
+    for vehicles in ((1, 2, 1, 2), None):
+        draw_trajectory(
+            tmp_path / "path.png",
+            data,
+            initial=("01", "02"),
+            chosen=("03", "04", "05", "06"),
+            vehicles=vehicles,
+            test=(),
+            title="",
+        )
+    ways = [("02", "03"), ("02", "04"), ("03", "05"), ("04", "06")]
+    np.testing.assert_allclose(drawn[0], [[plane[a], plane[b]] for a, b in ways])
+    ways = [("02", "03"), ("03", "04"), ("04", "05"), ("05", "06")]
+    np.testing.assert_allclose(drawn[1], [[plane[a], plane[b]] for a, b in ways])

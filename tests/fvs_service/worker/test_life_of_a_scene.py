@@ -102,6 +102,13 @@ def test_flights_are_planned_with_the_registered_points(service: Any, modelled: 
         assert stop["id"].startswith("box-")
         offset = np.array(stop["pose"]["position"]) - box["centre"]
         assert (np.abs(offset) <= 0.5 * np.array(sides) + 1e-9).all()
+    asked.pop("views")
+    ranking = service.rank(modelled, **asked)
+    assert 0 < ranking["total"] <= 50
+    for place in ranking["candidates"]:
+        offset = np.array(place["pose"]["position"]) - box["centre"]
+        assert (np.abs(offset) <= 0.5 * np.array(sides) + 1e-9).all()
+    assert ranking["candidates"][0]["rank"] == 1
 
 
 def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(

@@ -21,7 +21,7 @@ from fvs_client.models.missions import (
     MissionSettings,
     MissionView,
 )
-from fvs_client.models.plans import InVolume, Plan, PlanRequest, Tour
+from fvs_client.models.plans import Plan, PlanRequest, Tour
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
 from fvs_client.models.scenes import (
     AutomaticWorld,
@@ -98,6 +98,8 @@ class AsyncScene(AsyncResource, SceneData):
         generator: Generator | None = None,
         current_pose: Pose | None = None,
         radius_m: float | None = None,
+        safety_m: float | None = None,
+        no_fly: Iterable[Volume] | None = None,
         frame: PoseFrame | None = None,
         top_k: int | None = None,
         method: str = "median-frequency",
@@ -113,9 +115,10 @@ class AsyncScene(AsyncResource, SceneData):
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
         is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
-        candidates within that distance of ``current_pose`` are ranked. ``for_vehicle`` is the name that the
-        asking vehicle has in its visits. ``on_scored`` gets candidates as they are scored; raise in it to end
-        the ranking. Raises ``NoSnapshotError`` when the scene has no model,
+        candidates within that distance of ``current_pose`` are ranked. Those of an ``InVolume`` are farther
+        than ``safety_m`` from the model's matter, and out of the volumes ``no_fly``. ``for_vehicle`` is the
+        name of the asking vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in
+        it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
         ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
         """
         ranking = RankingRequest(
@@ -123,6 +126,8 @@ class AsyncScene(AsyncResource, SceneData):
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
+            safety_m=safety_m,
+            no_fly=None if no_fly is None else tuple(no_fly),
             frame=frame,
             top_k=top_k,
             method=method,
@@ -141,7 +146,7 @@ class AsyncScene(AsyncResource, SceneData):
         self,
         candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         *,
-        generator: Generator | InVolume | None = None,
+        generator: Generator | None = None,
         targets: Mapping[str, Pose] | Iterable[Candidate] | None = None,
         views: int = 10,
         distance_m: float | None = None,

@@ -1,6 +1,7 @@
 """Arguments and options that several commands share."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
@@ -19,6 +20,40 @@ ForVehicleOption = Annotated[
         "--for-vehicle",
         metavar="NAME",
         help="Name of the vehicle that asks; the views that it flies to itself stay candidates.",
+    ),
+]
+VolumeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--volume",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="JSON: generate candidates in a volume: box, cylinder, prism, shell, corridor.",
+    ),
+]
+AimOption = Annotated[
+    str | None,
+    typer.Option(
+        "--aim",
+        metavar="WHERE",
+        help="What candidates in a volume look at: the middle of the model, its nearest part, or a point: "
+        "middle, nearest or X,Y,Z.",
+        show_default="middle",
+    ),
+]
+LevelOption = Annotated[
+    bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
+]
+NoFlyOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--no-fly",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="JSON: a volume to stay out of; may be repeated.",
+        show_default=False,
     ),
 ]
 YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Delete without asking.")]

@@ -2,24 +2,31 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from fvs_client import Expectation, InVolume, Plan, Tour
-from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument
+from fvs_client import Expectation, Plan, Tour
+from fvs_client.cli.options import (
+    AimOption,
+    ForVehicleOption,
+    JsonOption,
+    LevelOption,
+    NoFlyOption,
+    SceneArgument,
+    VolumeOption,
+)
 from fvs_client.cli.output import print_json, print_table, with_unit
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
-    generator_of,
+    generator_asked,
     pose_text,
     read_candidates,
     read_pose,
     read_volume,
 )
 from fvs_client.cli.session import find_scene, service
-from fvs_client.models.rankings import Generator
 
 
 def plan(
@@ -36,43 +43,16 @@ def plan(
         int | None,
         typer.Option(min=1, max=2_000, help="Number of candidates that orbit and --volume generate."),
     ] = None,
-    volume: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="JSON: generate candidates in a volume: box, cylinder, prism, shell, corridor.",
-        ),
-    ] = None,
-    aim: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHERE",
-            help="What candidates in a volume look at: the middle of the model, its nearest part, or a "
-            "point: middle, nearest or X,Y,Z.",
-            show_default="middle",
-        ),
-    ] = None,
-    level: Annotated[
-        bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
-    ] = False,
+    volume: VolumeOption = None,
+    aim: AimOption = None,
+    level: LevelOption = False,
     safety: Annotated[
         float | None,
         typer.Option(
             min=0, max=2e7, metavar="M", help="Minimum distance from anything in the model, also on the way."
         ),
     ] = None,
-    no_fly: Annotated[
-        list[Path] | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="JSON: a volume to stay out of; may be repeated.",
-            show_default=False,
-        ),
-    ] = None,
+    no_fly: NoFlyOption = None,
     targets: Annotated[
         Path | None,
         typer.Option(
@@ -114,15 +94,7 @@ def plan(
     as_json: JsonOption = False,
 ) -> None:
     """Plan which views to photograph next, in the order of a short flight, and what each brings."""
-    if sum(given is not None for given in (candidates, generator, volume)) > 1:
-        raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
-    if volume is None and (aim is not None or level):
-        raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
-    wanted: Generator | InVolume | None = None
-    if volume is not None:
-        wanted = _in_volume(volume, count, aim, level=level)
-    elif generator is not None or (candidates is None and count is not None):
-        wanted = generator_of(generator or GeneratorName.ORBIT, count)
+    wanted = generator_asked(candidates, generator, count, volume, aim, level=level)
     listed, served = read_candidates(candidates), read_candidates(targets)
     vehicles = [read_pose(path) for path in vehicle] if vehicle else None
     with service(context, as_json=as_json) as client:
@@ -145,21 +117,6 @@ def plan(
         print_json(made.model_dump(mode="json"))
     else:
         _print(made)
-
-
-def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -> InVolume:
-    given: dict[str, Any] = {"volume": read_volume(path), "level": level}
-    if count is not None:
-        given["count"] = count
-    if aim in ("middle", "nearest"):
-        given["look"] = aim
-    elif aim is not None:
-        try:
-            x, y, z = (float(part) for part in aim.split(","))
-            return InVolume(**given, aim=(x, y, z))
-        except ValueError as error:
-            raise typer.BadParameter(f"{aim!r} is not middle, nearest or X,Y,Z") from error
-    return InVolume(**given)
 
 
 def _print(made: Plan) -> None:

@@ -3,13 +3,22 @@
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pydantic
 import typer
 
 from fvs_client import FramePose, VehiclePose
-from fvs_client.models.rankings import AroundCurrent, Candidate, Dataset, Generator, Grid, Orbit, Pose
+from fvs_client.models.rankings import (
+    AroundCurrent,
+    Candidate,
+    Dataset,
+    Generator,
+    Grid,
+    InVolume,
+    Orbit,
+    Pose,
+)
 from fvs_client.models.volumes import Volume
 
 T = TypeVar("T")
@@ -65,6 +74,27 @@ def pose_text(pose: FramePose | VehiclePose) -> str:
     return " ".join(f"{part:.2f}" for part in pose.position)
 
 
+def generator_asked(
+    candidates: Path | None,
+    generator: GeneratorName | None,
+    count: int | None,
+    volume: Path | None,
+    aim: str | None,
+    *,
+    level: bool,
+) -> Generator | None:
+    """The generator that the options ask for; None where they give candidates, or nothing."""
+    if sum(given is not None for given in (candidates, generator, volume)) > 1:
+        raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
+    if volume is None and (aim is not None or level):
+        raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
+    if volume is not None:
+        return _in_volume(volume, count, aim, level=level)
+    if generator is not None or (candidates is None and count is not None):
+        return generator_of(generator or GeneratorName.ORBIT, count)
+    return None
+
+
 def generator_of(name: GeneratorName, count: int | None) -> Generator:
     """The generator with a name; ``count`` is that of its candidates, where it has one."""
     match name:
@@ -76,6 +106,21 @@ def generator_of(name: GeneratorName, count: int | None) -> Generator:
             return Grid()
         case GeneratorName.DATASET:
             return Dataset()
+
+
+def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -> InVolume:
+    given: dict[str, Any] = {"volume": read_volume(path), "level": level}
+    if count is not None:
+        given["count"] = count
+    if aim in ("middle", "nearest"):
+        given["look"] = aim
+    elif aim is not None:
+        try:
+            x, y, z = (float(part) for part in aim.split(","))
+            return InVolume(**given, aim=(x, y, z))
+        except ValueError as error:
+            raise typer.BadParameter(f"{aim!r} is not middle, nearest or X,Y,Z") from error
+    return InVolume(**given)
 
 
 def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:

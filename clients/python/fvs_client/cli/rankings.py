@@ -6,15 +6,25 @@ from typing import Annotated
 import typer
 
 from fvs_client import Ranking
-from fvs_client.cli.options import ForVehicleOption, JsonOption, SceneArgument, YesOption
+from fvs_client.cli.options import (
+    AimOption,
+    ForVehicleOption,
+    JsonOption,
+    LevelOption,
+    NoFlyOption,
+    SceneArgument,
+    VolumeOption,
+    YesOption,
+)
 from fvs_client.cli.output import print_json, print_table, with_unit
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
-    generator_of,
+    generator_asked,
     pose_text,
     read_candidates,
     read_pose,
+    read_volume,
 )
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
@@ -34,8 +44,21 @@ def rank(
     ] = None,
     count: Annotated[
         int | None,
-        typer.Option(min=1, max=2_000, help="Number of candidates that orbit and around-current generate."),
+        typer.Option(min=1, max=2_000, help="Candidates that orbit, around-current and --volume generate."),
     ] = None,
+    volume: VolumeOption = None,
+    aim: AimOption = None,
+    level: LevelOption = False,
+    safety: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=2e7,
+            metavar="M",
+            help="Minimum distance of candidates of --volume from anything in the model.",
+        ),
+    ] = None,
+    no_fly: NoFlyOption = None,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
     ),
@@ -74,15 +97,13 @@ def rank(
     as_json: JsonOption = False,
 ) -> None:
     """Rank candidates for the next view, best first."""
-    if candidates is not None and generator is not None:
-        raise typer.BadParameter("Give --candidates or --generator, not both.")
     if radius is not None and current is None:
         raise typer.BadParameter("--radius needs --current.")
+    if volume is None and (safety is not None or no_fly):
+        raise typer.BadParameter("--safety and --no-fly need a --volume: they keep its candidates clear.")
+    chosen = generator_asked(candidates, generator, count, volume, aim, level=level)
     listed = read_candidates(candidates)
     current_pose = None if current is None else read_pose(current)
-    if listed is None and generator is None and count is not None:
-        generator = GeneratorName.ORBIT
-    chosen = None if generator is None else generator_of(generator, count)
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
         with ranking_progress(as_json=as_json) as on_scored:
@@ -91,6 +112,8 @@ def rank(
                 generator=chosen,
                 current_pose=current_pose,
                 radius_m=radius,
+                safety_m=safety,
+                no_fly=[read_volume(path) for path in no_fly] if no_fly else None,
                 frame=None if frame is None else frame.value,
                 top_k=top,
                 method=method,

@@ -23,7 +23,7 @@ from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
 from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings
-from fvs_client.models.rankings import AroundCurrent
+from fvs_client.models.rankings import AroundCurrent, InVolume
 from fvs_client.models.scenes import Origin
 
 _TAKEN_S = 3_600.0
@@ -172,11 +172,13 @@ class Choice:
 
     def _rank(self, photographs: int) -> Ranking:
         settings = self._settings
+        generator = settings.generator if self._candidates is None else None
         ranking = self._scene.rank(
             self._candidates,
-            generator=settings.generator if self._candidates is None else None,
+            generator=generator,
             current_pose=self._pose(),
             radius_m=settings.radius_m,
+            safety_m=settings.safety_m if isinstance(generator, InVolume) else None,
             method=settings.method,
             budget=max(1, photographs),
             for_vehicle=settings.vehicle,

@@ -45,7 +45,7 @@ class FlightSettings:
     leg_views: int = 1
     """How many views the vehicle photographs before the next update: more than one are planned together."""
     safety_m: float | None = None
-    """How far planned legs keep from matter; only with ``leg_views``."""
+    """How far planned legs (with ``leg_views``) and the candidates of a volume keep from matter."""
     survey: Survey | None = None
     """The first photographs, for a scene without a model."""
     reserve: float = 0.3

@@ -1,34 +1,18 @@
 """Plans: which candidates to photograph next, in which order, and what they bring."""
 
-from typing import Literal
-
 from pydantic import Field
 
-from fvs_client.models.base import Answer, Input, Vector
+from fvs_client.models.base import Answer, Input
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingWarning
 from fvs_client.models.scenes import Alignment, Origin
 from fvs_client.models.volumes import Volume
-
-
-class InVolume(Input):
-    """Candidates spread evenly over a volume, clear of matter, that have some of it in their frame."""
-
-    kind: Literal["in-volume"] = "in-volume"
-    volume: Volume
-    count: int = 300
-    look: Literal["middle", "nearest"] = "middle"
-    """What they look at: the middle of the model, or for each the part of it that is nearest."""
-    aim: Vector | None = None
-    """A point to look at instead."""
-    level: bool = False
-    """Whether they look there with a level camera: in that direction, but not up or down."""
 
 
 class PlanRequest(Input):
     """Settings of a plan. Lengths are in units of the scene's world: metres when georeferenced."""
 
     candidates: tuple[Candidate, ...] | None = None
-    generator: Generator | InVolume | None = None
+    generator: Generator | None = None
     targets: tuple[Candidate, ...] | None = None
     views: int = 10
     distance_m: float | None = None

@@ -7,6 +7,7 @@ from pydantic import Discriminator, Field, Tag
 from fvs_client.models.base import Answer, Input, Timestamp, Vector, Word
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.scenes import Alignment, Origin
+from fvs_client.models.volumes import Volume
 
 
 def _kind_of_pose(value: Any) -> str:
@@ -80,7 +81,21 @@ class AroundCurrent(Input):
     count: int = 32
 
 
-Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent, Field(discriminator="kind")]
+class InVolume(Input):
+    """Candidates spread evenly over a volume, clear of matter, that have some of it in their frame."""
+
+    kind: Literal["in-volume"] = "in-volume"
+    volume: Volume
+    count: int = 300
+    look: Literal["middle", "nearest"] = "middle"
+    """What they look at: the middle of the model, or for each the part of it that is nearest."""
+    aim: Vector | None = None
+    """A point to look at instead."""
+    level: bool = False
+    """Whether they look there with a level camera: in that direction, but not up or down."""
+
+
+Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
 
 
 class RankingRequest(Input):
@@ -90,6 +105,10 @@ class RankingRequest(Input):
     generator: Generator | None = None
     current_pose: Pose | None = None
     radius_m: float | None = None
+    safety_m: float | None = None
+    """Candidates of a volume keep so far from matter; by default they are outside it."""
+    no_fly: tuple[Volume, ...] | None = None
+    """Volumes that candidates of a volume stay out of, at most 20."""
     frame: PoseFrame | None = None
     top_k: int | None = None
     method: str = "median-frequency"

@@ -1,11 +1,11 @@
 """The messages of the protocol: requests to a runner, and what it sends back.
 
-A request is ``RankViews``, ``RenderView``, ``PlanViews``, ``RunJob``, ``CancelJob``, ``YieldScene`` or
-``Ping``. The response is an object with ``result`` or ``error`` (a ``Failure``). While a job runs, objects
-with ``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest → reason),
-``first`` or ``quick`` (the ``JobOutcome`` of an update's first or quick model) or ``wanted`` (another
-worker asks for the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are scored,
-objects with ``scored`` (a list of ``CandidateScore``).
+A request is ``RankViews``, ``RenderView``, ``GenerateViews``, ``PlanViews``, ``RunJob``, ``CancelJob``,
+``YieldScene`` or ``Ping``. The response is an object with ``result`` or ``error`` (a ``Failure``). While a
+job runs, objects with ``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest →
+reason), ``first`` or ``quick`` (the ``JobOutcome`` of an update's first or quick model) or ``wanted``
+(another worker asks for the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are
+scored, objects with ``scored`` (a list of ``CandidateScore``).
 """
 
 from typing import Annotated, Literal
@@ -28,7 +28,7 @@ from fvs_service.errors import (
 )
 from fvs_service.images.model import Image
 from fvs_service.jobs.model import JobRequest
-from fvs_service.rankings.port import PlanViews, RankViews, RenderView
+from fvs_service.rankings.port import GenerateViews, PlanViews, RankViews, RenderView
 from fvs_service.scenes.model import CameraPrior, Origin
 from fvs_service.settings import Settings
 from fvs_service.snapshots.model import SnapshotMetrics
@@ -90,7 +90,15 @@ class Ping(Record):
 
 
 Request = Annotated[
-    RankViews | RenderView | PlanViews | RunJob | CancelJob | YieldScene | ForgetImages | Ping,
+    RankViews
+    | RenderView
+    | GenerateViews
+    | PlanViews
+    | RunJob
+    | CancelJob
+    | YieldScene
+    | ForgetImages
+    | Ping,
     Field(discriminator="kind"),
 ]
 REQUEST: TypeAdapter[Request] = TypeAdapter(Request)

@@ -1,4 +1,4 @@
-"""Plans flights with a state of the model."""
+"""Generates candidates and plans flights with a state of the model."""
 
 from collections.abc import Sequence
 
@@ -15,8 +15,21 @@ from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
-from fvs_service.rankings.port import PlannedFlight, PlanViews, UpdateQuality, ViewsInVolume
+from fvs_service.rankings.port import (
+    GeneratedViews,
+    GenerateViews,
+    PlannedFlight,
+    PlanViews,
+    UpdateQuality,
+    ViewsInVolume,
+)
 from fvs_service.worker.runner.model_states import ModelState
+
+
+def generate_views(request: GenerateViews, state: ModelState) -> GeneratedViews:
+    """Generate candidates; raises ``InvalidInputError`` where none is left."""
+    space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly)
+    return GeneratedViews(views=_generated(request.views, space))
 
 
 def plan_views(request: PlanViews, state: ModelState) -> PlannedFlight:

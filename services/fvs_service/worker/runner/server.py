@@ -15,7 +15,15 @@ from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
-from fvs_service.rankings.port import PlannedFlight, PlanViews, RankedViews, RankViews, RenderView
+from fvs_service.rankings.port import (
+    GeneratedViews,
+    GenerateViews,
+    PlannedFlight,
+    PlanViews,
+    RankedViews,
+    RankViews,
+    RenderView,
+)
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
@@ -33,12 +41,12 @@ from fvs_service.worker.protocol.messages import (
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.listener import Listener
 from fvs_service.worker.runner.model_states import ModelStates
-from fvs_service.worker.runner.planning import plan_views
+from fvs_service.worker.runner.planning import generate_views, plan_views
 from fvs_service.worker.runner.ranking import rank_views, render_view
 from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
 from fvs_service.worker.runner.scene_jobs import SceneJobs
 
-QuestionT = TypeVar("QuestionT", RankViews, RenderView, PlanViews)
+QuestionT = TypeVar("QuestionT", RankViews, RenderView, GenerateViews, PlanViews)
 
 _log = logging.getLogger(__name__)
 
@@ -114,6 +122,8 @@ class RunnerServer:
                 return ranked.model_copy(update={"waited_s": waited_s})
             case RenderView():
                 return self._ask(connection, request, request.kind, 1, self._render)[0]
+            case GenerateViews():
+                return self._ask(connection, request, request.kind, request.views.count, self._generate)[0]
             case PlanViews():
                 return self._ask(connection, request, request.kind, request.size, self._plan)[0]
             case RunJob():
@@ -169,6 +179,11 @@ class RunnerServer:
         state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
         return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
+
+    def _generate(self, request: GenerateViews, monitor: Monitor) -> GeneratedViews:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return generate_views(request, state)
 
     def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
         state = self._states.of_snapshot(request.snapshot_id)

@@ -3,11 +3,13 @@
 import itertools
 
 import numpy as np
+import pytest
 
 from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.fleet import Fleet
 from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.registration import Observations
-from fvs_engine.select.selectors import create_selector
+from fvs_engine.select.selectors import create_selector, kriging
 
 
 def a_ring(ring):
@@ -101,3 +103,54 @@ def test_views_in_one_place_are_no_error(context, view_at):
     views = [view_at(str(index), (3, 0, 0), target=(np.cos(index), np.sin(index), 0)) for index in range(6)]
     scores = create_selector("kriging").score(context(views[:1], views[1:], budget=3))
     assert all(np.isfinite(score.score) for score in scores)
+
+
+def test_the_plan_keeps_to_the_distance_that_is_left(context, ring):
+    """With nine views to go the best plan is all around; with little distance left it stays near."""
+    visited, candidates = ring(0), a_ring(ring)
+    place = visited[0].centre
+    selector = create_selector("kriging")
+
+    def scores(left: float) -> dict[str, float]:
+        fleet = Fleet(place[None], (2.0,), 2.0 + left)
+        found = selector.score(context(visited, candidates, budget=10, fleet=fleet))
+        return {score.name: score.score for score in found}
+
+    reached = {view.name for view in candidates if np.linalg.norm(view.centre - place) <= 1.6}
+    tight = scores(1.6)
+    assert min(tight, key=tight.get) in reached
+    assert max(tight[name] for name in reached) < min(tight[name] for name in tight.keys() - reached)
+    assert min(scores(8.0).values()) < min(tight.values()) - 0.05
+
+
+def test_vehicles_on_two_sides_plan_for_their_own_side(context, ring):
+    visited, candidates = ring(0, 180), a_ring(ring)
+    candidates = tuple(view for view in candidates if view.name != "180")
+    places = np.stack([view.centre for view in visited])
+    for first in (0, 1):
+        order = [first, 1 - first]
+        fleet = Fleet(places[order], (0.0, 0.0))
+        found = create_selector("kriging").score(
+            context(visited, candidates, budget=8, fleet=fleet, here=places[first])
+        )
+        best = min(found, key=lambda score: score.score).name
+        (centre,) = (view.centre for view in candidates if view.name == best)
+        apart = np.linalg.norm(places - centre, axis=1)
+        assert apart[first] < apart[1 - first]
+
+
+def test_where_reach_is_limited_vehicles_plan_a_share_each(context, ring, monkeypatch):
+    counts = []
+    plan_way = kriging.plan_way
+    monkeypatch.setattr(
+        kriging,
+        "plan_way",
+        lambda *given, **named: counts.append((given[1], named["distance"])) or plan_way(*given, **named),
+    )
+    visited, candidates = ring(0), a_ring(ring)
+    place = visited[0].centre
+    for vehicles, distance in ((1, None), (2, 3.0), (3, None)):
+        fleet = Fleet(np.tile(place, (vehicles, 1)), (1.0,) * vehicles, distance)
+        kriging.Kriging().score(context(visited, candidates, budget=8, reach=Reach(nearest=4), fleet=fleet))
+    assert [count for count, _ in counts] == [7, 4, 3]
+    assert [distance for _, distance in counts] == [None, pytest.approx(2.0), None]

@@ -1,4 +1,6 @@
-"""What a plan keeps to, in the model frame: requests give it in the world frame."""
+"""Candidates of a volume, and what vehicles keep to, in the model frame: requests have the world frame."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +10,7 @@ from fvs_engine.geometry import PinholeCamera
 from fvs_engine.plan.volumes import AnyVolume
 from fvs_engine.records import first_error
 from fvs_service.errors import InvalidRequestError
-from fvs_service.plans.model import InVolume, PlanRequest
+from fvs_service.rankings.model import InVolume
 from fvs_service.rankings.port import Clearance, ViewsInVolume
 from fvs_service.scenes.poses import WorldFrame
 
@@ -28,13 +30,11 @@ def views_in_volume(
     )
 
 
-def clearance(request: PlanRequest, frame: WorldFrame) -> Clearance:
-    """The safety distance and the no-fly zones of a request."""
+def clearance(safety_m: float | None, no_fly: Sequence[AnyVolume], frame: WorldFrame) -> Clearance:
+    """The safety distance (None: 0) and the no-fly zones of a request."""
     return Clearance(
-        safety=(request.safety_m or 0.0) / frame.world_from_model.scale,
-        no_fly=tuple(
-            _moved(zone, frame, f"No-fly zone {number}") for number, zone in enumerate(request.no_fly)
-        ),
+        safety=(safety_m or 0.0) / frame.world_from_model.scale,
+        no_fly=tuple(_moved(zone, frame, f"No-fly zone {number}") for number, zone in enumerate(no_fly)),
     )
 
 

@@ -1,0 +1,167 @@
+"""What a runner is asked for a ranking, and what is known of it before its candidates are scored."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine import candidates as engine
+from fvs_engine.candidates import CandidateStatus
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_service.principal import Principal
+from fvs_service.rankings.in_model import clearance, views_in_volume
+from fvs_service.rankings.model import InVolume, RankingRequest
+from fvs_service.rankings.port import GenerateViews, RankViews
+from fvs_service.rankings.pose_frames import poses_in
+from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
+from fvs_service.scenes.repository import SceneHead
+from fvs_service.snapshots.model import Snapshot
+from fvs_service.storage.database import Reader
+from fvs_service.storage.idempotency import IdempotencyKey
+
+TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose | VehiclePose]]
+"""The poses in a scene that are taken for a vehicle, or for one without a name."""
+
+
+@dataclass(frozen=True)
+class PreparedRanking:
+    """What is known of a ranking before its candidates are scored.
+
+    By id: the ``poses`` of the answer, and the distances. What can be done before scoring is done before: it
+    takes several times as long afterwards, when scoring has replaced what the processor's caches held.
+    """
+
+    request: RankingRequest
+    scene: SceneHead
+    snapshot: Snapshot
+    frame: WorldFrame
+    poses: Mapping[str, FramePose | VehiclePose]
+    distances: Mapping[str, float]
+    excluded: Mapping[str, engine.RankedCandidate]
+    question: RankViews
+    remembered: IdempotencyKey
+
+
+@dataclass(frozen=True)
+class BegunRanking:
+    """What is known of a ranking before its candidates are.
+
+    ``taken`` are world_from_camera of views that count as visited, by names that no candidate has.
+    """
+
+    principal: Principal
+    request: RankingRequest
+    scene: SceneHead
+    endpoint: str | None
+    snapshot: Snapshot
+    frame: WorldFrame
+    geometry: SceneGeometry
+    camera: PinholeCamera
+    taken: Mapping[str, RigidTransform]
+    timeout_s: float
+    remembered: IdempotencyKey
+
+    @cached_property
+    def current(self) -> NDArray[np.float64] | None:
+        """Where the vehicle is in the world [3]; None where the request does not say."""
+        pose = self.request.current_pose
+        return None if pose is None else self.frame.world_from_camera(pose).translation
+
+    def generation(self) -> GenerateViews:
+        """The question for the candidates of the request's volume.
+
+        Raises ``InvalidRequestError`` for volumes that cannot be used in the model frame.
+        """
+        request, frame = self.request, self.frame
+        assert isinstance(request.generator, InVolume)
+        return GenerateViews(
+            scene_id=self.scene.id,
+            endpoint=self.endpoint,
+            snapshot_id=self.snapshot.id,
+            api_key=self.principal.key_id,
+            timeout_s=self.timeout_s,
+            views=views_in_volume(request.generator, frame, self.geometry.up, self.camera),
+            clearance=clearance(request.safety_m, request.no_fly, frame),
+        )
+
+    def prepared(self, poses: Mapping[str, RigidTransform], spent_s: float = 0.0) -> PreparedRanking:
+        """The ranking of candidates at ``poses`` (id → world_from_camera), which took ``spent_s`` to find."""
+        request, frame, current = self.request, self.frame, self.current
+        distances = _distances(poses, current)
+        excluded = _excluded(poses, distances, self.geometry, self.taken, request.radius_m)
+        scored = {name: pose for name, pose in poses.items() if name not in excluded}
+        later = {
+            name: poses[name]
+            for name, candidate in excluded.items()
+            if candidate.status is CandidateStatus.OUT_OF_RANGE
+        }
+        question = RankViews(
+            scene_id=self.scene.id,
+            endpoint=self.endpoint,
+            snapshot_id=self.snapshot.id,
+            api_key=self.principal.key_id,
+            timeout_s=max(0.0, self.timeout_s - spent_s),
+            method=request.method,
+            views=frame.views(scored, self.camera),
+            distances={name: distances[name] for name in scored if name in distances},
+            taken=frame.views(self.taken, self.camera),
+            later=frame.views(later, self.camera),
+            here=None if current is None else tuple(frame.model_from_world.apply(current).tolist()),
+            reach=None if request.radius_m is None else request.radius_m / frame.world_from_model.scale,
+            budget=request.budget,
+            seed=request.seed,
+        )
+        given = request.candidates or ()
+        answered = poses_in(frame, tuple(poses), poses, given, request.frame, request.current_pose)
+        return PreparedRanking(
+            request,
+            self.scene,
+            self.snapshot,
+            frame,
+            dict(zip(poses, answered, strict=True)),
+            distances,
+            excluded,
+            question,
+            self.remembered,
+        )
+
+
+def taken_cameras(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> dict[str, RigidTransform]:
+    """World_from_camera by a name that is no candidate's, for the poses that the frame knows."""
+    return {f"taken:{number}": camera for number, camera in enumerate(frame.known_cameras(poses))}
+
+
+def _distances(poses: Mapping[str, RigidTransform], current: NDArray[np.float64] | None) -> dict[str, float]:
+    """Distances from the current camera centre by id; empty without one."""
+    if current is None:
+        return {}
+    return {name: float(np.linalg.norm(pose.translation - current)) for name, pose in poses.items()}
+
+
+def _excluded(
+    poses: Mapping[str, RigidTransform],
+    distances: Mapping[str, float],
+    geometry: SceneGeometry,
+    taken: Mapping[str, RigidTransform],
+    radius: float | None,
+) -> dict[str, engine.RankedCandidate]:
+    """The candidates that are not scored, by id; nearest first, then by id."""
+    found: dict[str, engine.RankedCandidate] = {}
+    visited = geometry.visited(poses)
+    taken_views = geometry.same_view(poses, tuple(taken.values()))
+    for name in sorted(poses, key=lambda name: (distances.get(name, 0.0), name)):
+        distance = distances.get(name)
+        if name in visited:
+            status = CandidateStatus.VISITED
+        elif name in taken_views:
+            status = CandidateStatus.TAKEN
+        elif radius is not None and distance is not None and distance > radius:
+            status = CandidateStatus.OUT_OF_RANGE
+        else:
+            continue
+        found[name] = engine.RankedCandidate(None, name, None, status, None, distance)
+    return found
