@@ -19,7 +19,8 @@ from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.storage.database import Database, now_ms
 from fvs_service.storage.tables import JobRow, JobStageRow
 
-_REPORT_EVERY_S = 0.25
+_REPORT_EVERY_S = 0.4
+"""A little less than the time between two reports of a runner."""
 
 _log = structlog.get_logger()
 

@@ -91,7 +91,7 @@ def test_sizes_are_read_as_people_write_them() -> None:
         2_000_000_000_000,
     ]
     for text in ("", "0", "-1", "big", "1 MiB", "nan"):
-        with pytest.raises(ValueError, match="is no size"):
+        with pytest.raises(ValueError, match="is not a size"):
             bytes_of(text)
 
 

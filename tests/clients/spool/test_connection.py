@@ -169,6 +169,13 @@ def test_an_answer_that_breaks_off_is_a_failure_of_the_link(peer: Callable[..., 
     assert not caught.value.answered
 
 
+def test_a_port_that_speaks_another_protocol_is_named(peer: Callable[..., Peer]) -> None:
+    server = peer(lambda accepted: accepted.sendall(b"\x00\x00\x1e\x04\x00\x00"))
+    with pytest.raises(LinkError, match="does not answer in HTTP") as caught:
+        Connection(_target(server), Pace(None), timeout_s=5.0).ask("GET", "/")
+    assert "gRPC" in caught.value.hint
+
+
 def test_a_service_that_says_nothing_is_a_failure_of_the_link(peer: Callable[..., Peer]) -> None:
     silent = threading.Event()
     server = peer(lambda _accepted: silent.wait(5) and None)
@@ -201,7 +208,7 @@ def test_a_file_that_becomes_shorter_is_no_failure_of_the_link(peer: Callable[..
 
 @pytest.mark.parametrize("url", ["host:8000", "grpc://host:8001", "http://", "ftp://host"])
 def test_a_url_that_is_none_is_refused(url: str) -> None:
-    with pytest.raises(SpoolError, match="no URL to send photographs to"):
+    with pytest.raises(SpoolError, match="not a URL that the spool can use"):
         Target.resolve(url, None)
 
 

@@ -62,7 +62,7 @@ def test_photographs_are_added_shown_sent_and_shown(folder: Path, url: str, clie
     }
     table = _run("spool", "status", folder).stdout
     assert "2 waiting" in table
-    assert "Nothing is sending" in table
+    assert "No spool is running here" in table
 
     sent = _run("--url", url, "spool", "send", folder, "--max-rate", "5MB")
     assert (sent.exit_code, sent.stdout) == (10, "2 sent, 1 refused, 0 left\n")
@@ -87,14 +87,14 @@ def test_without_a_link_everything_waits(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["watch", "{folder}", "--scene", "north quarry"], "no scene's id"),
+        (["watch", "{folder}", "--scene", "north quarry"], "not a scene id"),
         (["watch", "{folder}/nowhere", "--scene", "scn_1"], "does not exist"),
         (["send", "{folder}"], "There is no outbox"),
         (["status", "{folder}"], "There is no outbox"),
-        (["watch", "{folder}", "--scene", "scn_1", "--max-rate", "fast"], "is no size"),
+        (["watch", "{folder}", "--scene", "scn_1", "--max-rate", "fast"], "is not a size"),
         (
             ["--url", "grpc://host:1", "watch", "{folder}", "--scene", "scn_1"],
-            "no URL to send photographs to",
+            "not a URL that the spool can use",
         ),
     ],
 )

@@ -159,7 +159,12 @@ def test_a_sidecar_may_come_later_than_its_photograph(
 
 @pytest.mark.parametrize(
     ("sidecar", "reason"),
-    [("{", "not JSON"), ('{"heading": 1}', "heading"), ('{"yaw_deg": "north"}', "yaw_deg"), ("[]", "it: ")],
+    [
+        ("{", "not JSON"),
+        ('{"heading": 1}', "heading"),
+        ('{"yaw_deg": "north"}', "yaw_deg"),
+        ("[]", "a JSON object"),
+    ],
 )
 def test_a_sidecar_that_cannot_be_used_keeps_the_photograph_until_it_is_corrected(
     watching: Callable[..., Watching], photograph: Callable[..., bytes], sidecar: str, reason: str

@@ -22,6 +22,7 @@ from fvs_client.spool.lock import only_sender
 from fvs_client.spool.outbox import FILE_NAME, Outbox
 from fvs_client.spool.photograph import State
 from fvs_client.spool.quantities import bytes_of
+from fvs_client.spool.retrying import forget as forget_refused
 from fvs_client.spool.retrying import retry as retry_refused
 from fvs_client.spool.settings import Settings
 from fvs_client.spool.spool import Spool
@@ -45,7 +46,7 @@ def _size(text: str | None) -> str | None:
 def _scene(text: str) -> str:
     if not text.startswith("scn_"):
         raise typer.BadParameter(
-            f"{text!r} is no scene's id, and a name can only be looked up with a link. "
+            f"{text!r} is not a scene id, and a name can only be looked up with a link. "
             "`fvs-client scenes list` prints the ids."
         )
     return text
@@ -204,6 +205,24 @@ def retry(
         typer.echo(f"{photograph.name}: waiting")
     if not waiting:
         typer.echo("No refused photograph can be tried again.", err=True)
+
+
+@spool.command()
+def forget(
+    numbers: Annotated[
+        list[int] | None,
+        typer.Option("--number", min=1, max=2**53, metavar="N", help="Only this one.", show_default="all"),
+    ] = None,
+    folder: OutboxFolderArgument = Path(),
+    outbox: OutboxOption = None,
+) -> None:
+    """Forget refused photographs, such as those for a mistyped scene. Their files stay."""
+    with _failures(), Outbox(_path(folder, outbox), create=False) as opened:
+        forgotten = forget_refused(opened, numbers or ())
+    for photograph in forgotten:
+        typer.echo(f"{photograph.name}: forgotten")
+    if not forgotten:
+        typer.echo("No photograph is refused.", err=True)
 
 
 @spool.command()

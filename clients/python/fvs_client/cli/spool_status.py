@@ -54,7 +54,7 @@ def print_status(document: Mapping[str, Any], *, as_json: bool) -> None:
         print_table(("no.", "name", "state", "MB", "remarks"), rows, right_aligned=("no.", "MB"))
     typer.echo(", ".join(f"{count} {state}" for state, count in document["counts"].items()))
     if not document["sender"]:
-        typer.echo("Nothing is sending: `fvs-client spool watch` or `send` does.")
+        typer.echo("No spool is running here. Start `fvs-client spool watch` or `send`.")
     elif document["trouble"] is not None:
         typer.echo(" ".join(filter(None, document["trouble"].values())))
 
@@ -90,7 +90,7 @@ def _arriving(photographs: list[Photograph], folder: Path) -> list[str]:
 def _size(photograph: Mapping[str, Any]) -> str:
     size = f"{photograph['size_bytes'] / 1e6:,.1f}"
     sent = f"{photograph['offset_bytes'] / 1e6:,.1f} of "
-    return (sent if photograph["state"] == State.SENDING else "") + size
+    return (sent if photograph["state"] == State.SENDING and photograph["offset_bytes"] else "") + size
 
 
 def _remarks(photograph: Mapping[str, Any]) -> str:

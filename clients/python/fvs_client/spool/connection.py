@@ -38,7 +38,7 @@ class Target:
         parts = urlsplit(chosen)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise SpoolError(
-                f"{chosen!r} is no URL to send photographs to.",
+                f"{chosen!r} is not a URL that the spool can use.",
                 hint=f"Give http(s)://…, such as {DEFAULT_URL}.",
             )
         return cls(chosen, api_key or None)
@@ -184,6 +184,11 @@ class Connection:
             )
         if isinstance(error, TimeoutError):
             return LinkError(f"{self._target.url} does not answer.")
+        if isinstance(error, http.client.BadStatusLine) and not isinstance(error, OSError):
+            return LinkError(
+                f"{self._target.url} does not answer in HTTP.",
+                hint="Is the URL right? The port of gRPC is another one than that of HTTP.",
+            )
         return LinkError(f"No connection to {self._target.url}: {str(error) or type(error).__name__}.")
 
 

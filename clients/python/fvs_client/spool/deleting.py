@@ -44,7 +44,7 @@ class Room:
             why = "None of them is deleted before the service has accepted it."
             if not self._settings.delete_sent:
                 why = "Nothing is deleted without --delete-sent."
-            self._say(f"The photographs take {kept / 1e6:,.0f} MB, more than {most / 1e6:,.0f} MB. {why}")
+            self._say(f"The photographs take {kept / 1e6:,.1f} MB, more than {most / 1e6:,.1f} MB. {why}")
 
     def _deletable(self) -> Iterator[Photograph]:
         last = 0

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 
 import pydantic
@@ -24,8 +25,7 @@ def read_sidecar(path: Path) -> ImageMetadata | Refusal:
     try:
         return ImageMetadata.model_validate(json.loads(content))
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        return _refusal(path, f"{'.'.join(map(str, first['loc'])) or 'it'}: {first['msg']}")
+        return _refusal(path, _first_mistake(error))
     except ValueError as error:
         return _refusal(path, f"it is not JSON: {error}")
 
@@ -33,6 +33,17 @@ def read_sidecar(path: Path) -> ImageMetadata | Refusal:
 def merged(*known: ImageMetadata | None) -> Mapping[str, object]:
     """The fields of several, as JSON has them; later ones override earlier ones."""
     return {name: value for one in known if one is not None for name, value in one.document().items()}
+
+
+def _first_mistake(error: pydantic.ValidationError) -> str:
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    if not name:
+        return "it must contain a JSON object"
+    if first["type"] != "extra_forbidden":
+        return f"{name}: {first['msg']}"
+    similar = get_close_matches(name, ImageMetadata.model_fields, 1, 0.3)
+    return f"{name} is not a known field" + (f"; did you mean {similar[0]}?" if similar else "")
 
 
 def _refusal(path: Path, reason: str) -> Refusal:

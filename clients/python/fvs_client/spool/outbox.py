@@ -105,7 +105,10 @@ class Outbox:
         return (status.st_dev, status.st_ino) == self._identity
 
     def add(self, new: NewPhotograph, *, durable: bool = True) -> Photograph:
-        """Add a photograph; of one that is there, bring metadata up to date as long as none were sent."""
+        """Add a photograph; of one that is there, bring metadata up to date as long as none were sent.
+
+        One that was refused, of which the service keeps nothing, waits again when its metadata are others.
+        """
         metadata = json.dumps(new.metadata or {}, ensure_ascii=False)
         where = (self._stored(new.path), new.scene, new.digest)
         refusal = new.refusal
@@ -119,11 +122,11 @@ class Outbox:
                 "sidecar = excluded.sidecar, deleted = 0",
                 (*where, new.name, new.size_bytes, new.mtime_ns, new.sidecar, metadata, state, *told),
             )
-            # Nothing of it was sent, or it was refused here.
             database.execute(
-                "UPDATE photographs SET name = ?, metadata = ?, state = ?, code = ?, reason = ?, hint = ? "
-                "WHERE path = ? AND scene = ? AND digest = ? AND (state = 'waiting' OR code IN (?, ?))",
-                (new.name, metadata, state, *told, *where, SIDECAR_REFUSED, FILE_MISSING),
+                "UPDATE photographs SET name = ?, metadata = ?, state = ?, code = ?, reason = ?, hint = ?, "
+                "offset_bytes = 0 WHERE path = ? AND scene = ? AND digest = ? AND (state = 'waiting' "
+                "OR code IN (?, ?) OR (state = 'refused' AND verdict IS NULL AND metadata != ?))",
+                (new.name, metadata, state, *told, *where, SIDECAR_REFUSED, FILE_MISSING, metadata),
             )
             found = self._select("path = ? AND scene = ? AND digest = ?", where)
         return found[0]
@@ -198,6 +201,11 @@ class Outbox:
             number,
             "state = 'waiting', verdict = NULL, code = NULL, reason = NULL, hint = NULL, offset_bytes = 0",
         )
+
+    def forget(self, number: int) -> None:
+        """Remove a refused photograph from the outbox; its file stays."""
+        with self._writing() as database:
+            database.execute("DELETE FROM photographs WHERE number = ? AND state = 'refused'", (number,))
 
     def deletable(self, after: int = 0) -> list[Photograph]:
         """Photographs whose files may be deleted, the oldest first, from number ``after`` on: at most 100.

@@ -11,5 +11,5 @@ def bytes_of(text: str) -> int:
     found = _WRITTEN.fullmatch(text.strip())
     size = 0 if found is None else int(float(found[1]) * _UNITS[found[2].lower()])
     if size < 1:
-        raise ValueError(f"{text!r} is no size; examples are 64kB, 1.5MB and 8GB")
+        raise ValueError(f"{text!r} is not a size; examples are 64kB, 1.5MB and 8GB")
     return size

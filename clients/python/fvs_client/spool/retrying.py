@@ -1,4 +1,4 @@
-"""Let refused photographs wait again."""
+"""Let refused photographs wait again, or forget them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,19 +12,46 @@ from fvs_client.spool.taking import take
 def retry(outbox: Outbox, numbers: Sequence[int] = ()) -> list[Photograph]:
     """Retry all refused photographs, or those with these numbers; return those that wait now.
 
-    Sidecars that could not be used are read again. Raises ``OSError`` where a file cannot be read.
+    Sidecars that have changed since, or could not be used, are read again. Raises ``OSError`` where a file
+    cannot be read.
     """
     waiting = []
-    for photograph in outbox.all():
-        refusal = photograph.refusal
-        if refusal is None or photograph.state is not State.REFUSED:
-            continue
-        if numbers and photograph.number not in numbers:
-            continue
-        if refusal.code == SIDECAR_REFUSED:
-            take(outbox, replace(find_file(photograph.path), name=photograph.name), photograph.scene)
-        else:
-            outbox.retry(photograph.number)
-        now = outbox.get(photograph.number)
+    for photograph in _refused(outbox, numbers):
+        now = _with_its_sidecar(outbox, photograph)
+        if now.refusal is not None and now.refusal.code != SIDECAR_REFUSED:
+            outbox.retry(now.number)
+            now = outbox.get(now.number)
         waiting += [now] if now.state is State.WAITING else []
     return waiting
+
+
+def forget(outbox: Outbox, numbers: Sequence[int] = ()) -> list[Photograph]:
+    """Remove all refused photographs, or those with these numbers, from the outbox; return them.
+
+    Their files stay. Who watches the folder for the same scene takes them again when the spool starts.
+    """
+    forgotten = _refused(outbox, numbers)
+    for photograph in forgotten:
+        outbox.forget(photograph.number)
+    return forgotten
+
+
+def _with_its_sidecar(outbox: Outbox, photograph: Photograph) -> Photograph:
+    """The photograph with the metadata of its sidecar, if that has changed or could not be used."""
+    try:
+        file = replace(find_file(photograph.path), name=photograph.name)
+    except FileNotFoundError:
+        return photograph
+    known = outbox.has(file.path, photograph.scene, file.size_bytes, file.mtime_ns, file.sidecar_state)
+    unusable = photograph.refusal is not None and photograph.refusal.code == SIDECAR_REFUSED
+    if unusable or not known:
+        take(outbox, file, photograph.scene)
+    return outbox.get(photograph.number)
+
+
+def _refused(outbox: Outbox, numbers: Sequence[int]) -> list[Photograph]:
+    return [
+        photograph
+        for photograph in outbox.all()
+        if photograph.state is State.REFUSED and (not numbers or photograph.number in numbers)
+    ]

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fvs_client.spool.answers import DAMAGED, RefusedError, require_success
@@ -16,6 +16,7 @@ from fvs_client.spool.taking import digest_of
 
 _USABLE = frozenset({"accepted", "duplicate"})
 _NOT_FOUND, _FORBIDDEN = 404, 403
+_INVALID = "invalid-request"
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,11 @@ class Sender:
         try:
             found = self._sent(photograph)
         except RefusedError as error:
-            self._outbox.refuse(number, error.refusal)
-            return error.refusal
+            refusal = error.refusal
+            if refusal.code == _INVALID and photograph.metadata:
+                refusal = replace(refusal, hint="Correct its metadata in its sidecar: then it is sent.")
+            self._outbox.refuse(number, refusal)
+            return refusal
         except FileNotFoundError as error:
             _require_folder(photograph, error)
             refusal = Refusal(

@@ -7,11 +7,11 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_service.worker.protocol.messages import StageProgress
 from fvs_service.worker.runner.request_queue import RequestQueue
 
-_REPORT_EVERY_S = 0.2
+_REPORT_EVERY_S = 0.5
 
 
 class JobMonitor(Monitor):
-    """Calls ``on_stage`` a few times a second."""
+    """Calls ``on_stage`` twice a second, and when a stage begins."""
 
     def __init__(
         self,
