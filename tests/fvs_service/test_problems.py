@@ -94,7 +94,7 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
             "/v1/scenes/{scene}/rankings",
             {"generator": {"kind": "spiral"}},
             "generator",
-            "`generator`'s kind must be one of 'orbit', 'grid', 'dataset', 'around-current'.",
+            "`generator`'s kind must be one of 'orbit', 'grid', 'dataset', 'around-current', 'in-volume'.",
         ),
         (
             "/v1/scenes/{scene}/rankings",
