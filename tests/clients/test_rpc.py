@@ -21,18 +21,22 @@ from fvs_client import (
     Job,
     NotFoundError,
     Outcome,
+    PayloadTooLargeError,
     Retries,
+    UnexpectedAnswerError,
+    UnimplementedError,
     UploadProgress,
 )
 from fvs_client._sync import rpc as transport
 from fvs_client.cli.app import app
 from fvs_client.connection import Connection
-from fvs_client.rpc import contract
+from fvs_client.rpc import addresses, contract
 from fvs_client.rpc.addresses import credentials_of, target_of
 from fvs_client.rpc.routes import _STREAMED, _TABLE
 from typer.testing import CliRunner
 
 SOON = Retries(first_s=0.01, longest_s=0.05)
+NEVER_AGAIN = Retries(draw=lambda: pytest.fail("The client tries again."))
 SCENE = "scn_00000000000000000000000000"
 
 
@@ -128,6 +132,28 @@ def test_waiting_and_events_outlive_silence(
         scene.refresh()
 
 
+@pytest.mark.parametrize("bytes_beyond", [1, 1_000_000])
+def test_a_request_that_is_too_large_is_refused_at_once(
+    rpc_url: str, gateway: Any, bytes_beyond: int
+) -> None:
+    digests = ["sha256:" + "0" * 64] * ((gateway.settings.limits.json_bytes + bytes_beyond) // 73 + 1)
+    with Client(rpc_url, retries=NEVER_AGAIN) as client:
+        scene = client.scenes.create("quarry")
+        with pytest.raises(PayloadTooLargeError, match="has more than") as caught:
+            scene.images.check(digests)
+    assert (caught.value.status, caught.value.retryable) == (413, False)
+    assert caught.value.hint == "Split it into several calls."
+
+
+def test_an_answer_that_is_too_large_is_said_at_once(rpc_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(addresses, "_MOST_BYTES", 10)
+    with (
+        Client(rpc_url, retries=NEVER_AGAIN) as client,
+        pytest.raises(UnexpectedAnswerError, match="it is too large"),
+    ):
+        client.capabilities()
+
+
 @pytest.fixture
 def slow_link(rpc_url: str) -> Iterator[str]:
     """The address of a relay that needs a second for the first bytes of a connection."""
@@ -213,6 +239,17 @@ def breaking() -> Iterator[tuple[BreakingService, str]]:
         server.start()
         yield service, f"grpc://127.0.0.1:{port}"
         server.stop(None).wait()
+
+
+def test_a_method_that_the_service_lacks_is_said_at_once(breaking: tuple[BreakingService, str]) -> None:
+    _, url = breaking
+    with Client(url, retries=NEVER_AGAIN) as client:
+        with pytest.raises(UnimplementedError, match="has no method for GET /v1/capabilities") as caught:
+            client.capabilities()
+        assert (caught.value.status, caught.value.retryable) == (501, False)
+        assert "upgrade the service" in caught.value.hint
+        with pytest.raises(UnimplementedError):
+            next(iter(client.scenes.list()))
 
 
 def test_an_upload_that_breaks_off_goes_on_where_the_service_has_it(

@@ -299,9 +299,31 @@ def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any) -> None:
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
     _, outcome = _refused(lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))
     assert outcome.code == "payload-too-large"
-    with pytest.raises(grpc.RpcError) as caught:
-        raw(b"\0" * (gateway.settings.limits.json_bytes + 1), metadata=_metadata(tenant))
+    lists = rpc.channel.unary_unary("/fvs.v1.ViewService/RankViews")
+    limit = gateway.settings.limits.json_bytes
+    error, outcome = _refused(lambda: lists(b"\0" * (limit + 1), metadata=_metadata(tenant)))
+    assert error.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+    assert (outcome.code, outcome.retryable) == ("payload-too-large", False)
+    assert str(limit) in outcome.message
+    with pytest.raises(grpc.RpcError) as caught:  # of which gRPC lets nothing through
+        lists(b"\0" * (limit + 100_000), metadata=_metadata(tenant))
     assert caught.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
+    assert "larger than max" in caught.value.details()
+
+
+def test_chunks_are_not_limited_as_lists_are(
+    tenant: Any, open_rpc: Callable[..., tuple[Any, int]], gateway: Any, photograph: Callable[..., bytes]
+) -> None:
+    few = gateway.settings.limits.model_copy(update={"json_bytes": 2_000})
+    _, port = open_rpc(limits=few)
+    scene, content = tenant.scene(), photograph(16) + bytes(1_000_000)
+    parts = [
+        *_parts(scene, content, stop=0),
+        *(images.UploadImageRequest(chunk=part) for part in (content[: 1 << 20], content[1 << 20 :]) if part),
+    ]
+    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+        send = type(tenant.transport)(channel).upload_call()
+        assert send(iter(parts), timeout=60, metadata=_metadata(tenant)).created
 
 
 def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -> None:

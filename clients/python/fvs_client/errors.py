@@ -174,6 +174,12 @@ class OutOfSpaceError(ServiceFailedError):
     code = "out-of-space"
 
 
+class UnimplementedError(ApiError):
+    """The service lacks the method, because it is older than this client; only over gRPC."""
+
+    code = "unimplemented"
+
+
 class JobError(FvsError):
     """A job did not succeed; ``job`` is its last known state."""
 

@@ -38,6 +38,7 @@ from fvs_client.errors import (
     UnauthenticatedError,
     UnavailableError,
     UnexpectedAnswerError,
+    UnimplementedError,
     WaitTimeoutError,
 )
 from fvs_client.models.events import Event, EventKind
@@ -216,6 +217,7 @@ __all__ = [
     "UnauthenticatedError",
     "UnavailableError",
     "UnexpectedAnswerError",
+    "UnimplementedError",
     "UploadProgress",
     "UploadReport",
     "UploadedFile",

@@ -1,6 +1,7 @@
 """Failed calls as what HTTP has for them: the service's problem documents, and errors of the connection."""
 
 import json
+import re
 from typing import Any
 
 import grpc
@@ -38,12 +39,18 @@ _BY_STATUS = {
 _CUT = ("socket closed", "connection reset")
 _NOT_CONNECTED = ("connect to all addresses", "connection refused", "resolution", "handshake", "ssl")
 _NOT_TRUSTED = ("ssl", "certificate", "handshake")
+_TOO_LARGE = re.compile(r"message larger than max(?: \(\d+ vs\. (\d+)\))?")
+_OF_CLIENT = "CLIENT:"
+"""gRPC says of which side the limit is."""
+_OF_PROXY = "http2 header"
+"""In the text of a status that gRPC makes of an answer that is only HTTP."""
 
 
 def response_for(error: grpc.RpcError, request: httpx2.Request) -> httpx2.Response:
     """The response of a service that refused ``request``.
 
-    Raises the ``httpx2.TransportError`` for a call that did not reach the service, or broke.
+    Raises the ``httpx2.TransportError`` for a call that did not reach the service, or broke; and
+    ``httpx2.DecodingError`` for an answer that is larger than the client accepts.
     """
     status = _status_of(error)
     if status is not None:
@@ -55,6 +62,12 @@ def response_for(error: grpc.RpcError, request: httpx2.Request) -> httpx2.Respon
         raise httpx2.ReadTimeout(text, request=request)
     if code is grpc.StatusCode.UNAVAILABLE:
         raise _unavailable(text, request)
+    if code is grpc.StatusCode.RESOURCE_EXHAUSTED and (found := _TOO_LARGE.search(text)) is not None:
+        if _OF_CLIENT in text:
+            raise httpx2.DecodingError(f"it is too large: {text}", request=request)
+        return _too_large(found[1])
+    if code is grpc.StatusCode.UNIMPLEMENTED and _OF_PROXY not in text.lower():
+        return _unimplemented(request)
     if code in _BY_STATUS:
         raise httpx2.RemoteProtocolError(f"{code.name}, and not from an fvs service: {text}", request=request)
     raise httpx2.ReadError(text, request=request)
@@ -117,6 +130,29 @@ def _deadline_passed(within: str) -> httpx2.Response:
         "retryable": False,
     }
     return _problem(504, problem)
+
+
+def _too_large(limit: str | None) -> httpx2.Response:
+    """The refusal of a message that gRPC itself does not let through to the service."""
+    problem = {
+        "title": "The body is too large",
+        "code": "payload-too-large",
+        "detail": f"The request has more than {limit} bytes." if limit else "The request is too large.",
+        "hint": "Split it into several calls.",
+        "retryable": False,
+    }
+    return _problem(413, problem)
+
+
+def _unimplemented(request: httpx2.Request) -> httpx2.Response:
+    problem = {
+        "title": "The service lacks the method",
+        "code": "unimplemented",
+        "detail": f"The service has no method for {request.method} {request.url.path}.",
+        "hint": "This client is newer: upgrade the service. Or another gRPC server answers: check the URL.",
+        "retryable": False,
+    }
+    return _problem(501, problem)
 
 
 def _problem(status: int, problem: dict[str, Any], headers: dict[str, str] | None = None) -> httpx2.Response:

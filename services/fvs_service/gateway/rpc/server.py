@@ -27,6 +27,11 @@ _CALLS_PER_CONNECTION = 256
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _HANDSHAKE_MS = 20_000
 _METADATA_BYTES = 16_384
+_CHUNK_BYTES = 1_048_576
+"""Maximum size of a chunk of an upload, which no limit of lists lowers."""
+_ENVELOPE_BYTES = 65_536
+"""What the transport accepts beyond: requests that are a little too large get an error with details. gRPC
+itself refuses larger ones, with a status that has none."""
 _REQUEST_WITHIN_S = 2.0
 """Time within which the requests of health and reflection must arrive: their callers need no key."""
 _PACKAGE = "fvs.v1"
@@ -41,7 +46,7 @@ class RpcServer:
         self._gateway, self._settings = gateway, settings
         self._server = grpc.aio.server(
             interceptors=(RequestPatience(_REQUEST_WITHIN_S, _PACKAGE),),
-            options=_options(settings.limits.json_bytes),
+            options=_options(max(settings.limits.json_bytes, _CHUNK_BYTES) + _ENVELOPE_BYTES),
             maximum_concurrent_rpcs=_CALLS,
         )
         servicers: tuple[Servicer, ...] = (
