@@ -1,9 +1,11 @@
 """Workers, jobs and the queue as operators see them."""
 
 import time
+from datetime import timedelta
 from typing import Any
 
 import pytest
+from fvs_service.model import now
 from fvs_service.storage.tables import WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
 
@@ -63,6 +65,17 @@ def test_metrics_show_workers_queue_and_room(fleet: Any) -> None:
     assert float(lines["fvs_queue_oldest_seconds"]) > 0
     assert float(lines["fvs_disk_free_bytes"]) > 0
     assert float(lines["fvs_database_up"]) == 1
+
+
+def test_the_wait_of_a_job_does_not_depend_on_the_clocks_of_machines(
+    fleet: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("fvs_service.jobs.service.now", lambda: now() - timedelta(minutes=10))
+        fleet.queue(fleet.scene())
+    lines = fleet.client.get("/metrics").text.splitlines()
+    (waited,) = (line.split()[1] for line in lines if line.startswith("fvs_queue_oldest_seconds"))
+    assert float(waited) < 60
 
 
 def test_the_lag_of_the_event_loop_is_measured(gateway: Any) -> None:
