@@ -33,6 +33,7 @@ from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.blobs import Blobs, require_room
 from fvs_service.storage.database import Database, sqlite_file
 from fvs_service.storage.removals import Removals
+from fvs_service.storage.store_check import StoreCheck
 from fvs_service.tracing import Tracing
 from fvs_service.visits.repository import taken_poses
 from fvs_service.visits.service import Visits
@@ -60,6 +61,7 @@ class Application:
 
     storage: Storage
     runners: SceneRunners
+    store_check: StoreCheck
     staging: StagingArea
     partial_uploads: PartialUploads
     resumable_uploads: ResumableUploads
@@ -185,6 +187,7 @@ def open_application(
             yield Application(
                 storage=storage,
                 runners=runners,
+                store_check=StoreCheck(storage.blobs),
                 staging=StagingArea(
                     settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
                 ),

@@ -1,14 +1,13 @@
 """The fleet as the database knows it: which workers live, which jobs wait and run."""
 
-import time
 from collections.abc import Mapping
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, case, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.model import JobState
 from fvs_service.model import Count, Model, Number
-from fvs_service.storage.database import now_ms
+from fvs_service.storage.clock import now_ms
 from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
 
 HEARTBEAT_S = 4.0
@@ -90,10 +89,9 @@ def open_jobs(session: Session) -> Mapping[tuple[str, str, str], int]:
 
 def longest_wait_s(session: Session) -> float:
     """How long the oldest queued job has waited; 0 without one."""
-    created = session.scalar(
-        select(JobRow.created_at)
-        .where(JobRow.state == JobState.QUEUED.value)
-        .order_by(JobRow.created_at)
-        .limit(1)
+    # Rows from before version 0005 of the schema do not have the time when they were added.
+    since = case((JobRow.recorded_at_ms == 0, JobRow.waiting_since_ms), else_=JobRow.recorded_at_ms)
+    waited_ms = session.scalar(
+        select(now_ms() - func.min(since)).where(JobRow.state == JobState.QUEUED.value)
     )
-    return 0.0 if created is None else max(0.0, time.time() - created.timestamp())
+    return max(0.0, (waited_ms or 0) / 1000)

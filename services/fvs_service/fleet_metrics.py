@@ -1,23 +1,27 @@
 """Metrics of the fleet, read from the database when Prometheus asks."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from fvs_service.errors import StorageUnavailableError
+from fvs_service.errors import ServiceError, StorageUnavailableError
 from fvs_service.fleet import longest_wait_s, open_jobs, workers_of
 from fvs_service.storage.database import Database
 
 
 class FleetCollector(Collector):
-    """Workers and their heartbeats, jobs, the queue, and the room on the disk of ``root``."""
+    """Workers and their heartbeats, jobs, the queue, the room on the disk of ``root``, and the blob store.
 
-    def __init__(self, database: Database, root: Path) -> None:
+    ``require_store`` raises a ``ServiceError`` when the store cannot be reached.
+    """
+
+    def __init__(self, database: Database, root: Path, require_store: Callable[[], object]) -> None:
         self._database = database
         self._root = root
+        self._require_store = require_store
 
     def describe(self) -> Iterator[Metric]:
         """Nothing, so that registering the collector does not read the database."""
@@ -35,6 +39,17 @@ class FleetCollector(Collector):
         else:
             reached.add_metric((), 1)
         yield reached
+        yield self._store()
+
+    def _store(self) -> Metric:
+        stored = GaugeMetricFamily("fvs_blobs_up", "Whether the blob store can be reached.")
+        try:
+            self._require_store()
+        except ServiceError:
+            stored.add_metric((), 0)
+        else:
+            stored.add_metric((), 1)
+        return stored
 
     def _fleet(self) -> Iterator[Metric]:
         with self._database.reading() as session:

@@ -118,7 +118,7 @@ def test_ports_match() -> None:
 def test_alerts_and_dashboards_ask_for_metrics_that_exist(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'fvs.sqlite3'}")
     database.migrate()
-    families = [*Metrics().registry.collect(), *FleetCollector(database, tmp_path).collect()]
+    families = [*Metrics().registry.collect(), *FleetCollector(database, tmp_path, lambda: None).collect()]
     database.close()
     known = {family.name for family in families}
     files = (_REPOSITORY / "deploy/prometheus/alerts.yml", _REPOSITORY / "deploy/grafana/dashboards/fvs.json")

@@ -1,9 +1,16 @@
 """Workers, jobs and the queue as operators see them."""
 
+import threading
 import time
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_service.errors import StorageUnavailableError
+from fvs_service.model import now
+from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.store_check import StoreCheck
 from fvs_service.storage.tables import WorkerRow
 from fvs_service.worker.heartbeat import Heartbeats
 
@@ -37,6 +44,49 @@ def test_a_service_without_workers_is_ready_for_uploads_only(gateway: Any) -> No
     assert gateway.client.get("/readyz?workers=1").status_code == 503
 
 
+def test_a_gateway_without_its_blob_store_is_not_ready(gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    blobs, asked = gateway.application.storage.blobs, []
+
+    def gone() -> None:
+        asked.append(1)
+        raise StorageUnavailableError("The object store has no such bucket.", hint="Create it.")
+
+    fresh = StoreCheck(blobs)
+    monkeypatch.setattr(gateway.application.store_check, "_current", fresh._current)
+    assert gateway.client.get("/readyz").status_code == 200
+    monkeypatch.setattr(blobs, "check", gone)
+    assert gateway.client.get("/readyz").status_code == 200  # the store was asked a moment ago
+    monkeypatch.setattr("fvs_service.storage.store_check._FRESH_S", 0.0)
+    answer = gateway.client.get("/readyz")
+    assert (answer.status_code, answer.json()["detail"]) == (503, "The object store has no such bucket.")
+    monkeypatch.setattr("fvs_service.storage.store_check._FRESH_S", 60.0)
+    assert "fvs_blobs_up 0.0" in gateway.client.get("/metrics").text
+    assert gateway.client.get("/readyz").status_code == 503
+    assert len(asked) == 1
+
+
+def test_a_blob_store_that_hangs_is_not_waited_for(tmp_path: Path) -> None:
+    blobs, hanging, asked = Blobs(tmp_path / "blobs"), threading.Event(), []
+    check = StoreCheck(blobs, within_s=0.05)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blobs, "check", lambda: asked.append(1) or hanging.wait(30))
+        for _ in range(3):
+            with pytest.raises(StorageUnavailableError, match="not answered"):
+                check.require()
+        hanging.set()
+        check._current().result(10)
+        check.require()
+    assert len(asked) == 1
+
+
+def test_a_folder_of_blobs_that_is_gone_is_no_store(tmp_path: Path) -> None:
+    blobs = Blobs(tmp_path / "blobs")
+    StoreCheck(blobs).require()
+    (tmp_path / "blobs").rmdir()
+    with pytest.raises(StorageUnavailableError, match="is gone"):
+        StoreCheck(blobs).require()
+
+
 def test_capabilities_name_the_workers(fleet: Any) -> None:
     found = fleet.client.get("/v1/capabilities").json()
     assert [(worker["id"], worker["alive"]) for worker in found["workers"]] == [
@@ -63,6 +113,17 @@ def test_metrics_show_workers_queue_and_room(fleet: Any) -> None:
     assert float(lines["fvs_queue_oldest_seconds"]) > 0
     assert float(lines["fvs_disk_free_bytes"]) > 0
     assert float(lines["fvs_database_up"]) == 1
+
+
+def test_the_wait_of_a_job_does_not_depend_on_the_clocks_of_machines(
+    fleet: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("fvs_service.jobs.service.now", lambda: now() - timedelta(minutes=10))
+        fleet.queue(fleet.scene())
+    lines = fleet.client.get("/metrics").text.splitlines()
+    (waited,) = (line.split()[1] for line in lines if line.startswith("fvs_queue_oldest_seconds"))
+    assert float(waited) < 60
 
 
 def test_the_lag_of_the_event_loop_is_measured(gateway: Any) -> None:

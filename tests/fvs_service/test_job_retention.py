@@ -1,8 +1,10 @@
 """Ended jobs and idempotency keys that are no longer kept."""
 
+import time
 from datetime import timedelta
 from typing import Any
 
+import pytest
 from fvs_service.deletion.idempotency_retention import IdempotencyRetention
 from fvs_service.deletion.job_retention import JobRetention
 from fvs_service.model import now
@@ -55,6 +57,22 @@ def test_a_scene_keeps_its_newest_jobs_and_those_with_a_snapshot(open_gateway: A
     assert gateway.client.get(f"/v1/jobs/{with_snapshot}").status_code == 200
     _canceled(gateway, few, 2)
     assert retention.apply() == 1
+
+
+def test_the_newest_job_of_a_machine_whose_clock_is_right_stays(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    scene = gateway.scene()
+    right = time.time_ns
+    retention = _jobs(gateway, jobs=2)
+    with monkeypatch.context() as patch:
+        patch.setattr("fvs_service.ids.time.time_ns", lambda: right() + 600 * 10**9)
+        ahead = _canceled(gateway, scene, 2)
+    assert retention.apply() == 0
+    last = _canceled(gateway, scene, 1)
+    assert retention.apply() == 1
+    assert set(_kept(gateway, scene)) == {ahead[1], *last}
 
 
 def test_old_jobs_go_unless_they_have_not_ended(open_gateway: Any) -> None:

@@ -1,5 +1,6 @@
 """Snapshots and rankings that are no longer kept."""
 
+import time
 from datetime import timedelta
 from typing import Any
 
@@ -41,6 +42,25 @@ def test_retention_by_number_keeps_the_newest_and_the_pinned(open_gateway: Any) 
     assert found == [404, 404, 200, 200]
     assert _apply(gateway, snapshots=3) == 0
     assert gateway.client.get(f"/v1/scenes/{own}").json()["snapshot_id"] == made[own][3]
+
+
+def test_retention_by_number_does_not_depend_on_the_clocks_of_machines(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    scene = gateway.scene()
+    right = time.time_ns
+    with monkeypatch.context() as patch:
+        patch.setattr("fvs_service.ids.time.time_ns", lambda: right() + 600 * 10**9)
+        made = [gateway.model(scene) for _ in range(3)]
+        rankings = [_rank(gateway, scene) for _ in range(3)]
+    made.append(gateway.model(scene))
+    rankings.append(_rank(gateway, scene))
+    assert (min(made), min(rankings)) == (made[3], rankings[3])
+    assert _apply(gateway, snapshots=2, rankings=3) == 3
+    assert set(_snapshots(gateway, scene)) == {*made[2:]}
+    found = [gateway.client.get(f"/v1/rankings/{ranking}").status_code for ranking in rankings]
+    assert found == [404, 200, 200, 200]
 
 
 def test_all_rankings_beyond_a_limit_are_deleted_in_one_sweep(

@@ -8,6 +8,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 from fvs_service.ids import new_id
+from fvs_service.model import now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.model import SceneRequest
 from fvs_service.scenes.service import Scenes
@@ -15,9 +16,10 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
 from fvs_service.storage.owner import claim_store, require_own_store
-from fvs_service.storage.tables import Table
+from fvs_service.storage.tables import RankingRow, Table
 from fvs_service.visits.repository import visits_of
-from sqlalchemy import text
+from sqlalchemy import select, text
+from sqlalchemy.orm import Session
 
 
 @pytest.fixture
@@ -83,6 +85,33 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
     database.close()
 
 
+def _undo_recorded(session: Session) -> None:
+    """Before the fifth version, rows did not have the database's time."""
+    session.execute(text("DROP INDEX ix_jobs_recorded"))
+    for table in ("jobs", "snapshots", "rankings"):
+        session.execute(text(f"ALTER TABLE {table} DROP COLUMN recorded_at_ms"))
+
+
+def test_rankings_of_an_older_database_come_first_in_the_order_of_their_ids(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
+    database.migrate()
+    scene = Scenes(database, Limits()).create(LOCAL_USER, SceneRequest(name="one")).id
+    added = "INSERT INTO rankings (id, scene_id, snapshot_id, document, created_at) VALUES"
+    rest = f"'{scene}', 's', '{{}}', '2026-05-01 12:00:00.000000'"
+    with database.writing() as session:
+        _undo_recorded(session)
+        session.execute(text("UPDATE alembic_version SET version_num = '0004'"))
+        session.execute(text(f"{added} ('rnk_3', {rest}), ('rnk_2', {rest})"))
+    database.migrate()
+    with database.writing() as session:
+        row = {"id": "rnk_1", "scene_id": scene, "snapshot_id": "s", "document": {}, "created_at": now()}
+        session.add(RankingRow(**row))
+    with database.reading() as session:
+        found = session.scalars(select(RankingRow.id).order_by(*RankingRow.oldest_first())).all()
+    assert found == ["rnk_2", "rnk_3", "rnk_1"]
+    database.close()
+
+
 def test_visits_of_an_older_database_stay(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
     database.migrate()
@@ -100,6 +129,7 @@ def test_visits_of_an_older_database_stay(tmp_path: Path) -> None:
         times = "'2026-05-01 12:00:00.000000', '9999-05-01 12:00:00.000000'"
         row = text(f"INSERT INTO visits VALUES ('{scene}', 'north', 'a', 'taken', :pose, {times})")
         session.execute(row, {"pose": pose})
+        _undo_recorded(session)
         session.execute(text("UPDATE alembic_version SET version_num = '0003'"))
     database.migrate()
     with database.reading() as session:
@@ -114,6 +144,7 @@ def test_an_older_database_gets_an_identity_once(tmp_path: Path) -> None:
     with database.writing() as session:  # as the first version left it
         for newer in ("identity", "visits"):
             session.execute(text(f"DROP TABLE {newer}"))
+        _undo_recorded(session)
         session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
     for _ in range(2):
         database.migrate()

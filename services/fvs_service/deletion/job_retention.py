@@ -24,13 +24,13 @@ class JobRetention:
     def __init__(self, database: Database, retention: Retention) -> None:
         self._database = database
         self._most, self._days = retention.jobs, retention.job_days
-        self._seen = ""
-        """Scenes without a job after this one cannot have exceeded their limit since."""
+        self._seen = -1
+        """Scenes without a job recorded at this time or later cannot have exceeded their limit since."""
 
     def apply(self) -> int:
         """Delete what is not kept any longer; returns the number of jobs."""
         with self._database.reading() as session:
-            newest = session.scalar(select(func.max(JobRow.id))) or ""
+            newest = session.scalar(select(func.max(JobRow.recorded_at_ms))) or 0
             scenes = {*self._with_new_jobs(session), *self._with_old_jobs(session)}
         deleted = sum(self._trim(scene_id) for scene_id in sorted(scenes))
         self._seen = newest
@@ -39,7 +39,9 @@ class JobRetention:
     def _with_new_jobs(self, session: Session) -> list[str]:
         if self._most is None:
             return []
-        return list(session.scalars(select(JobRow.scene_id).where(JobRow.id > self._seen).distinct()))
+        return list(
+            session.scalars(select(JobRow.scene_id).where(JobRow.recorded_at_ms >= self._seen).distinct())
+        )
 
     def _with_old_jobs(self, session: Session) -> list[str]:
         if self._days is None:
@@ -47,7 +49,7 @@ class JobRetention:
         oldest = (
             select(JobRow.scene_id, JobRow.created_at)
             .where(*_deletable())
-            .order_by(JobRow.id)
+            .order_by(*JobRow.oldest_first())
             .limit(_AT_ONCE)
             .subquery()
         )
@@ -65,7 +67,7 @@ class JobRetention:
             query = select(JobRow.id).where(
                 JobRow.scene_id == scene_id, *_deletable(), or_(*self._beyond(session, scene_id))
             )
-            jobs = session.scalars(query.order_by(JobRow.id).limit(_AT_ONCE)).all()
+            jobs = session.scalars(query.order_by(*JobRow.oldest_first()).limit(_AT_ONCE)).all()
             session.execute(delete(JobStageRow).where(JobStageRow.job_id.in_(jobs)))
             session.execute(delete(JobRow).where(JobRow.id.in_(jobs)))
         return len(jobs)
@@ -74,9 +76,10 @@ class JobRetention:
         """The conditions of which each puts a job beyond a limit."""
         beyond = []
         if self._most is not None:
-            newest_first = select(JobRow.id).where(JobRow.scene_id == scene_id).order_by(JobRow.id.desc())
-            last_kept = session.scalar(newest_first.offset(self._most - 1).limit(1))
-            beyond.append(JobRow.id < (last_kept or ""))
+            of_scene = select(JobRow.recorded_at_ms, JobRow.id).where(JobRow.scene_id == scene_id)
+            newest_first = of_scene.order_by(*JobRow.newest_first())
+            last_kept = session.execute(newest_first.offset(self._most - 1).limit(1)).first()
+            beyond.append(JobRow.in_order() < tuple(last_kept or (-1, "")))
         if self._days is not None:
             beyond.append(JobRow.created_at < now() - timedelta(days=self._days))
         return beyond

@@ -112,7 +112,7 @@ def _newest_first(session: Session, scene_id: str) -> list[_Kept]:
             SnapshotRow.created_at,
         )
         .where(SnapshotRow.scene_id == scene_id)
-        .order_by(SnapshotRow.id.desc())
+        .order_by(*SnapshotRow.newest_first())
     )
     return [_Kept(*row) for row in found]
 
@@ -125,21 +125,21 @@ def _rankings(session: Session, scene_id: str, retention: Retention) -> list[str
     """Rankings to delete, a limited number at a time."""
     beyond: list[ColumnElement[bool]] = []
     if retention.rankings is not None:
-        last_kept = session.scalar(
-            select(RankingRow.id)
+        last_kept = session.execute(
+            select(RankingRow.recorded_at_ms, RankingRow.id)
             .where(RankingRow.scene_id == scene_id)
-            .order_by(RankingRow.id.desc())
+            .order_by(*RankingRow.newest_first())
             .offset(retention.rankings - 1)
             .limit(1)
-        )
+        ).first()
         if last_kept is not None:
-            beyond.append(RankingRow.id < last_kept)
+            beyond.append(RankingRow.in_order() < tuple(last_kept))
     if retention.ranking_days is not None:
         beyond.append(RankingRow.created_at < _oldest(retention.ranking_days))
     if not beyond:
         return []
     query = select(RankingRow.id).where(RankingRow.scene_id == scene_id, or_(*beyond))
-    return list(session.scalars(query.order_by(RankingRow.id).limit(_RANKINGS_AT_ONCE)))
+    return list(session.scalars(query.order_by(*RankingRow.oldest_first()).limit(_RANKINGS_AT_ONCE)))
 
 
 def _oldest(days: float | None) -> datetime:

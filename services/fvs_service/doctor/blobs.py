@@ -132,7 +132,9 @@ def _drop_snapshot(storage: Storage, scene_id: str, snapshot_id: str) -> None:
         return
     with storage.database.writing(scene_id) as session:
         whole = session.scalars(
-            select(SnapshotRow.id).where(SnapshotRow.scene_id == scene_id).order_by(SnapshotRow.id.desc())
+            select(SnapshotRow.id)
+            .where(SnapshotRow.scene_id == scene_id)
+            .order_by(*SnapshotRow.newest_first())
         )
         newest = next((name for name in whole if name not in broken), None)
         session.execute(

@@ -12,7 +12,7 @@ from fvs_service.errors import StorageUnavailableError
 from fvs_service.fleet import workers_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import free_bytes
-from fvs_service.storage.database import now_ms
+from fvs_service.storage.clock import now_ms
 from fvs_service.storage.owner import require_known_images, require_own_store
 from fvs_service.storage.tables import ImageRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder

@@ -11,13 +11,14 @@ from fvs_service.fleet import WorkerStatus, workers_of
 def require_ready(app: Application, workers: int = 0) -> None:
     """Raise unless the gateway can store images and at least ``workers`` workers are alive.
 
-    Raises ``UnavailableError`` and ``OutOfSpaceError``.
+    Raises ``UnavailableError``, ``StorageUnavailableError`` and ``OutOfSpaceError``.
     """
     with app.storage.database.reading() as session:
         known = workers_of(session)
     settings = app.storage.settings
     if shutil.disk_usage(settings.root).free < settings.reserve_bytes:
         raise OutOfSpaceError("The disk is full.", hint="Free some space.", retry_after_s=60)
+    app.store_check.require()
     _require_workers(known, workers)
 
 

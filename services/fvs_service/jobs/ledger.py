@@ -16,7 +16,8 @@ from fvs_service.jobs.model import Job, JobError, JobState
 from fvs_service.jobs.work import Work
 from fvs_service.model import now
 from fvs_service.scenes.lease import Lease, require_lease
-from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, JobStageRow
 
 _REPORT_EVERY_S = 0.4

@@ -15,7 +15,8 @@ from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.ticket import JobTicket
 from fvs_service.jobs.work import ALL_WORK, Work, work_of
-from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import Database
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
 

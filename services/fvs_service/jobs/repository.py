@@ -11,7 +11,7 @@ from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
 from fvs_service.jobs.work import first_work
 from fvs_service.model import now
 from fvs_service.principal import Principal
-from fvs_service.storage.database import now_ms
+from fvs_service.storage.clock import now_ms
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
 from fvs_service.tracing import traceparent
@@ -101,7 +101,7 @@ def first_update(session: Session, scene_id: str) -> Job | None:
             JobRow.kind == JobKind.UPDATE.value,
             JobRow.state == JobState.SUCCEEDED.value,
         )
-        .order_by(JobRow.id)
+        .order_by(*JobRow.oldest_first())
         .limit(1)
     )
     return None if row is None else to_job(row)

@@ -17,7 +17,8 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits
-from fvs_service.storage.database import Database, lock, now_ms
+from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import Database, lock
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
 from fvs_service.tracing import traceparent

@@ -11,7 +11,8 @@ from sqlalchemy import CursorResult, bindparam, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError, StaleLeaseError
-from fvs_service.storage.database import Database, Reader, now_ms
+from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.tables import SceneLeaseRow, SceneRow, columns_of
 
 _LEASES = columns_of(SceneLeaseRow)

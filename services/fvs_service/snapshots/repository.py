@@ -91,7 +91,7 @@ def of_update_before(session: Session, scene_id: str, job_id: str) -> str | None
             JobRow.id != job_id,
             JobRow.snapshot_id.is_not(None),
         )
-        .order_by(JobRow.id.desc())
+        .order_by(*JobRow.newest_first())
         .limit(1)
     )
 

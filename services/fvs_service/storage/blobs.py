@@ -68,6 +68,10 @@ class Blobs:
 
     def check(self) -> None:
         """Raise ``StorageUnavailableError`` with the reason, when the store cannot be used."""
+        if self._folder is not None and not self._folder.is_dir():
+            raise StorageUnavailableError(
+                f"The folder {self._folder} is gone.", hint="Mount its disk, or restore it.", retry_after_s=60
+            )
         with _reachable():  # listing is the only request that tells a missing bucket from a missing blob
             next(iter(obstore.list(self._store, "scenes/", chunk_size=1)), None)
 

@@ -15,7 +15,6 @@ from typing import Any, TypeAlias
 import orjson
 from sqlalchemy import (
     URL,
-    BigInteger,
     Connection,
     Engine,
     create_engine,
@@ -28,10 +27,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DatabaseError, DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
-from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
-from sqlalchemy.sql.compiler import SQLCompiler
-from sqlalchemy.sql.functions import FunctionElement
 
 from fvs_service.errors import IncompatibleDatabaseError, OutOfSpaceError, StorageUnavailableError
 from fvs_service.storage.commit_hooks import act_after_commit, act_before_commit
@@ -66,23 +62,6 @@ _JSON: Mapping[str, Any] = {
 
 Reader: TypeAlias = Session | Connection
 """What reads without making objects of rows."""
-
-
-class now_ms(FunctionElement[int]):  # noqa: N801 - the name of an SQL function
-    """The database's clock in ms since 1970, which all workers share."""
-
-    type = BigInteger()
-    inherit_cache = True
-
-
-@compiles(now_ms, "sqlite")
-def _now_ms_sqlite(_element: now_ms, _compiler: SQLCompiler, **_options: Any) -> str:
-    return "CAST((julianday('now') - 2440587.5) * 86400000 AS INTEGER)"
-
-
-@compiles(now_ms, "postgresql")
-def _now_ms_postgresql(_element: now_ms, _compiler: SQLCompiler, **_options: Any) -> str:
-    return "CAST(extract(epoch from clock_timestamp()) * 1000 AS BIGINT)"
 
 
 class Database:

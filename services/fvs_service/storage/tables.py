@@ -9,6 +9,8 @@ from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
 
+from fvs_service.storage.clock import now_ms
+
 
 class UtcDateTime(TypeDecorator[datetime]):
     """Timestamps in UTC, also in databases without time zones (SQLite)."""
@@ -38,6 +40,32 @@ def columns_of(kind: type[Table]) -> sqlalchemy.Table:
     table = kind.__table__
     assert isinstance(table, sqlalchemy.Table)
     return table
+
+
+class Recorded:
+    """Rows of which each knows when it was added, by the clock of the database.
+
+    The order of ids is that of the machines' clocks. ``recorded_at_ms`` is 0 in rows from before version 0005
+    of the schema, whose order is that of their ids.
+    """
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    recorded_at_ms: Mapped[int] = mapped_column(BigInteger, default=now_ms())
+
+    @classmethod
+    def in_order(cls) -> "sqlalchemy.Tuple":
+        """What can be compared with that of another row."""
+        return sqlalchemy.tuple_(cls.recorded_at_ms, cls.id)
+
+    @classmethod
+    def oldest_first(cls) -> tuple[sqlalchemy.ColumnElement[Any], ...]:
+        """The arguments of ``order_by``."""
+        return cls.recorded_at_ms.asc(), cls.id.asc()
+
+    @classmethod
+    def newest_first(cls) -> tuple[sqlalchemy.ColumnElement[Any], ...]:
+        """The arguments of ``order_by``."""
+        return cls.recorded_at_ms.desc(), cls.id.desc()
 
 
 class ApiKeyRow(Table):
@@ -158,7 +186,7 @@ class ImageRow(Table):
     )
 
 
-class JobRow(Table):
+class JobRow(Recorded, Table):
     """A job. While it is queued or running, it waits, or is in a turn on the worker ``worker_id``.
 
     ``taken_at_ms``: when its last turn began; ``waiting_since_ms``: since when it waits, or waited before its
@@ -168,7 +196,6 @@ class JobRow(Table):
 
     __tablename__ = "jobs"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
     scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
     tenant_id: Mapped[str] = mapped_column(String(64), index=True)
     kind: Mapped[str] = mapped_column(String(16))
@@ -194,6 +221,7 @@ class JobRow(Table):
     finished_at: Mapped[datetime | None]
 
     __table_args__ = (
+        Index("ix_jobs_recorded", "recorded_at_ms", "id"),
         Index(
             "ix_jobs_one_queued",
             "scene_id",
@@ -223,12 +251,11 @@ class JobStageRow(Table):
     created_at: Mapped[datetime]
 
 
-class SnapshotRow(Table):
+class SnapshotRow(Recorded, Table):
     """An immutable model of a scene; retention keeps those that are ``pinned``."""
 
     __tablename__ = "snapshots"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
     scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), index=True)
     pinned: Mapped[bool]
@@ -250,12 +277,11 @@ class SnapshotArtifactRow(Table):
     __table_args__ = (Index("ix_snapshot_artifacts_blob", "scene_id", "sha256"),)
 
 
-class RankingRow(Table):
+class RankingRow(Recorded, Table):
     """An immutable ranking; it can outlive its snapshot."""
 
     __tablename__ = "rankings"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
     scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
     snapshot_id: Mapped[str] = mapped_column(String(40))
     document: Mapped[dict[str, Any]]

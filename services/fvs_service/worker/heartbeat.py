@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from sqlalchemy import ColumnElement, delete, insert, select, update
 
 from fvs_service.fleet import MISSED_LEASES
-from fvs_service.storage.database import Database, now_ms
+from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import Database
 from fvs_service.storage.tables import WorkerRow, columns_of
 
 _WORKERS = columns_of(WorkerRow)

@@ -88,7 +88,9 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 streams_per_tenant=settings.limits.event_streams_per_tenant,
             )
             app.state.application, app.state.feed, app.state.metrics = application, feed, metrics
-            fleet = FleetCollector(application.storage.database, settings.root)
+            fleet = FleetCollector(
+                application.storage.database, settings.root, application.store_check.require
+            )
             metrics.registry.register(fleet)
             app.state.loop_lag, app.state.parsing = loop_lag, anyio.CapacityLimiter(_PARSERS)
             watching = asyncio.gather(

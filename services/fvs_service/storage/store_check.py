@@ -1,0 +1,61 @@
+"""Whether the blob store answers, for probes and metrics: asked seldom, and never waited for long."""
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as WaitError
+
+from fvs_service.errors import ServiceError, StorageUnavailableError
+from fvs_service.storage.blobs import Blobs
+
+_FRESH_S = 5.0
+"""An answer counts for this long."""
+_WITHIN_S = 3.0
+"""A store that takes longer does not work; probes have little time."""
+
+
+class StoreCheck:
+    """Asks the store when it is asked itself; one question at a time. Safe to use from any thread."""
+
+    def __init__(
+        self, blobs: Blobs, *, within_s: float = _WITHIN_S, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._blobs, self._within_s, self._clock = blobs, within_s, clock
+        self._lock = threading.Lock()
+        self._answer: Future[None] | None = None
+        self._asked_at = 0.0
+
+    def require(self) -> None:
+        """Raise ``StorageUnavailableError`` unless the store answers, or has just answered."""
+        try:
+            self._current().result(self._within_s)
+        except WaitError as error:
+            raise StorageUnavailableError(
+                f"The object store has not answered within {self._within_s:g} s.",
+                hint="Try again soon. If the error persists, run fvs doctor, which reports the cause.",
+                retry_after_s=5,
+            ) from error
+
+    def _current(self) -> Future[None]:
+        with self._lock:
+            answer = self._answer
+            if answer is None or (answer.done() and self._clock() - self._asked_at > _FRESH_S):
+                answer = self._answer = Future()
+                self._asked_at = self._clock()
+                threading.Thread(target=self._ask, args=(answer,), daemon=True, name="store-check").start()
+            return answer
+
+    def _ask(self, answer: "Future[None]") -> None:
+        try:
+            self._blobs.check()
+        except ServiceError as error:
+            answer.set_exception(error)
+        except Exception as error:
+            failure = StorageUnavailableError(
+                "The object store cannot be used.", hint="Run fvs doctor.", retry_after_s=5
+            )
+            failure.__cause__ = error
+            answer.set_exception(failure)
+        else:
+            answer.set_result(None)
