@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from fvs_client import FvsError
 from fvs_client.cli.exit_codes import NOT_FLOWN
 from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, SceneArgument
 from fvs_client.cli.output import print_json
@@ -250,4 +251,7 @@ def _commands(flight: Flight) -> None:
         if command is None:
             typer.echo(f"The commands are {', '.join(commands)}.", err=True)
         else:
-            command()
+            try:
+                command()
+            except FvsError as error:
+                typer.echo(f"{error.message} {error.hint}".strip(), err=True)

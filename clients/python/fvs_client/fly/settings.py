@@ -27,6 +27,8 @@ class Ending(StrEnum):
     """The service could not be reached, or made no model, until the vehicle had to return."""
     VEHICLE = "vehicle"
     """The vehicle refused something, or returned by itself."""
+    PILOT = "pilot"
+    """A pilot, or another ground station, has taken over."""
 
 
 @dataclass(frozen=True)

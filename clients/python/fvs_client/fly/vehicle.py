@@ -181,10 +181,16 @@ class Vehicle:
         self.set_mode(Mode.RETURN)
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the flight mode, and wait until the vehicle has it."""
+        """Change the flight mode, and wait until the vehicle has it.
+
+        Raises ``VehicleError`` when it does not change, or changes to another: somebody else flies it then.
+        """
+        before = self.last_state.custom_mode
         numbers = (self._mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self.dialect.modes[mode])
         wanted = self.dialect.custom_mode(mode)
         for _ in range(_TRIES):
+            if self.last_state.custom_mode not in (before, wanted):
+                raise VehicleError("Somebody else changes the vehicle's mode.")
             self.command(self._mavlink.MAV_CMD_DO_SET_MODE, *map(float, numbers))
             until = time.monotonic() + _CHANGE_S
             with self._link.changed:
