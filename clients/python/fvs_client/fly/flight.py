@@ -85,8 +85,10 @@ class Flight:
         """Fly until the flight ends, send the vehicle home and wait until it has landed.
 
         The result's ending is ``VEHICLE`` when the landing was not seen, and ``PILOT`` when somebody else has
-        taken over: then the vehicle gets no more commands.
+        taken over: then the vehicle gets no more commands. Raises what else goes wrong, such as
+        ``SpoolError``, after the landing.
         """
+        failure: Exception | None = None
         try:
             self._require_equipment()
             self._survey()
@@ -100,6 +102,8 @@ class Flight:
             ending, reason = Ending.VEHICLE, f"{error.message} {error.hint}".strip()
         except FvsError as error:
             ending, reason = Ending.SERVICE, f"{error.message} {error.hint}".strip()
+        except Exception as error:  # whatever it is: the vehicle comes home first
+            failure, ending, reason = error, Ending.FAILED, f"{type(error).__name__}: {error}"
         self._log.event("ends", f"The flight ends: {reason}", ending=ending.value)
         with self._commanding:
             self._over = True
@@ -108,6 +112,8 @@ class Flight:
                 Homecoming(self._vehicle, self._watch, self._settings, self._log).wait()
             except EndedError as ended:
                 ending, reason = ended.ending, f"{reason} {ended.reason}"
+        if failure is not None:
+            raise failure
         self._photographs.wait(self._taken, self._settings.send_s)
         return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
 

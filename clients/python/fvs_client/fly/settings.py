@@ -29,6 +29,8 @@ class Ending(StrEnum):
     """The vehicle refused something, or returned by itself."""
     PILOT = "pilot"
     """A pilot, or another ground station, has taken over."""
+    FAILED = "failed"
+    """The disk, the spool or this program failed."""
 
 
 @dataclass(frozen=True)
