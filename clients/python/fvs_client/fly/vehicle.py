@@ -9,7 +9,7 @@ from typing import Any
 
 from fvs_client.fly.captures import Capture, Captures
 from fvs_client.fly.dialects import Dialect, Mode, dialect_of
-from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
 from fvs_client.fly.upload import upload
@@ -159,7 +159,11 @@ class Vehicle:
             self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._said())
         self._link.send("mission_set_current_send", *self._link.target, 0)
-        self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
+        try:
+            self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
+        except NoAnswerError:
+            if self.state.mode is not Mode.MISSION:  # else only the answer was lost
+                raise
         self.wait(
             lambda: self._state.mode is not Mode.HOLD, 10.0, "does not begin its mission" + self._said()
         )
