@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_client import AltitudeDatum, Client, EnuWorld, Origin, Scene
 
 from fvs_engine.choices import Firmware as FirmwareName
 from fvs_engine.geometry.geodetic import GeodeticPosition
@@ -139,3 +140,12 @@ def simulated(tmp_path: Path) -> Callable[..., AbstractContextManager[Simulator]
             simulator.close()
 
     return run
+
+
+@pytest.fixture
+def scene(client: Client) -> Scene:
+    """A scene whose world begins at the vehicle's home."""
+    home = Origin(
+        latitude_deg=47.3769, longitude_deg=8.5417, altitude_m=440.0, altitude_datum=AltitudeDatum.SEA_LEVEL
+    )
+    return client.scenes.create("flight", world=EnuWorld(origin=home))

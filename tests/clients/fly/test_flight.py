@@ -1,108 +1,18 @@
 """Flights: a simulated vehicle, a real gateway, and a worker that the tests play."""
 
-import json
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from fvs_client import AltitudeDatum, Client, EnuWorld, Origin, Scene, VisitState
-from fvs_client.fly.flight import Ending, Flight, FlightResult, FlightSettings
-from fvs_client.fly.log import FlightLog
-from fvs_client.fly.photographs import Photographs
-from fvs_client.fly.survey import Survey
-from fvs_client.fly.vehicle import Vehicle
-from fvs_client.models.rankings import Orbit
-from fvs_client.spool import Settings
-from fvs_service.scenes.model import Alignment, AlignmentStatus
+from flights import Flown, working
+from fvs_client import Scene, VisitState
+from fvs_client.fly.flight import Ending
 
 from fvs_engine.simulate.mavlink.flight_state import Faults, Mode
 
 pytestmark = pytest.mark.process
-
-SURVEY = Survey(47.3769, 8.5417, radius_m=24.0, height_m=15.0, count=3, arc_deg=90.0)
-ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, scale=6.0, translation=(0.0, 0.0, 10.0), rms_m=0.1)
-"""The small model's cameras are 24 m from home, and 16 m above it."""
-
-
-@pytest.fixture
-def scene(client: Client) -> Scene:
-    """A scene whose world begins at the vehicle's home."""
-    home = Origin(
-        latitude_deg=47.3769, longitude_deg=8.5417, altitude_m=440.0, altitude_datum=AltitudeDatum.SEA_LEVEL
-    )
-    return client.scenes.create("flight", world=EnuWorld(origin=home))
-
-
-@contextmanager
-def working(gateway: Any, scene: Scene) -> Iterator[None]:
-    """Play the worker that makes a model in each update."""
-    done = threading.Event()
-
-    def work() -> None:
-        while not done.wait(0.05):
-            if scene.id in gateway.queued_jobs().values():
-                gateway.model(scene.id, alignment=ALIGNED)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-
-
-class Flown:
-    """A flight in a thread; ``result`` waits for its end."""
-
-    def __init__(
-        self,
-        stack: ExitStack,
-        simulator: Any,
-        scene: Scene,
-        url: str,
-        log: Path,
-        link: str | None = None,
-        **settings: Any,
-    ) -> None:
-        vehicle = stack.enter_context(Vehicle(link or simulator.url))
-        quick = Settings(settle_s=0.1, look_every_s=0.05)
-        photographs = stack.enter_context(
-            Photographs(
-                simulator.folder, scene.id, url=url, api_key=None, say=lambda _line: None, settings=quick
-            )
-        )
-        wanted = {"vehicle": "north", "photographs": 5, "generator": Orbit(count=8), "survey": SURVEY}
-        self.log = log
-        self.flight = Flight(
-            scene,
-            vehicle,
-            photographs,
-            FlightSettings(**{**wanted, "photograph_s": 2.0, "patience_s": 2_000.0, **settings}),
-            FlightLog(log, lambda _line: None),
-        )
-        self.vehicle = vehicle
-        self._results: list[FlightResult] = []
-        self._thread = threading.Thread(target=lambda: self._results.append(self.flight.fly()))
-        self._thread.start()
-
-    def events(self, kind: str) -> list[dict[str, Any]]:
-        lines = self.log.read_text().splitlines() if self.log.exists() else []
-        return [event for event in map(json.loads, lines) if event["event"] == kind]
-
-    def wait_for(self, kind: str, count: int) -> None:
-        until = time.monotonic() + 60.0
-        while len(self.events(kind)) < count:
-            assert time.monotonic() < until
-            time.sleep(0.05)
-
-    def result(self) -> FlightResult:
-        self._thread.join(timeout=120.0)
-        return self._results[0]
 
 
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])

@@ -11,6 +11,8 @@ import pytest
 from fvs_client import AltitudeDatum, Client, EnuWorld, Origin
 from fvs_client.cli.app import app
 from fvs_client.cli.exit_codes import NOT_FLOWN
+from fvs_client.spool.lock import only_sender
+from fvs_client.spool.outbox import FILE_NAME
 from typer.testing import CliRunner, Result
 
 from fvs_engine.simulate.mavlink.flight_state import Faults
@@ -78,6 +80,14 @@ def test_a_vehicle_without_a_gimbal_is_not_flown(run: Run, scene_id: str, simula
     assert result.exit_code == NOT_FLOWN
     assert "reports no gimbal" in result.stdout
     assert "0 photographs, 0 failed" in result.stdout
+
+
+def test_a_folder_with_another_spool_is_not_flown_with(run: Run, scene_id: str, simulated: Any) -> None:
+    with simulated() as simulator, only_sender(simulator.folder / FILE_NAME):
+        result = run(scene_id, *SURVEY, vehicle=simulator.url, photographs=simulator.folder)
+    assert result.exit_code == NOT_FLOWN
+    assert "Another process sends from" in result.stderr
+    assert "fvs-client spool watch" in result.stderr
 
 
 def test_the_result_is_one_document(run: Run, gateway: Any, scene_id: str, simulated: Any) -> None:

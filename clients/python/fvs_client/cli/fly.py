@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from fvs_client import FvsError
 from fvs_client.cli.exit_codes import NOT_FLOWN
 from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, SceneArgument
 from fvs_client.cli.output import print_json
@@ -16,12 +17,14 @@ from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
 from fvs_client.default_url import DEFAULT_URL
+from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending, Flight, FlightSettings
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
 from fvs_client.models.missions import MissionSettings
+from fvs_client.spool.errors import SpoolError
 
 _DONE = frozenset({Ending.BUDGET, Ending.BATTERY, Ending.STOPPED, Ending.GOOD_ENOUGH})
 _SURVEY_FORM = "LATITUDE,LONGITUDE,RADIUS,HEIGHT"
@@ -208,10 +211,13 @@ def fly(
         sending = Photographs(
             photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
         )
-        with Vehicle(vehicle, system=system) as connected, sending as sent:
-            flight = Flight(found, connected, sent, settings, FlightLog(log, say))
-            _listen(flight)
-            result = flight.fly()
+        try:
+            with Vehicle(vehicle, system=system) as connected, sending as sent:
+                flight = Flight(found, connected, sent, settings, FlightLog(log, say))
+                _listen(flight)
+                result = flight.fly()
+        except SpoolError as error:
+            raise VehicleError(str(error), hint=error.hint) from error
     if as_json:
         print_json(vars(result))
     else:
@@ -250,4 +256,7 @@ def _commands(flight: Flight) -> None:
         if command is None:
             typer.echo(f"The commands are {', '.join(commands)}.", err=True)
         else:
-            command()
+            try:
+                command()
+            except FvsError as error:
+                typer.echo(f"{error.message} {error.hint}".strip(), err=True)

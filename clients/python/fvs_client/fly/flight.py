@@ -11,14 +11,16 @@ import time
 
 from fvs_client import ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.choice import Choice
+from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.homecoming import Homecoming
 from fvs_client.fly.items import holding
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.settings import EndedError, Ending, FlightResult, FlightSettings
 from fvs_client.fly.vehicle import Capture, Vehicle, VehicleState
-from fvs_client.fly.watch import POLL_S, RETURNING, Watch
+from fvs_client.fly.watch import POLL_S, Watch
 
 __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
 
@@ -44,7 +46,9 @@ class Flight:
         self._photographs, self._settings, self._log = photographs, settings, log
         self._watch = Watch(vehicle, settings, log)
         self._choice = Choice(scene, vehicle, settings, self._watch, log)
-        self._paused = threading.Event()
+        self._commanding = threading.Lock()
+        """Held while commands change the vehicle's mode or mission: answers are those of one thread."""
+        self._over = False
         self._next_track_s = 0.0
         self._taken = self._failed = self._failed_in_row = 0
 
@@ -53,18 +57,38 @@ class Flight:
         self._watch.asked_home.set()
 
     def pause(self) -> None:
-        """Stop the vehicle where it is, until ``resume``; the battery's reserve still sends it home."""
-        self._paused.set()
-        self._vehicle.pause()
+        """Stop the vehicle where it is, until ``resume``; the battery's reserve still sends it home.
+
+        Before takeoff it stays on the ground. Raises ``VehicleError`` when it does not stop, or the flight
+        has ended.
+        """
+        self._watch.paused.set()
+        with self._commanding:
+            self._require_flight()
+            if self._watch.airborne and self._vehicle.state.mode in (Mode.MISSION, Mode.HOLD):
+                self._vehicle.pause()
 
     def resume(self) -> None:
-        """Go on after ``pause``."""
-        if self._paused.is_set():
-            self._vehicle.resume()
-            self._paused.clear()
+        """Go on after ``pause``; raises ``VehicleError`` like it."""
+        if self._watch.paused.is_set():
+            with self._commanding:
+                self._require_flight()
+                if self._watch.airborne and self._vehicle.state.mode in (Mode.HOLD, Mode.PAUSE):
+                    self._vehicle.resume()
+                self._watch.paused.clear()
+
+    def _require_flight(self) -> None:
+        if self._over:
+            raise VehicleError("The flight has ended: the vehicle gets no more commands of it.")
 
     def fly(self) -> FlightResult:
-        """Fly until the flight ends. The vehicle has landed then, or is silent and returns by itself."""
+        """Fly until the flight ends, send the vehicle home and wait until it has landed.
+
+        The result's ending is ``VEHICLE`` when the landing was not seen, and ``PILOT`` when somebody else has
+        taken over: then the vehicle gets no more commands. Raises what else goes wrong, such as
+        ``SpoolError``, after the landing.
+        """
+        failure: Exception | None = None
         try:
             self._require_equipment()
             self._survey()
@@ -78,8 +102,18 @@ class Flight:
             ending, reason = Ending.VEHICLE, f"{error.message} {error.hint}".strip()
         except FvsError as error:
             ending, reason = Ending.SERVICE, f"{error.message} {error.hint}".strip()
+        except Exception as error:  # whatever it is: the vehicle comes home first
+            failure, ending, reason = error, Ending.FAILED, f"{type(error).__name__}: {error}"
         self._log.event("ends", f"The flight ends: {reason}", ending=ending.value)
-        self._go_home()
+        with self._commanding:
+            self._over = True
+        if ending is not Ending.PILOT:
+            try:
+                Homecoming(self._vehicle, self._watch, self._settings, self._log).wait()
+            except EndedError as ended:
+                ending, reason = ended.ending, f"{reason} {ended.reason}"
+        if failure is not None:
+            raise failure
         self._photographs.wait(self._taken, self._settings.send_s)
         return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
 
@@ -114,10 +148,9 @@ class Flight:
     def _update(self) -> None:
         """Have all photographs registered and the model trained; the vehicle waits meanwhile."""
         photographs, watch = self._taken, self._watch
-        until = time.monotonic() + max(0.0, watch.deadline_s - time.monotonic())
         while not self._photographs.wait(photographs, POLL_S * 5):
             watch.require_going_on()
-            if time.monotonic() > until:
+            if time.monotonic() > watch.deadline_s:
                 break
         try:
             job = watch.trying(self._job)
@@ -172,25 +205,35 @@ class Flight:
         self._choice.report(VisitState.FAILED, [*leg.failed, *leg.left])
 
     def _fly(self, leg: Leg) -> None:
-        """Give the vehicle the mission, and wait for its photographs."""
+        """Give the vehicle the mission, unless it is paused, and wait for its photographs."""
         for tries_left in reversed(range(_TRIES)):
-            self._watch.require_going_on()
+            self._watch.require_going_on()  # waits for a vehicle that is silent; without the lock
             try:
-                self._begin(leg)
+                while not self._begin(leg):
+                    self._watch.wait_while_paused()
                 break
             except NoAnswerError:  # the link may come back: the mission is sent again then
                 if not tries_left:
                     raise
         self._take(leg)
 
-    def _begin(self, leg: Leg) -> None:
-        if self._watch.airborne:
-            self._vehicle.hold()
-        self._vehicle.captures()  # what came late belongs to the view before
-        self._vehicle.upload(leg.items)
-        self._vehicle.fly()
-        self._watch.airborne = True
-        self._watch.deadline_s = math.inf
+    def _begin(self, leg: Leg) -> bool:
+        """Replace the vehicle's mission and begin it; False when it is paused."""
+        watch = self._watch
+        with self._commanding:
+            watch.require_going_on()
+            if watch.paused.is_set():
+                return False
+            watch.handing_over = True
+            if watch.airborne or (watch.starting and self._vehicle.state.armed):
+                self._vehicle.hold()
+            self._vehicle.captures()  # what came late belongs to the view before
+            self._vehicle.upload(leg.items)
+            watch.starting = True
+            self._vehicle.fly()
+            watch.airborne, watch.handing_over = True, False
+            watch.deadline_s = math.inf
+        return True
 
     def _take(self, leg: Leg) -> None:
         """Wait for the photographs of a leg, until the vehicle waits at the end of the mission."""
@@ -206,7 +249,7 @@ class Flight:
                 seen += 1
                 self._captured(capture, leg, state)
             now = time.monotonic()
-            if self._paused.is_set():
+            if self._watch.paused.is_set():
                 until_s = max(until_s, now + settings.leg_s)
             elif state.item >= waits_at:
                 late_s = min(late_s, now + settings.photograph_s)
@@ -240,24 +283,3 @@ class Flight:
         else:
             self._failed += 1
             self._log.event("failed", "The camera reports a failure.", state, **named)
-
-    def _go_home(self) -> None:
-        """Send the vehicle home, also when it was silent for a while, and wait until it has landed."""
-        if not self._watch.airborne:
-            return
-        while True:
-            try:
-                state = self._watch.here()
-                if state.armed and state.mode not in RETURNING:
-                    self._vehicle.return_home()
-                landed = lambda: not self._vehicle.last_state.armed  # noqa: E731
-                self._vehicle.wait(landed, self._settings.leg_s, "does not land")
-                self._log.event("landed", "The vehicle has landed.", self._vehicle.last_state)
-                return
-            except NoAnswerError as error:
-                if self._watch.lost:
-                    self._log.event("lost", f"{error.message} {error.hint}")
-                    return
-            except VehicleError as error:
-                self._log.event("lost", f"{error.message} {error.hint}")
-                return

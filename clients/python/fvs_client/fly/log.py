@@ -1,5 +1,6 @@
 """The log of a flight: a line of JSON for each event."""
 
+import contextlib
 import json
 import math
 import time
@@ -21,11 +22,12 @@ class FlightLog:
     path: Path | None
     say: Callable[[str], None]
     _began: float = field(default_factory=time.monotonic)
+    _failed: bool = False
 
     def event(self, kind: str, text: str, state: VehicleState | None = None, **more: object) -> None:
-        """Log an event."""
+        """Log an event; where that fails, the flight goes on without it."""
         if text:
-            self.say(text)
+            self._say(text)
         if self.path is None:
             return
         document: dict[str, object] = {
@@ -41,8 +43,19 @@ class FlightLog:
                 "battery": state.battery,
             }
         document |= more
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({key: _plain(value) for key, value in document.items()}) + "\n")
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({key: _plain(value) for key, value in document.items()}) + "\n")
+        except OSError as error:
+            if not self._failed:
+                self._failed = True
+                self._say(
+                    f"{self.path} cannot be written: {error.strerror}. The flight goes on without its log."
+                )
+
+    def _say(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):  # a terminal that was closed
+            self.say(text)
 
 
 def _plain(value: object) -> object:

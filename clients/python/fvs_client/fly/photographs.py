@@ -12,7 +12,10 @@ _LOOK_S = 0.2
 
 
 class Photographs:
-    """Sends what a camera writes into ``folder``; a context manager."""
+    """Sends what a camera writes into ``folder``; a context manager.
+
+    Entering it raises ``SpoolError`` when the spool cannot work: another process sends from the folder.
+    """
 
     def __init__(
         self,
@@ -29,9 +32,13 @@ class Photographs:
         self._spool = Spool(folder, scene_id, url=url, api_key=api_key, settings=settings, say=say)
         self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
         self._failure: BaseException | None = None
+        self._begun = threading.Event()
 
     def __enter__(self) -> "Photographs":
         self._thread.start()
+        self._begun.wait()
+        if self._failure is not None:
+            raise self._failure
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -70,6 +77,8 @@ class Photographs:
 
     def _run(self) -> None:
         try:
-            self._spool.run()
+            self._spool.run(self._begun.set)
         except BaseException as error:  # it must not end unseen
             self._failure = error
+        finally:
+            self._begun.set()

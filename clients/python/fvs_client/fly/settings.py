@@ -27,6 +27,10 @@ class Ending(StrEnum):
     """The service could not be reached, or made no model, until the vehicle had to return."""
     VEHICLE = "vehicle"
     """The vehicle refused something, or returned by itself."""
+    PILOT = "pilot"
+    """A pilot, or another ground station, has taken over."""
+    FAILED = "failed"
+    """The disk, the spool or this program failed."""
 
 
 @dataclass(frozen=True)

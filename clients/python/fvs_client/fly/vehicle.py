@@ -9,7 +9,7 @@ from typing import Any
 
 from fvs_client.fly.captures import Capture, Captures
 from fvs_client.fly.dialects import Dialect, Mode, dialect_of
-from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
 from fvs_client.fly.upload import upload
@@ -159,7 +159,11 @@ class Vehicle:
             self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._said())
         self._link.send("mission_set_current_send", *self._link.target, 0)
-        self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
+        try:
+            self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
+        except NoAnswerError:
+            if self.state.mode is not Mode.MISSION:  # else only the answer was lost
+                raise
         self.wait(
             lambda: self._state.mode is not Mode.HOLD, 10.0, "does not begin its mission" + self._said()
         )
@@ -181,10 +185,16 @@ class Vehicle:
         self.set_mode(Mode.RETURN)
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the flight mode, and wait until the vehicle has it."""
+        """Change the flight mode, and wait until the vehicle has it.
+
+        Raises ``VehicleError`` when it does not change, or changes to another: somebody else flies it then.
+        """
+        before = self.last_state.custom_mode
         numbers = (self._mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self.dialect.modes[mode])
         wanted = self.dialect.custom_mode(mode)
         for _ in range(_TRIES):
+            if self.last_state.custom_mode not in (before, wanted):
+                raise VehicleError("Somebody else changes the vehicle's mode.")
             self.command(self._mavlink.MAV_CMD_DO_SET_MODE, *map(float, numbers))
             until = time.monotonic() + _CHANGE_S
             with self._link.changed:

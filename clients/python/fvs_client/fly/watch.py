@@ -18,6 +18,8 @@ T = TypeVar("T")
 POLL_S = 0.1
 _RETRY_S = 2.0
 RETURNING = (Mode.RETURN, Mode.LAND)
+_OURS = (Mode.HOLD, Mode.PAUSE)
+"""Modes that a flight changes to between missions, and for a pause."""
 
 
 class Watch:
@@ -26,7 +28,12 @@ class Watch:
     def __init__(self, vehicle: Vehicle, settings: FlightSettings, log: FlightLog) -> None:
         self._vehicle, self._settings, self._log = vehicle, settings, log
         self.asked_home = threading.Event()
+        self.paused = threading.Event()
+        self.starting = False
+        """Whether it was told to arm and to fly: it may, also where the answer is lost."""
         self.airborne = False
+        self.handing_over = False
+        """Whether the vehicle gets its next mission now: it holds, and has none that ends at home."""
         self.deadline_s = math.inf
         """When the vehicle begins to return by itself, on the monotonic clock; infinite on its way."""
         self.lost = False
@@ -57,7 +64,9 @@ class Watch:
 
     def require_going_on(self) -> VehicleState:
         """The vehicle's state; raises ``EndedError`` when it must return, or does."""
+        paused = self.paused.is_set()
         state = self.here()
+        paused |= self.paused.is_set()  # it may have been paused while it was silent
         if self.asked_home.is_set():
             raise EndedError(Ending.STOPPED, "it was asked to return home.")
         if not self.airborne:
@@ -71,7 +80,21 @@ class Watch:
             raise EndedError(Ending.VEHICLE, f"{text}.")
         if not state.armed:
             raise EndedError(Ending.VEHICLE, f"the vehicle has landed{self._says()}.")
+        if not (state.mode is Mode.MISSION or (state.mode in _OURS and (paused or self.handing_over))):
+            raise EndedError(
+                Ending.PILOT,
+                f"a pilot or another ground station has taken over{self._says()}: "
+                "the vehicle's mode is not changed any more.",
+            )
+        if paused:
+            self.deadline_s = max(self.deadline_s, time.monotonic() + self._settings.patience_s)
         return state
+
+    def wait_while_paused(self) -> None:
+        """Wait for the end of a pause; raises ``EndedError`` when the vehicle must return, or does."""
+        while self.paused.is_set():
+            self.require_going_on()
+            time.sleep(POLL_S)
 
     def trying(self, call: Callable[[], T]) -> T:
         """Call the service, again while it cannot be reached and the vehicle can wait."""

@@ -45,11 +45,12 @@ class Spool:
         """End ``run`` from another thread, between two photographs."""
         self._stop.set()
 
-    def run(self) -> None:
-        """Watch and send until ``stop``."""
+    def run(self, begun: Callable[[], None] = lambda: None) -> None:
+        """Watch and send until ``stop``; calls ``begun`` when no other process can send from the outbox."""
         with only_sender(self._path), Outbox(self._path) as outbox:
             watching = threading.Thread(target=self._watch, daemon=True)
             watching.start()
+            begun()
             try:
                 drain = Drain(outbox, self._target, self._settings, self._say)
                 drain.run(self._stop, until_empty=False)

@@ -1,0 +1,80 @@
+"""The end of a flight: sends the vehicle home, and waits until it has landed."""
+
+import time
+
+from fvs_client.fly.dialects import Mode
+from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.log import FlightLog
+from fvs_client.fly.settings import EndedError, Ending, FlightSettings
+from fvs_client.fly.vehicle import Vehicle
+from fvs_client.fly.watch import POLL_S, RETURNING, Watch
+
+_AGAIN_S = 1.0
+_LAND_EVERY = 6
+"""After so many refusals, less one, to return home, the vehicle is to land where it is."""
+
+
+class Homecoming:
+    """Brings a vehicle home, unless somebody else flies it: then it gets no command."""
+
+    def __init__(self, vehicle: Vehicle, watch: Watch, settings: FlightSettings, log: FlightLog) -> None:
+        self._vehicle, self._watch, self._settings, self._log = vehicle, watch, settings, log
+        self._refusals = 0
+        self._said = ""
+
+    def wait(self) -> None:
+        """Send it home and wait until it has landed, also where it is silent for a while.
+
+        Raises ``EndedError`` when the landing was not seen, or somebody else flies it.
+        """
+        if not (self._watch.airborne or self._watch.starting):
+            return
+        commanded, until_s = False, time.monotonic() + self._settings.leg_s
+        while True:
+            try:
+                state = self._watch.here()
+                if not state.armed:
+                    if self._watch.airborne:
+                        self._log.event("landed", "The vehicle has landed.", state)
+                    return
+                if state.mode is Mode.OTHER:
+                    raise EndedError(Ending.PILOT, "Now a pilot or another ground station flies it.")
+                if not commanded and state.mode not in RETURNING:
+                    self._command()
+                    until_s = time.monotonic() + self._settings.leg_s
+                commanded = True
+                if time.monotonic() > until_s:
+                    raise self._lost(f"it is in the air after {self._settings.leg_s:.0f} s.")
+            except NoAnswerError as error:
+                if self._watch.lost:
+                    raise self._lost(f"{error.message} {error.hint}") from error
+            except VehicleError as error:
+                self._refused(error)
+            time.sleep(POLL_S)
+
+    def _command(self) -> None:
+        """Return home; land where it refuses that again and again."""
+        if self._refusals % _LAND_EVERY == _LAND_EVERY - 1:
+            self._log.event(
+                "lands", "It does not return: it is to land where it is.", self._vehicle.last_state
+            )
+            self._vehicle.set_mode(Mode.LAND)
+        else:
+            self._vehicle.return_home()
+
+    def _refused(self, error: VehicleError) -> None:
+        self._refusals += 1
+        if error.message != self._said:
+            self._said = error.message
+            self._log.event("refused", f"{self._said} Trying again.", self._vehicle.last_state)
+        time.sleep(_AGAIN_S)
+
+    def _lost(self, text: str) -> EndedError:
+        if self._watch.handing_over:
+            text += (
+                " It was between two missions: it stays where it is unless its failsafe for lost ground "
+                "stations, or a pilot, acts."
+            )
+        text = f"Its landing was not seen: {text}"
+        self._log.event("lost", text, self._vehicle.last_state)
+        return EndedError(Ending.VEHICLE, text)

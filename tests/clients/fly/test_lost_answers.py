@@ -1,0 +1,67 @@
+"""Answers that are lost when a mission is handed over."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flights import Flown, working
+from fvs_client import Scene
+from fvs_client.fly.flight import Ending
+from pymavlink.dialects.v20 import common as mavlink
+
+pytestmark = pytest.mark.process
+
+
+def test_a_mission_that_begins_without_an_answer_is_flown(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.3)
+
+    def lost(message: Any) -> bool:
+        kind = message.get_type()
+        return bool(kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_MISSION_START)
+
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        link.edit = lambda message: [] if lost(message) else [message]
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url, photographs=4)
+        result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert (result.ending, result.photographs, result.failed) == (Ending.BUDGET, 4, 0)
+
+
+def test_a_vehicle_that_may_have_taken_off_is_sent_home(
+    simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.3)
+    monkeypatch.setattr("fvs_client.fly.flight._TRIES", 1)
+    hold: dict[str, Any] = {}
+
+    def edit(message: Any) -> list[Any]:
+        """The answer to the start is lost, and the heartbeats are late: they tell of the mode before."""
+        kind = message.get_type()
+        if kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_MISSION_START:
+            hold["lost"] = hold.get("lost", 0) + 1
+            return []
+        if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
+            late = 0 < hold.get("lost", 0) < 4
+            hold["last"] = hold["last"] if late else message
+            return [hold["last"]]
+        return [message]
+
+    with simulated() as simulator, ExitStack() as stack:
+        link = relay(simulator.url)
+        link.edit = edit
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url)
+        result = flown.result()
+        assert not simulator.autopilot._state.armed
+    assert result.ending is Ending.VEHICLE
+    assert "does not answer a command" in result.reason
+    assert result.photographs == 0

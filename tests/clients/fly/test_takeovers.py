@@ -1,0 +1,109 @@
+"""Pauses, and pilots and ground stations that take over: a flight does not change the mode then."""
+
+import io
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flights import Flown, working
+from fvs_client import Scene
+from fvs_client.cli import fly as command
+from fvs_client.fly.dialects import Mode as Told
+from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.flight import Ending
+
+from fvs_engine.simulate.mavlink.flight_state import Mode
+
+pytestmark = pytest.mark.process
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+def test_a_pause_between_legs_lasts_until_it_is_ended(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
+) -> None:
+    with simulated(firmware=firmware) as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", photographs=4)
+        flown.wait_for("photograph", 3)
+        flown.flight.pause()
+        paused = simulator.autopilot.mode
+        assert paused in (Mode.BRAKE, Mode.LOITER)
+        with working(gateway, scene):
+            flown.wait_for("goes", 1)  # it knows where to go next
+            time.sleep(1.0)  # 30 s of the vehicle
+            assert simulator.autopilot.mode is paused
+            assert len(flown.events("photograph")) == 3
+            flown.flight.resume()
+            result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert (result.ending, result.photographs) == (Ending.BUDGET, 4)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "mode"), [("ardupilot", Mode.LOITER), ("ardupilot", Mode.BRAKE), ("px4", Mode.LOITER)]
+)
+def test_a_pilot_keeps_the_vehicle(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str, mode: Mode
+) -> None:
+    with simulated(firmware=firmware) as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 3)
+        before = flown.vehicle.state.custom_mode
+        simulator.autopilot._pilot.enter(mode, "remote control")
+        until(lambda: flown.vehicle.state.custom_mode != before)
+        with working(gateway, scene):
+            result = flown.result()
+        assert simulator.autopilot.mode is mode
+        assert flown.vehicle.state.armed
+        with pytest.raises(VehicleError, match="flight has ended"):
+            flown.flight.pause()
+        assert simulator.autopilot.mode is mode
+    assert result.ending is Ending.PILOT
+    assert "has taken over" in result.reason
+    assert "remote control" in result.reason
+    assert (result.photographs, result.unsent) == (3, 0)
+
+
+def test_a_pilot_who_takes_over_on_the_way_home_keeps_the_vehicle(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        flown.flight.return_home()
+        until(lambda: flown.vehicle.state.mode is Told.RETURN)
+        simulator.autopilot._pilot.enter(Mode.LOITER, "remote control")
+        result = flown.result()
+        assert simulator.autopilot.mode is Mode.LOITER
+    assert result.ending is Ending.PILOT
+
+
+def test_commands_go_on_after_one_that_fails(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = []
+
+    class Refusing:
+        def pause(self) -> None:
+            raise VehicleError("The vehicle does not change to PAUSE.")
+
+        def resume(self) -> None:
+            done.append("resume")
+
+        def return_home(self) -> None:
+            done.append("home")
+
+    monkeypatch.setattr(sys, "stdin", io.StringIO("pause\nhome\n"))
+    command._commands(Refusing())  # type: ignore[arg-type]
+    assert done == ["home"]
+    assert "does not change to PAUSE" in capsys.readouterr().err
