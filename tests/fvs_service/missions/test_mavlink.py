@@ -178,8 +178,19 @@ def test_speed_hold_and_radius_are_in_the_items(flights: Any, file: Path) -> Non
         assert (speed.param1, speed.param2) == (1.0, 3.5)
         waypoints = [item for item in items if item.command == mavlink.MAV_CMD_NAV_WAYPOINT]
         assert {item.param2 for item in waypoints} == {0.75}
-        held = mavlink.MAV_CMD_NAV_WAYPOINT if autopilot == "px4" else mavlink.MAV_CMD_NAV_DELAY
-        assert [item for item in items if item.command == held and item.param1 == 2.5]
-        items = _loaded(flights[0].write(format="qgc-wpl", autopilot=autopilot, hold_s=0.0), file)
-        delays = {item.param1 for item in items if item.command == mavlink.MAV_CMD_NAV_DELAY}
-        assert delays == {1.0}  # after the photograph
+        held, for_s = (
+            (mavlink.MAV_CMD_NAV_WAYPOINT, 2.5) if autopilot == "px4" else (mavlink.MAV_CMD_NAV_DELAY, 6.5)
+        )
+        assert [item for item in items if item.command == held and item.param1 == for_s]
+
+
+def test_a_copter_of_ardupilot_has_turned_before_the_photograph(flights: Any, file: Path) -> None:
+    """What has not begun when a delay ends is dropped: the turn and the photograph have one each."""
+    items = _loaded(flights[0].write(format="qgc-wpl", autopilot="ardupilot", hold_s=0.0), file)
+    turns = [number for number, item in enumerate(items) if item.command == mavlink.MAV_CMD_CONDITION_YAW]
+    assert turns
+    for number in turns:
+        turned, photograph, taken = items[number + 1 : number + 4]
+        assert (turned.command, turned.param1) == (mavlink.MAV_CMD_NAV_DELAY, 4.0)
+        assert photograph.command == mavlink.MAV_CMD_DO_DIGICAM_CONTROL
+        assert (taken.command, taken.param1) == (mavlink.MAV_CMD_NAV_DELAY, 1.0)

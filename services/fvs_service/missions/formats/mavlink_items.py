@@ -18,6 +18,8 @@ _MOST_ITEMS = 65_535
 """``MISSION_COUNT`` has 16 bits."""
 _AFTER_PHOTOGRAPH_S = 1.0
 """A camera is kept still for so long once it is told to take a photograph."""
+_TURN_S = 4.0
+"""An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
 _TARGETING = 2.0
 """``MAV_MOUNT_MODE_MAVLINK_TARGETING``."""
 _GROUND_SPEED = 1.0
@@ -98,11 +100,12 @@ def _items(mission: Mission) -> Iterator[Item]:
         if px4:  # turns to the waypoint's yaw
             yield _waypoint(mission, waypoint, options.hold_s)
             yield _command(Command.IMAGE_START_CAPTURE, 0.0, 0.0, 1.0, float(photographs))
-        else:  # ignores the waypoint's yaw, and forgets that of a condition when a waypoint begins
+        else:
+            # It ignores the waypoint's yaw. It turns beside the next NAV command, here the delay, and at the end
+            # of that drops what has not begun: a photograph in the same delay would be lost by a long turn.
             yield _waypoint(mission, waypoint, 0.0)
             yield _command(Command.CONDITION_YAW, waypoint.yaw_deg)
-            if options.hold_s > 0.0:  # ArduPilot would wait for a time of the day
-                yield _delay(options.hold_s)
+            yield _delay(_TURN_S + options.hold_s)
             yield _command(Command.DO_DIGICAM_CONTROL, fifth=1.0)
         yield _delay(_AFTER_PHOTOGRAPH_S)
     if options.finish is Finish.RETURN:
