@@ -163,8 +163,12 @@ class Blobs:
         end = self.info(key).size_bytes if stop is None else stop
         if end <= start:
             return
+        try:
+            with _reachable():
+                found = obstore.get(self._store, key, options={"range": (start, end)})
+        except FileNotFoundError as error:
+            raise NotFoundError("There is no such blob.") from error
         with _reachable():
-            found = obstore.get(self._store, key, options={"range": (start, end)})
             for chunk in found.stream(min_chunk_size=_CHUNK_BYTES):
                 yield bytes(chunk)
 

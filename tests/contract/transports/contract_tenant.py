@@ -43,6 +43,10 @@ class Tenant:
         digest = digest or f"sha256:{hashlib.sha256(content).hexdigest()}"
         return self._noted("UploadImage", self.transport.upload(key, scene_id, digest, content, metadata))
 
+    def download(self, name: str, start: int = 0, /, **given: Any) -> Outcome:
+        """Fetch bytes by a download's name and parameters, from ``start`` on."""
+        return self._noted(name, self.transport.download(name, self.key, given, start))
+
     def scene(self, **request: Any) -> str:
         """A new scene's id."""
         made = self.call("CreateScene", {"name": "a scene", **request})

@@ -20,6 +20,11 @@ from fvs_service.images.model import ImageMetadata
 from fvs_service.images.staging import require_digest
 from google.protobuf.message_factory import GetMessageClass
 
+DOWNLOADS = {
+    "DownloadImage": "/v1/scenes/{scene_id}/images/{digest}/content",
+    "DownloadArtifact": "/v1/snapshots/{snapshot_id}/artifacts/{name}",
+}
+
 
 class Direct:
     """Calls the services in this process."""
@@ -57,6 +62,21 @@ class Direct:
                 staged = receiver.finish()
                 require_digest(staged.digest, digest)
                 return app.images.store(who, scene_id, staged, ImageMetadata(**metadata))[0]
+
+        return self._outcome(run)
+
+    def download(self, name: str, key: str | None, given: Mapping[str, Any], start: int) -> Outcome:
+        app = self._gateway.application
+
+        def run() -> Any:
+            who = app.storage.keys.authenticate(key)
+            if name == "DownloadImage":
+                image = app.images.original(who, given["scene_id"], given["digest"])
+                return b"".join(app.images.content(image, start, image.size_bytes))
+            snapshots = app.storage.snapshots
+            artifact = snapshots.artifact(who, given["snapshot_id"], given["name"])
+            found = snapshots.get(who, given["snapshot_id"])
+            return b"".join(snapshots.read(found, given["name"], start, artifact.size_bytes))
 
         return self._outcome(run)
 
@@ -114,6 +134,11 @@ class Rest:
             self._gateway.client.put(path, content=content, params=metadata, headers=bearer(key))
         )
 
+    def download(self, name: str, key: str | None, given: Mapping[str, Any], start: int) -> Outcome:
+        headers = {**bearer(key), **({"Range": f"bytes={start}-"} if start else {})}
+        answer = self._gateway.client.get(DOWNLOADS[name].format(**given), headers=headers)
+        return Outcome(result=answer.content) if answer.status_code < 400 else outcome_of_response(answer)
+
 
 class Rpc:
     """Calls over gRPC."""
@@ -147,6 +172,14 @@ class Rpc:
         sent = self.upload_call()
         outcome = self._outcome(lambda: sent(parts(), timeout=60, metadata=metadata_of(key)))
         return outcome if outcome.code else Outcome(result=outcome.result["image"])
+
+    def download(self, name: str, key: str | None, given: Mapping[str, Any], start: int) -> Outcome:
+        request = GetMessageClass(method(name).input_type)(start=start, **given)
+        stream = self.stream(name)
+        outcome = self._outcome(lambda: list(stream(request, timeout=60, metadata=metadata_of(key))))
+        if outcome.code:
+            return outcome
+        return Outcome(result=b"".join(part["chunk"] or b"" for part in outcome.result))
 
     def upload_call(self) -> Any:
         return self.channel.stream_unary(

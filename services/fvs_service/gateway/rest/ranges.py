@@ -1,6 +1,7 @@
 """Responses with ranges of immutable bytes: artifacts and original images."""
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 
 from fastapi.responses import Response, StreamingResponse
 
@@ -21,6 +22,7 @@ def ranged_response(
     """The whole of some bytes (200), a range of them (206), or nothing when the caller has them (304).
 
     ``sha256`` is that of all bytes, and their ETag; ``read`` returns those from one position up to another.
+    Raises what reading the first of them raises.
     """
     tag = f'"{sha256}"'
     sent = {"ETag": tag, "Accept-Ranges": "bytes", **(headers or {})}
@@ -31,7 +33,14 @@ def ranged_response(
     sent["Content-Length"] = str(stop - start)
     if span is not None:
         sent["Content-Range"] = f"bytes {start}-{stop - 1}/{size_bytes}"
-    return StreamingResponse(read(start, stop), 200 if span is None else 206, sent, media_type)
+    content = _begun(read(start, stop))
+    return StreamingResponse(content, 200 if span is None else 206, sent, media_type)
+
+
+def _begun(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """The same chunks; the first one is read now: what fails then still has a status of its own."""
+    first = next(chunks, None)
+    return iter(()) if first is None else chain((first,), chunks)
 
 
 def byte_range(header: str | None, size: int) -> tuple[int, int] | None:
