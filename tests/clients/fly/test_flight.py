@@ -2,11 +2,12 @@
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import Flown, working
+from flights import SURVEY, Flown, working
 from fvs_client import Scene, VisitState
 from fvs_client.fly.flight import Ending
 
@@ -124,6 +125,7 @@ def test_views_that_cannot_be_flown_are_named(
             url,
             tmp_path / "flight.jsonl",
             photographs=9,
+            survey=replace(SURVEY, start_deg=270.0),
             mission={"geofence": fence},
         )
         result = flown.result()
@@ -176,6 +178,7 @@ def test_a_leg_leaves_out_views_that_cannot_be_flown(
             tmp_path / "flight.jsonl",
             photographs=20,
             leg_views=8,
+            survey=replace(SURVEY, start_deg=270.0),
             mission={"geofence": fence},
         )
         result = flown.result()

@@ -18,6 +18,7 @@ from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
 from fvs_client.default_url import DEFAULT_URL
 from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.fence import Fence
 from fvs_client.fly.flight import Ending, Flight, FlightSettings
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
@@ -180,6 +181,10 @@ def fly(
     if highest is not None:
         mission["highest_height_m"] = highest
     if geofence is not None:
+        try:
+            Fence(geofence)
+        except ValueError as error:
+            raise typer.BadParameter(str(error), param_hint="--geofence") from error
         mission["geofence"] = geofence
     settings = FlightSettings(
         vehicle=name,

@@ -19,6 +19,7 @@ from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.settings import EndedError, Ending, FlightResult, FlightSettings
+from fvs_client.fly.survey_limits import require_within_limits
 from fvs_client.fly.vehicle import Capture, Vehicle, VehicleState
 from fvs_client.fly.watch import POLL_S, Watch
 
@@ -141,7 +142,10 @@ class Flight:
             raise EndedError(
                 Ending.NO_VIEW, "the scene has no model: send photographs first, or fly a survey (--survey)."
             )
-        leg = Leg(holding(survey.items(self._vehicle.dialect), self._settings.patience_s))
+        here = self._vehicle.last_state
+        home = here.latitude_deg, here.longitude_deg
+        require_within_limits(survey, home, self._settings.mission)
+        leg = Leg(holding(survey.items(self._vehicle.dialect, home), self._settings.patience_s))
         self._log.event("survey", f"Survey: {survey.count} photographs.", self._vehicle.last_state)
         self._fly(leg)
 

@@ -40,29 +40,47 @@ class Survey:
                 hint="Structure from motion works well with eight photographs that overlap.",
             )
 
-    def items(self, dialect: Dialect) -> list[MissionItem]:
-        """The mission, with home as a place holder first, a takeoff, and the way home last."""
+    @property
+    def places(self) -> list[tuple[float, float]]:
+        """Latitude and longitude of each photograph, in degrees."""
+        around_m = _EARTH_RADIUS_M * math.cos(math.radians(self.latitude_deg))
+        places = []
+        for number in range(self.count):
+            direction = math.radians(self._direction_deg(number))
+            north_m, east_m = self.radius_m * math.cos(direction), self.radius_m * math.sin(direction)
+            latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_RADIUS_M)
+            longitude_deg = self.longitude_deg + math.degrees(east_m / around_m)
+            places.append((latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0))
+        return places
+
+    def items(self, dialect: Dialect, begins: tuple[float, float] | None = None) -> list[MissionItem]:
+        """The mission, with home as a place holder first, a takeoff, and the way home last.
+
+        It takes off at the latitude and longitude ``begins``, by default those of the middle: PX4 flies there
+        after the climb.
+        """
         home = MissionItem(
             Command.WAYPOINT, Frame.GLOBAL, x=self.latitude_deg, y=self.longitude_deg
         )  # an autopilot has its own
-        place = {"x": self.latitude_deg, "y": self.longitude_deg, "z": self.height_m}
+        begins = begins or (self.latitude_deg, self.longitude_deg)
+        place = {"x": begins[0], "y": begins[1], "z": self.height_m}
         yaw_deg = math.nan if dialect.turns_at_waypoints else 0.0
         takeoff = MissionItem(Command.TAKEOFF, Frame.RELATIVE, (0.0, 0.0, 0.0, yaw_deg), **place)
-        photographs = (item for number in range(self.count) for item in self._photograph(number, dialect))
+        photographs = (
+            item
+            for number, place in enumerate(self.places)
+            for item in self._photograph(number, place, dialect)
+        )
         return [home, takeoff, *photographs, MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)]
 
-    def _photograph(self, number: int, dialect: Dialect) -> Iterator[MissionItem]:
+    def _direction_deg(self, number: int) -> float:
         closed = self.arc_deg >= 360.0
-        step_deg = self.arc_deg / (self.count if closed else self.count - 1)
-        direction_deg = self.start_deg + number * step_deg
-        direction = math.radians(direction_deg)
-        north_m, east_m = self.radius_m * math.cos(direction), self.radius_m * math.sin(direction)
-        latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_RADIUS_M)
-        around_m = _EARTH_RADIUS_M * math.cos(math.radians(self.latitude_deg))
-        longitude_deg = self.longitude_deg + math.degrees(east_m / around_m)
-        yaw_deg = (direction_deg + 180.0) % 360.0
+        return self.start_deg + number * self.arc_deg / (self.count if closed else self.count - 1)
+
+    def _photograph(self, number: int, at: tuple[float, float], dialect: Dialect) -> Iterator[MissionItem]:
+        yaw_deg = (self._direction_deg(number) + 180.0) % 360.0
         pitch_deg = math.degrees(math.atan2(self.target_height_m - self.height_m, self.radius_m))
-        place = {"x": latitude_deg, "y": longitude_deg, "z": self.height_m}
+        place = {"x": at[0], "y": at[1], "z": self.height_m}
         yield MissionItem(Command.MOUNT_CONTROL, Frame.MISSION, (pitch_deg, 0.0, 0.0, 0.0), z=_TARGETING)
         if dialect.turns_at_waypoints:
             yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (_STILL_S, 1.0, 0.0, yaw_deg), **place)
