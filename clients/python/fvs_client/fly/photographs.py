@@ -2,10 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from fvs_client.spool import Outbox, Settings, Spool, State
+from fvs_client.spool.folder import each_file
 from fvs_client.spool.outbox import FILE_NAME
 
 _LOOK_S = 0.2
@@ -13,6 +15,8 @@ _LOOK_S = 0.2
 
 class Photographs:
     """Sends what a camera writes into ``folder``; a context manager.
+
+    The folder may have photographs of earlier flights. They are sent, too, and are not waited for.
 
     Entering it raises ``SpoolError`` when the spool cannot work: another process sends from the folder.
     """
@@ -27,7 +31,12 @@ class Photographs:
         say: Callable[[str], None],
         settings: Settings | None = None,
     ) -> None:
+        self._folder, self._scene_id = folder, scene_id
         self._path = folder / FILE_NAME
+        self._earlier: frozenset[Path] = frozenset()
+        """The files that were there before."""
+        self._last_number = 0
+        """Of the outbox, before this flight."""
         settings = settings or Settings(settle_s=0.5, look_every_s=0.3)
         self._spool = Spool(folder, scene_id, url=url, api_key=api_key, settings=settings, say=say)
         self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
@@ -35,6 +44,10 @@ class Photographs:
         self._begun = threading.Event()
 
     def __enter__(self) -> "Photographs":
+        self._earlier = frozenset(map(_place, (file.path for file in each_file(self._folder))))
+        if self._path.exists():
+            with Outbox(self._path, create=False) as outbox:
+                self._last_number = outbox.last_number()
         self._thread.start()
         self._begun.wait()
         if self._failure is not None:
@@ -46,34 +59,45 @@ class Photographs:
         self._thread.join()
 
     @property
-    def sent(self) -> int:
-        """How many photographs the service has acknowledged; raises what ended the spool."""
-        return self._counts().get(State.SENT, 0)
-
-    @property
     def left(self) -> int:
-        """How many photographs wait or are being sent."""
-        counts = self._counts()
+        """How many photographs in the folder wait or are being sent, also those of earlier flights."""
+        with self._outbox() as outbox:
+            counts = {} if outbox is None else outbox.counts()
         return counts.get(State.WAITING, 0) + counts.get(State.SENDING, 0)
 
     def wait(self, count: int, timeout_s: float, give_up: Callable[[], bool] = lambda: False) -> bool:
-        """Wait until ``count`` photographs were sent or refused; False when the time is over."""
+        """Wait until ``count`` photographs of this flight were sent or refused; False when the time is over.
+
+        Raises what ended the spool.
+        """
         until = time.monotonic() + timeout_s
-        while True:
-            counts = self._counts()
-            if counts.get(State.SENT, 0) + counts.get(State.REFUSED, 0) >= count:
-                return True
+        while self._ended() < count:
             if time.monotonic() >= until or give_up():
                 return False
             time.sleep(_LOOK_S)
+        return True
 
-    def _counts(self) -> dict[State, int]:
+    def _ended(self) -> int:
+        """How many photographs of this flight were sent or refused."""
+        with self._outbox() as outbox:
+            added = () if outbox is None else outbox.added_after(self._last_number)
+        return sum(
+            photograph.state in (State.SENT, State.REFUSED)
+            and photograph.scene == self._scene_id
+            and _place(photograph.path) not in self._earlier
+            for photograph in added
+        )
+
+    @contextmanager
+    def _outbox(self) -> Iterator[Outbox | None]:
+        """The outbox, None before it exists; raises what ended the spool."""
         if self._failure is not None:
             raise self._failure
         if not self._path.exists():
-            return {}
+            yield None
+            return
         with Outbox(self._path, create=False) as outbox:
-            return outbox.counts()
+            yield outbox
 
     def _run(self) -> None:
         try:
@@ -82,3 +106,7 @@ class Photographs:
             self._failure = error
         finally:
             self._begun.set()
+
+
+def _place(path: Path) -> Path:
+    return path.parent.resolve() / path.name

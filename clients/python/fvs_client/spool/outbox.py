@@ -232,6 +232,15 @@ class Outbox:
         """Every photograph, in the order of arrival."""
         return self._select("1", (), "ORDER BY number")
 
+    def last_number(self) -> int:
+        """The number of the newest photograph; 0 without one."""
+        (number,) = self._database.execute("SELECT coalesce(max(number), 0) FROM photographs").fetchone()
+        return int(number)
+
+    def added_after(self, number: int) -> list[Photograph]:
+        """The photographs with higher numbers, in the order of arrival."""
+        return self._select("number > ?", (number,), "ORDER BY number")
+
     def counts(self) -> dict[State, int]:
         """How many photographs are in each state."""
         rows = dict(

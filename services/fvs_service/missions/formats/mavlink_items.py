@@ -101,7 +101,7 @@ def _items(mission: Mission) -> Iterator[Item]:
             yield _waypoint(mission, waypoint, options.hold_s)
             yield _command(Command.IMAGE_START_CAPTURE, 0.0, 0.0, 1.0, float(photographs))
         else:
-            # It ignores the yaw of a waypoint. It turns beside the next NAV command, the delay, and at its end
+            # It ignores a yaw of waypoints. It turns beside the next NAV command, the delay, and at its end
             # drops what has not begun: a photograph in the same delay would be lost by a long turn.
             yield _waypoint(mission, waypoint, 0.0)
             yield _command(Command.CONDITION_YAW, waypoint.yaw_deg)
