@@ -5,7 +5,11 @@
 * `clients/python/fvs_client/rpc/contract.binpb`: all descriptors, from which the client makes its messages.
 
 ``--check`` writes nothing and exits with 1 when a generated file is not current, when `buf` finds a fault of
-form or style, or when the protos break callers of those in the branch `main`.
+form or style, or when the protos break callers of the released contract, `proto/released.binpb`, or that is
+missing.
+
+``--release`` writes the released contract too. Run it when a version is released, and never to silence the
+check: what it holds, callers have. The client's descriptors cannot serve as it, as they follow the protos.
 """
 
 import argparse
@@ -18,6 +22,7 @@ from pathlib import Path
 PROTO = Path(__file__).resolve().parent
 ROOT = PROTO.parent
 CODE, CONTRACT = ROOT / "services", ROOT / "clients/python/fvs_client/rpc/contract.binpb"
+RELEASED = PROTO / "released.binpb"
 PACKAGE = "fvs/v1"
 BUF = Path(sys.executable).parent / "buf"
 
@@ -49,26 +54,29 @@ def outdated(generated: dict[Path, bytes]) -> list[Path]:
 
 
 def _faults() -> int:
-    """Lint the protos and compare them with those of ``main``: the number of checks that failed."""
-    checks = [["format", "--diff", "--exit-code"], ["lint"]]
-    if _has_main():
-        checks.append(["breaking", "--against", f"{ROOT / '.git'}#branch=main,subdir=proto"])
+    """Lint the protos and compare them with the released ones: the number of checks that failed."""
+    checks = (
+        ["format", "--diff", "--exit-code"],
+        ["lint"],
+        ["breaking", "--against", RELEASED.name],  # fails, too, when there is no such file
+    )
     return sum(subprocess.run([BUF, *check], cwd=PROTO, check=False).returncode != 0 for check in checks)
 
 
-def _has_main() -> bool:
-    """Whether this is a whole clone with the protos in its ``main``; a worktree's ``.git`` is a file."""
-    known = ["git", "cat-file", "-e", "main:proto/buf.yaml"]
-    return (ROOT / ".git").is_dir() and subprocess.run(
-        known, cwd=ROOT, check=False, capture_output=True
-    ).returncode == 0
+def _release() -> None:
+    """Make the protos the released contract."""
+    command = [BUF, "build", "--exclude-source-info", "--output", RELEASED.name]
+    subprocess.run(command, cwd=PROTO, check=True)
 
 
 def main() -> int:
     """Write the generated files, or check them and the protos."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 when outdated")
-    check = parser.parse_args().check
+    modes = parser.add_mutually_exclusive_group()
+    modes.add_argument("--check", action="store_true", help="write nothing; exit with 1 when outdated")
+    modes.add_argument("--release", action="store_true", help="write the released contract, too")
+    given = parser.parse_args()
+    check: bool = given.check
     with tempfile.TemporaryDirectory() as folder:
         generated = generate(Path(folder))
     paths = outdated(generated)
@@ -79,6 +87,8 @@ def main() -> int:
             path.write_bytes(generated[path])
         else:
             path.unlink()
+    if given.release:
+        _release()
     return 1 if check and (_faults() or paths) else 0
 
 

@@ -1,4 +1,7 @@
-"""Every operation, field and enum value of the OpenAPI document is in ``fvs.v1``, and the other way round."""
+"""Every operation, field and enum value of the OpenAPI document is in ``fvs.v1``, and the other way round.
+
+Fields have the same types on both sides.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,6 +9,7 @@ from typing import Any
 import pytest
 from contract_operations import OPERATIONS
 from contract_outcome import rest_word
+from contract_types import fits, other_types, type_of_field, type_of_schema
 from fvs.v1 import (
     capabilities_pb2,
     downloads_pb2,
@@ -22,6 +26,9 @@ from fvs_service.events.model import Event, EventKind
 from fvs_service.gateway.rpc.failures import code_of, status_of
 from fvs_service.gateway.rpc.operations import has_body
 from fvs_service.rankings.model import RankingPart
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
+from google.protobuf.descriptor_pool import DescriptorPool
 from pydantic.json_schema import models_json_schema
 
 _FILES = (
@@ -161,12 +168,15 @@ def test_every_parameter_is_a_field_of_the_request(document: dict[str, Any]) -> 
         request = _methods()[_name_of(route)].input_type
         if request.name == "UploadImageRequest":
             request = request.fields_by_name["upload"].message_type
-        fields = {field.name for field in request.fields}
+        fields = dict(request.fields_by_name)
         if "metadata" in fields:
-            fields |= {field.name for field in request.fields_by_name["metadata"].message_type.fields}
+            fields |= fields["metadata"].message_type.fields_by_name
         for parameter in operation.get("parameters", []):
             name = PARAMETERS.get(parameter["name"], parameter["name"])
-            assert name in fields | PARAMETERS_OF_HTTP, f"{route} {name}"
+            assert name in fields.keys() | PARAMETERS_OF_HTTP, f"{route} {name}"
+            if name in fields:
+                theirs, ours = type_of_schema(parameter["schema"]), type_of_field(fields[name], PLAIN_WORDS)
+                assert fits(theirs, ours), f"{route} {name}: {theirs} is {ours}"
         body = operation.get("requestBody", {}).get("content", {}).get("application/json")
         if body is not None:
             kinds = {field.message_type.name for field in request.fields if field.message_type is not None}
@@ -181,6 +191,43 @@ def test_every_model_has_a_message_with_the_same_fields(document: dict[str, Any]
         fields = {field.name for field in messages[name].fields}
         union = "kind" if "const" in schema["properties"].get("kind", {}) else None
         assert fields == set(schema["properties"]) - {union}, name
+
+
+def test_every_field_has_the_type_of_its_model(document: dict[str, Any]) -> None:
+    assert not list(other_types(document["components"]["schemas"], _messages(), PLAIN_WORDS))
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("Job.progress", {"type": Field.TYPE_FLOAT}),
+        ("Job.eta_s", {"type": Field.TYPE_INT64}),
+        ("Job.attempt", {"type": Field.TYPE_DOUBLE}),
+        ("Job.attempt", {"type": Field.TYPE_INT32}),
+        ("Job.id", {"type": Field.TYPE_BYTES}),
+        ("Job.state", {"type_name": ".fvs.v1.JobKind"}),
+        ("Job.state", {"type": Field.TYPE_STRING, "type_name": None}),
+        ("Job.error", {"type_name": ".fvs.v1.Waiting"}),
+        ("Job.created_at", {"type": Field.TYPE_STRING, "type_name": None}),
+        ("Job.scene_id", {"label": Field.LABEL_REPEATED}),
+        ("JobList.items", {"label": Field.LABEL_OPTIONAL}),
+    ],
+)
+def test_another_type_is_found(document: dict[str, Any], name: str, changed: dict[str, Any]) -> None:
+    changed_file, pool = FileDescriptorProto(), DescriptorPool()
+    jobs_pb2.DESCRIPTOR.CopyToProto(changed_file)
+    message_name, _, field_name = name.partition(".")
+    message = next(one for one in changed_file.message_type if one.name == message_name)
+    field = next(one for one in message.field if one.name == field_name)
+    for attribute, value in changed.items():
+        field.ClearField(attribute)
+        if value is not None:
+            setattr(field, attribute, value)
+    for imported in jobs_pb2.DESCRIPTOR.dependencies:
+        pool.AddSerializedFile(imported.serialized_pb)
+    pool.Add(changed_file)
+    messages = {message_name: pool.FindMessageTypeByName(f"fvs.v1.{message_name}")}
+    assert list(other_types(document["components"]["schemas"], messages, PLAIN_WORDS)) == [name]
 
 
 def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> None:
