@@ -253,6 +253,8 @@ class Settings(BaseSettings):
     """Time for which an unfinished upload can be resumed after its last byte."""
     read_within_s: _Seconds = 120.0
     """Time after which the connection of a client that does not read its response is closed."""
+    drain_s: float = Field(default=10.0, ge=0, le=3600)
+    """Time for requests in progress to end when the service stops. Containers must be given 10 s more."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     """Host names, besides those of loopback, under which browsers may reach the service."""
     allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from typing import Any
 
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.telemetry import Metrics
@@ -28,7 +29,7 @@ def test_a_request_that_is_cut_when_the_service_stops_is_told_to_come_again() ->
     async def stop_while_it_is_handled() -> None:
         scope: Any = {"type": "http", "method": "PUT", "path": "/v1/scenes", "headers": []}
         metrics = Metrics()
-        context = RequestContext(endless, metrics, LoopLag(metrics.loop_lag), Tracing())
+        context = RequestContext(endless, metrics, LoopLag(metrics.loop_lag), Tracing(), Drain())
         handling = asyncio.create_task(context(scope, receive, send))
         await asyncio.sleep(0)
         handling.cancel()

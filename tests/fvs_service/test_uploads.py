@@ -793,7 +793,7 @@ def test_an_upload_goes_on_after_the_gateway_ended(
     """What was not written for half a second is lost when it is killed, and nothing when it is stopped."""
     root, content = tmp_path / "service", photograph(1, (640, 480))
     with (
-        running_service(root, tmp_path / "first.log") as service,
+        running_service(root, tmp_path / "first.log", {"FVS_DRAIN_S": "0.2"}) as service,
         httpx2.Client(base_url=service.url, timeout=60) as client,
     ):
         scene = client.post("/v1/scenes", json={"name": "a"}).json()["id"]

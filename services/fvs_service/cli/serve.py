@@ -15,8 +15,8 @@ from fvs_service.principal import LOCAL_TENANT, Scope
 if TYPE_CHECKING:
     from fvs_service.serving.stop_signals import StopSignals
 
-STOP_WITHIN_S = 6.0
-"""Longest time from SIGTERM to the end of the last process. Containers are killed after 10 s."""
+STOP_WITHIN_S = 9.5
+"""Longest time from SIGTERM to the end of the last process, beyond ``drain_s``."""
 
 keys = typer.Typer(help="Create, list and revoke API keys.", no_args_is_help=True)
 
@@ -99,6 +99,8 @@ def _supervise(
     if workers is not None:
         shared = settings.worker.model_copy(update={"count": workers})
         settings = settings.model_copy(update={"worker": shared})
+    if Role(role) is not Role.WORKER:
+        signals.allow(settings.drain_s)
     with failures_as_messages(log_json=log_json):
         if not signals.stopping:
             Supervisor(settings, signals, log_json=log_json, role=Role(role)).run(announce=typer.echo)

@@ -20,6 +20,7 @@ from fvs_service.application import MakeRunners
 from fvs_service.errors import UnavailableError
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.connection import http_protocol
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.protection import require_protection
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.rpc.calls import Gateway
@@ -27,7 +28,7 @@ from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.settings import Settings
 
 _STOP_WITHIN_S = 1
-"""Calls that take longer are abandoned, then requests; the supervisor waits longer than both times."""
+"""What is in progress after ``drain_s`` is abandoned: calls within this time, then requests within it."""
 _UNREAD_MS = 120_000
 _INSPECTORS_S = 1.0
 """Interval at which pebble checks for dead and overdue inspectors; its default of 0.1 s is a load."""
@@ -180,8 +181,14 @@ class GatewayServer(uvicorn.Server):
         self._wake()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End the streams of events, which would have no end of their own, and all other requests."""
+        """End the streams of events, which would have no end of their own; other requests may finish.
+
+        Meanwhile the gateway answers probes: it is not ready.
+        """
+        drain: Drain = self._app.state.drain
+        drain.begin()
         await self._app.state.feed.close()
+        await drain.ended(self._settings.drain_s)
         if self._rpc is not None:  # before the application closes
             await self._rpc.stop(_STOP_WITHIN_S)
         await super().shutdown(sockets)

@@ -31,6 +31,10 @@ class StopSignals:
         self._woken = threading.Event()
         self._deadline: float | None = None
 
+    def allow(self, more_s: float) -> None:
+        """Wait this much longer for the end, from the next signal on."""
+        self._within_s += more_s
+
     @property
     def stopping(self) -> bool:
         """Whether a signal has arrived."""

@@ -4,7 +4,7 @@ import contextlib
 import os
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -40,7 +40,7 @@ _LOOK_S = 5.0
 """Interval at which the supervisor looks for dead children without a SIGCHLD, too."""
 _START_S = 60.0
 _STOP_S = 3.5
-"""How long children may take to end by themselves; they are killed after it."""
+"""How long children may take to end by themselves, a gateway beyond ``drain_s``; they are killed after it."""
 _KILLED_S = 1.0
 _QUICK_S = 5.0
 """After a child that died sooner than this, the pause before its next start doubles."""
@@ -202,24 +202,34 @@ class Supervisor:
         return {child.name: child.process for child in children if child.process is not None}
 
     def _stop_all(self) -> None:
-        """Stop all processes, the gateway first so that no request arrives; kill those that take too long.
+        """Stop all processes, and kill those that take too long.
 
-        What they started ends with them, and is killed where it does not.
+        The gateway first: its requests in progress need the workers. What they started ends with them, and is
+        killed where it does not.
         """
-        running = self._running()
-        for process in running.values():
-            process.terminate()
         began = time.monotonic()
-        for name, process in running.items():
-            try:
-                process.wait(max(0.1, began + _STOP_S - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                _log.warning("child killed", name=name, after_s=_STOP_S)
-                process.kill()
-                process.wait()
-            child_process.close_pipes(process)
+        running = self._running()
+        gateway = running.pop(self._gateway.name, None)
+        if gateway is not None:
+            _stop({self._gateway.name: gateway}, self._settings.drain_s + _STOP_S)
+        _stop(running, _STOP_S)
         end_descendants(_KILLED_S)
         _log.info("stopped", seconds=round(time.monotonic() - began, 1))
+
+
+def _stop(running: "Mapping[str, subprocess.Popen[str]]", within_s: float) -> None:
+    """Let processes end, and kill those that take longer."""
+    for process in running.values():
+        process.terminate()
+    until = time.monotonic() + within_s
+    for name, process in running.items():
+        try:
+            process.wait(max(0.1, until - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            _log.warning("child killed", name=name, after_s=within_s)
+            process.kill()
+            process.wait()
+        child_process.close_pipes(process)
 
 
 def _require_blobs(storage: Storage) -> None:

@@ -83,7 +83,7 @@ def test_sigterm_ends_everything_in_time_and_jobs_continue(
     serving: Any, courtyard_photographs: list[Path], tmp_path: Path, record_property: Record
 ) -> None:
     root, took_s = tmp_path / "root", {}
-    environment = {"FVS_WORKER__INITIAL_ITERATIONS": "400"}
+    environment = {"FVS_WORKER__INITIAL_ITERATIONS": "400", "FVS_DRAIN_S": "0.5"}
 
     def ended(what: str, seconds: float) -> None:
         took_s[what] = round(seconds, 2)

@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from fvs_service.application import MakeRunners, open_application
 from fvs_service.events.feed import EventFeed
 from fvs_service.fleet_metrics import FleetCollector
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.rest import (
@@ -71,6 +72,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     """
     metrics, tracing = Metrics(), Tracing.of_environment("fvs-gateway")
     loop_lag = LoopLag(metrics.loop_lag)
+    drain = Drain()
     refusals = Refusals(settings.limits.refusals_per_key, metrics)
 
     @contextlib.asynccontextmanager
@@ -118,13 +120,13 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
     )
-    app.state.refusals = refusals
+    app.state.refusals, app.state.drain = refusals, drain
     app.add_middleware(Compression)
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(RefusalGuard, refusals=refusals)
     app.add_middleware(OriginGuard, settings=settings)
     app.add_middleware(TusProtocol)
-    app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing)
+    app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing, drain=drain)
     problems.install(app)
     bodies = []
     for module in (*_RESOURCES, service) if settings.rest else (service,):

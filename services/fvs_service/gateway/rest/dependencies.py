@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from fvs_service.application import Application
 from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
+from fvs_service.gateway.drain import Drain
 from fvs_service.ids import new_id
 from fvs_service.model import NumberedPage, Page
 from fvs_service.principal import Principal, Scope
@@ -47,6 +48,11 @@ async def _metrics(request: Request) -> Metrics:
     return metrics
 
 
+async def _drain(request: Request) -> Drain:
+    drain: Drain = request.app.state.drain
+    return drain
+
+
 async def _parsing(request: Request) -> CapacityLimiter:
     limiter: CapacityLimiter = request.app.state.parsing
     return limiter
@@ -55,6 +61,7 @@ async def _parsing(request: Request) -> CapacityLimiter:
 App = Annotated[Application, Depends(_application)]
 Feed = Annotated[EventFeed, Depends(_feed)]
 Counters = Annotated[Metrics, Depends(_metrics)]
+Draining = Annotated[Drain, Depends(_drain)]
 Parsing = Annotated[CapacityLimiter, Depends(_parsing)]
 
 

@@ -11,6 +11,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import stopping
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.request_id import request_id_of
 from fvs_service.gateway.rest.problems import problem_response
@@ -23,13 +24,19 @@ _log = structlog.get_logger()
 
 
 class RequestContext:
-    """Gives every request an id (its ``X-Request-Id`` if that is valid), logs it and counts it."""
+    """Gives every request an id (its ``X-Request-Id`` if that is valid), logs it and counts it.
 
-    def __init__(self, app: ASGIApp, metrics: Metrics, loop_lag: LoopLag, tracing: Tracing) -> None:
+    Refuses new ones, but for probes, while the gateway stops.
+    """
+
+    def __init__(
+        self, app: ASGIApp, metrics: Metrics, loop_lag: LoopLag, tracing: Tracing, drain: Drain
+    ) -> None:
         self._app = app
         self._metrics = metrics
         self._loop_lag = loop_lag
         self._tracing = tracing
+        self._drain = drain
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -60,7 +67,13 @@ class RequestContext:
 
         with structlog.contextvars.bound_contextvars(request_id=request_id), self._span(scope) as span:
             try:
-                await self._app(scope, receive_observed, send_with_id)
+                if scope["path"] in _QUIET:
+                    await self._app(scope, receive_observed, send_with_id)
+                elif self._drain.begun:
+                    await problem_response(Request(scope), stopping())(scope, receive, send_with_id)
+                else:
+                    with self._drain.request():
+                        await self._app(scope, receive_observed, send_with_id)
             except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
                 if not responding:
                     await problem_response(Request(scope), stopping())(scope, receive, send_with_id)

@@ -5,8 +5,9 @@ from typing import Annotated
 from fastapi import Query, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
+from fvs_service.errors import stopping
 from fvs_service.gateway.readiness import require_ready
-from fvs_service.gateway.rest.dependencies import App, Caller, Counters
+from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Draining
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.model import Model
 
@@ -32,8 +33,10 @@ def live() -> Health:
 
 
 @router.get("/readyz")
-def ready(app: App, workers: _Workers = 0) -> Health:
+def ready(app: App, drain: Draining, workers: _Workers = 0) -> Health:
     """Check that the gateway can store images, and that enough workers are alive; 503 or 507 otherwise."""
+    if drain.begun:
+        raise stopping()
     require_ready(app, workers)
     return Health()
 

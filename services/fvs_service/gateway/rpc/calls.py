@@ -35,6 +35,7 @@ from fvs_service.errors import (
     stopping,
 )
 from fvs_service.events.feed import EventFeed
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.request_id import HEADER, request_id_of
@@ -74,9 +75,9 @@ class Gateway:
     loop_lag: LoopLag
     parsing: anyio.CapacityLimiter
     refusals: Refusals
+    drain: Drain
     request_within_s: float
     call_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("calls", _CALLS_PER_TENANT))
-    stopping: bool = False
     running: set["asyncio.Task[Any]"] = field(default_factory=set)
 
     @classmethod
@@ -89,6 +90,7 @@ class Gateway:
             state.loop_lag,
             state.parsing,
             state.refusals,
+            state.drain,
             request_within_s,
         )
 
@@ -200,12 +202,15 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
         _counted(gateway, name, span) as outcome,
     ):
         try:
+            if gateway.drain.begun:
+                raise stopping()
             call.require_time()
-            return await work(call)
+            with gateway.drain.request():
+                return await work(call)
         except asyncio.CancelledError:
             error = _cut(gateway, call)
             outcome.append(error)
-            if not gateway.stopping:
+            if not gateway.drain.begun:
                 raise
         except ServiceError as failure:
             error = failure
@@ -228,7 +233,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
 
 def _cut(gateway: Gateway, call: Call) -> ServiceError:
     """Why a call was cancelled."""
-    if gateway.stopping:
+    if gateway.drain.begun:
         return stopping()
     if call.left_s is not None and call.left_s <= 0:
         return DeadlineError("The deadline has passed.")

@@ -1,6 +1,5 @@
 """The health of the gateway over gRPC (``grpc.health.v1``), with the meaning of ``/readyz``."""
 
-import asyncio
 from collections.abc import AsyncIterator, Collection
 
 import grpc
@@ -42,17 +41,19 @@ class Health(HealthServicer):  # type: ignore[misc]
         try:
             with self._watchers.slot(_ALL):
                 last = None
-                while not self._gateway.stopping:
+                stops = False
+                while not stops:
+                    stops = self._gateway.drain.begun
                     status = await self._status()
                     if status != last:
                         yield HealthCheckResponse(status=status)
                     last = status
-                    await asyncio.sleep(_EVERY_S)
+                    await self._gateway.drain.wait(0 if stops else _EVERY_S)
         except LimitExceededError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, error.message)
 
     async def _status(self) -> int:
-        if self._gateway.stopping:
+        if self._gateway.drain.begun:
             return int(HealthCheckResponse.NOT_SERVING)
         try:
             await run_sync(require_ready, self._gateway.application)

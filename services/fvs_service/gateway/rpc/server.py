@@ -79,7 +79,7 @@ class RpcServer:
 
     async def stop(self, within_s: float) -> None:
         """Accept no more calls, wait for those in progress, and abort those that take longer."""
-        self._gateway.stopping = True
+        self._gateway.drain.begin()
         stop = asyncio.ensure_future(self._server.stop(within_s))
         await asyncio.wait((stop,), timeout=max(0.0, within_s - _CUT_S))
         for task in tuple(self._gateway.running):
