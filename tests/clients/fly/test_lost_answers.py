@@ -10,6 +10,8 @@ from fvs_client import Scene
 from fvs_client.fly.flight import Ending
 from pymavlink.dialects.v20 import common as mavlink
 
+from fvs_engine.simulate.mavlink.flight_state import Mode
+
 pytestmark = pytest.mark.process
 
 
@@ -35,6 +37,36 @@ def test_a_mission_that_begins_without_an_answer_is_flown(
         result = flown.result()
         assert not flown.vehicle.state.armed
     assert (result.ending, result.photographs, result.failed) == (Ending.BUDGET, 4, 0)
+
+
+def test_a_link_that_stays_lost_between_two_missions_is_said(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.2)
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        log = tmp_path / "flight.jsonl"
+        flown = Flown(stack, simulator, scene, url, log, link=link.url, photographs=4, silence_s=1.0)
+        flown.wait_for("photograph", 3)
+
+        def cut(message: Any) -> list[Any]:
+            link.cut |= message.get_type() == "MISSION_REQUEST_INT"
+            return [] if link.cut else [message]
+
+        link.edit = cut
+        result = flown.result()
+        assert simulator.autopilot.mode is Mode.GUIDED
+    assert result.ending is Ending.VEHICLE
+    assert "between two missions: it stays where it is unless its failsafe" in result.reason
+    [warning] = flown.events("warning")
+    assert "FS_GCS_ENABLE is 0" in warning["text"]
 
 
 def test_a_vehicle_that_may_have_taken_off_is_sent_home(

@@ -57,7 +57,10 @@ def fly(
         ),
     ] = None,
     unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Fly also without a camera and a gimbal that it reports.")
+        bool,
+        typer.Option(
+            "--unchecked", help="Fly also without a camera, a gimbal and a battery that it reports."
+        ),
     ] = False,
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The vehicle's name: others leave its views out.")
