@@ -1,5 +1,6 @@
 """Answers that are lost when a mission is handed over."""
 
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -74,18 +75,19 @@ def test_a_vehicle_that_may_have_taken_off_is_sent_home(
 ) -> None:
     monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.3)
     monkeypatch.setattr("fvs_client.fly.flight._TRIES", 1)
-    hold: dict[str, Any] = {}
+    started_s: list[float] = []
+    last: list[Any] = []
 
     def edit(message: Any) -> list[Any]:
-        """The answer to the start is lost, and the heartbeats are late: they tell of the mode before."""
+        """Answers to the start are lost, and for 3 s heartbeats are late: they tell of the mode before."""
         kind = message.get_type()
         if kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_MISSION_START:
-            hold["lost"] = hold.get("lost", 0) + 1
+            started_s.append(time.monotonic())
             return []
-        if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
-            late = 0 < hold.get("lost", 0) < 4
-            hold["last"] = hold["last"] if late else message
-            return [hold["last"]]
+        if kind == "HEARTBEAT":
+            if not started_s or time.monotonic() > started_s[0] + 3.0:
+                last[:] = [message]
+            return last
         return [message]
 
     with simulated() as simulator, ExitStack() as stack:

@@ -43,6 +43,8 @@ class Homecoming:
                     self._command()
                     until_s = time.monotonic() + self._settings.leg_s
                 commanded = True
+                self._watch.handing_over = False
+                self._watch.paused.clear()
                 if time.monotonic() > until_s:
                     raise self._lost(f"it is in the air after {self._settings.leg_s:.0f} s.")
             except NoAnswerError as error:
