@@ -29,6 +29,8 @@ class Meaning(Enum):
     """The share of the battery at which it lands."""
     CAPACITY = auto()
     """Of the battery, which relates the other parameters to shares; it cannot be changed."""
+    LOST_LINK = auto()
+    """What happens without ground stations: nothing, which cannot be changed."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ _ARDUCOPTER = Firmware(
         Meaning.SPEED: Parameter("WPNAV_SPEED", 500.0, 10.0, 2_000.0, 0.01),
         Meaning.CAPACITY: Parameter("BATT_CAPACITY", CAPACITY_MAH, CAPACITY_MAH, CAPACITY_MAH),
         Meaning.LOW_BATTERY: Parameter("BATT_LOW_MAH", 750.0, 0.0, CAPACITY_MAH, 1.0 / CAPACITY_MAH),
+        Meaning.LOST_LINK: Parameter("FS_GCS_ENABLE", 0.0, 0.0, 0.0),
         Meaning.EMPTY_BATTERY: Parameter("BATT_CRT_MAH", 150.0, 0.0, CAPACITY_MAH, 1.0 / CAPACITY_MAH),
     },
 )
@@ -126,6 +129,7 @@ _PX4 = Firmware(
         Meaning.RADIUS: Parameter("NAV_ACC_RAD", 1.0, 0.05, 200.0),
         Meaning.SPEED: Parameter("MPC_XY_CRUISE", 5.0, 0.1, 20.0),
         Meaning.LOW_BATTERY: Parameter("BAT_CRIT_THR", 0.15, 0.0, 0.9),
+        Meaning.LOST_LINK: Parameter("NAV_DLL_ACT", 0.0, 0.0, 0.0),
         Meaning.EMPTY_BATTERY: Parameter("BAT_EMERGEN_THR", 0.03, 0.0, 0.9),
     },
 )

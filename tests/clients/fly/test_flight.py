@@ -264,6 +264,37 @@ def test_a_vehicle_that_stays_silent_is_said_to_fly_home(
     assert len(list(scene.images.list())) >= 1
 
 
+def test_a_landing_that_is_not_seen_is_a_failure(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            link=link.url,
+            photographs=3,
+            silence_s=1.0,
+        )
+        flown.wait_for("ends", 1)
+        link.cut = True
+        result = flown.result()
+    assert (result.ending, result.photographs) == (Ending.VEHICLE, 3)
+    assert "all 3 photographs are taken" in result.reason
+    assert "Its landing was not seen" in result.reason
+    assert "between two missions" not in result.reason
+
+
 def test_a_mission_that_is_refused_in_the_air_brings_the_vehicle_home(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:

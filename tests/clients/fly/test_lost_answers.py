@@ -1,5 +1,6 @@
 """Answers that are lost when a mission is handed over."""
 
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from flights import Flown, working
 from fvs_client import Scene
 from fvs_client.fly.flight import Ending
 from pymavlink.dialects.v20 import common as mavlink
+
+from fvs_engine.simulate.mavlink.flight_state import Mode
 
 pytestmark = pytest.mark.process
 
@@ -37,23 +40,54 @@ def test_a_mission_that_begins_without_an_answer_is_flown(
     assert (result.ending, result.photographs, result.failed) == (Ending.BUDGET, 4, 0)
 
 
+def test_a_link_that_stays_lost_between_two_missions_is_said(
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.2)
+    monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        link = relay(simulator.url)
+        log = tmp_path / "flight.jsonl"
+        flown = Flown(stack, simulator, scene, url, log, link=link.url, photographs=4, silence_s=1.0)
+        flown.wait_for("photograph", 3)
+
+        def cut(message: Any) -> list[Any]:
+            link.cut |= message.get_type() == "MISSION_REQUEST_INT"
+            return [] if link.cut else [message]
+
+        link.edit = cut
+        result = flown.result()
+        assert simulator.autopilot.mode is Mode.GUIDED
+    assert result.ending is Ending.VEHICLE
+    assert "between two missions: it stays where it is unless its failsafe" in result.reason
+    [warning] = flown.events("warning")
+    assert "FS_GCS_ENABLE is 0" in warning["text"]
+
+
 def test_a_vehicle_that_may_have_taken_off_is_sent_home(
     simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.3)
     monkeypatch.setattr("fvs_client.fly.flight._TRIES", 1)
-    hold: dict[str, Any] = {}
+    started_s: list[float] = []
+    last: list[Any] = []
 
     def edit(message: Any) -> list[Any]:
-        """The answer to the start is lost, and the heartbeats are late: they tell of the mode before."""
+        """Answers to the start are lost, and for 3 s heartbeats are late: they tell of the mode before."""
         kind = message.get_type()
         if kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_MISSION_START:
-            hold["lost"] = hold.get("lost", 0) + 1
+            started_s.append(time.monotonic())
             return []
-        if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
-            late = 0 < hold.get("lost", 0) < 4
-            hold["last"] = hold["last"] if late else message
-            return [hold["last"]]
+        if kind == "HEARTBEAT":
+            if not started_s or time.monotonic() > started_s[0] + 3.0:
+                last[:] = [message]
+            return last
         return [message]
 
     with simulated() as simulator, ExitStack() as stack:

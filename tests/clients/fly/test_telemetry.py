@@ -149,7 +149,8 @@ def test_messages_come_as_often_as_they_are_asked_for(station: Any) -> None:
 
 def test_parameters_are_those_that_change_the_flight(station: Any) -> None:
     with station() as (simulator, ground):
-        assert ground.parameters(6) == {
+        assert ground.parameters(7) == {
+            "FS_GCS_ENABLE": 0.0,
             "RTL_ALT": 1_500.0,
             "WPNAV_RADIUS": 100.0,
             "WPNAV_SPEED": 500.0,
@@ -201,7 +202,7 @@ def test_px4_has_its_own_modes_and_parameters(station: Any) -> None:
         manual = ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 1.0, 0.0)
         assert manual == mavlink.MAV_RESULT_DENIED
         assert ground.command(mavlink.MAV_CMD_MISSION_START) == mavlink.MAV_RESULT_DENIED  # it has none
-        found = ground.parameters(5)
+        found = ground.parameters(6)
         assert (found["RTL_RETURN_ALT"], found["NAV_ACC_RAD"]) == (15.0, 1.0)
         assert found["BAT_CRIT_THR"] == pytest.approx(0.15)
 

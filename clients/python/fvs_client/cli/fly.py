@@ -57,7 +57,10 @@ def fly(
         ),
     ] = None,
     unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Fly also without a camera and a gimbal that it reports.")
+        bool,
+        typer.Option(
+            "--unchecked", help="Fly also without a camera, a gimbal and a battery that it reports."
+        ),
     ] = False,
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The vehicle's name: others leave its views out.")
@@ -159,7 +162,7 @@ def fly(
 ) -> None:
     """Fly a vehicle from view to view: ask, fly, photograph, send, update the model, ask again.
 
-    Ctrl-C sends it home; a second one ends this program, and the vehicle returns by itself. Lines on a
+    Ctrl-C sends it home; a second one ends this program, and leaves the vehicle to its autopilot. Lines on a
     terminal: `pause`, `resume`, `home`. Needs the extra `fly` of fvs-client.
     """
     if candidates is not None and generator is not None:

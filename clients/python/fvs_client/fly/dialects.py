@@ -44,6 +44,8 @@ class Dialect:
     """Whether the first item of a mission is home; else missions are sent without it."""
     turns_at_waypoints: bool
     """Whether it turns to the yaw of a waypoint; else that takes ``MAV_CMD_CONDITION_YAW``."""
+    lost_link: str
+    """The parameter of its failsafe for lost ground stations; 0: none."""
     also: Mapping[int, Mode] = field(default_factory=dict)
     """Other values of ``custom_mode`` that are told, but never asked for."""
 
@@ -72,6 +74,7 @@ ARDUPILOT = Dialect(
     has_sub_modes=False,
     home_is_first=True,
     turns_at_waypoints=False,
+    lost_link="FS_GCS_ENABLE",
     also={21: Mode.RETURN, 27: Mode.RETURN},  # SMART_RTL, AUTO_RTL
 )
 _AUTO = 4
@@ -87,6 +90,7 @@ PX4 = Dialect(
     has_sub_modes=True,
     home_is_first=False,
     turns_at_waypoints=True,
+    lost_link="NAV_DLL_ACT",
     also={_AUTO << 16 | 9 << 24: Mode.LAND},  # AUTO.PRECLAND
 )
 

@@ -1,4 +1,4 @@
-"""Geofences, checked without the service: polygons of latitudes and longitudes; they may cross ±180°."""
+"""Geofences, without the service: polygons of latitudes and longitudes, also across the antimeridian."""
 
 from itertools import pairwise
 

@@ -1,7 +1,8 @@
 """A flight: ask for views, fly there, photograph them, send the photographs, update the model, ask again.
 
-The vehicle always has a mission that ends at home. After each leg it waits for the next mission; when none
-comes in time, because the service, the link or this program is gone, it returns by itself.
+Each mission ends at home. After a leg the vehicle waits for the next one; when none comes in time, because
+the service, the link or this program is gone, it returns by itself. While it gets a mission, tenths of a
+second, and in a pause it flies none: what it does when the link breaks off then is up to its own failsafe.
 """
 
 import contextlib
@@ -10,6 +11,7 @@ import threading
 import time
 
 from fvs_client import ConflictError, FvsError, Job, Scene, VisitState
+from fvs_client.fly.checks import require_battery, require_equipment, warn_of_failsafe
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
@@ -91,7 +93,7 @@ class Flight:
         """
         failure: Exception | None = None
         try:
-            self._require_equipment()
+            self._check()
             self._survey()
             while True:
                 self._update()
@@ -118,20 +120,13 @@ class Flight:
         self._photographs.wait(self._taken, self._settings.send_s)
         return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
 
-    def _require_equipment(self) -> None:
-        """Raise ``VehicleError`` for a vehicle without camera or gimbal, before it takes off."""
-        if not self._settings.equipment:
-            return
-        equipment = self._vehicle.equipment()
-        for what, found in (("camera", equipment.camera), ("gimbal", equipment.gimbal_deg)):
-            if found is None:
-                raise VehicleError(
-                    f"The vehicle reports no {what}.",
-                    hint=f"Set up its {what} in the autopilot, or start its {what} manager. --unchecked "
-                    "flies without.",
-                )
-        assert equipment.gimbal_deg is not None, "it was required"
-        self._choice.limit_gimbal(*equipment.gimbal_deg)
+    def _check(self) -> None:
+        """Raise ``VehicleError`` for a vehicle that lacks what the flight needs; warn of what may harm it."""
+        gimbal_deg = require_equipment(self._vehicle, self._settings)
+        if gimbal_deg is not None:
+            self._choice.limit_gimbal(*gimbal_deg)
+        require_battery(self._vehicle, self._settings, self._log)
+        warn_of_failsafe(self._vehicle, self._log)
 
     def _survey(self) -> None:
         """Fly the first photographs, if the scene has no model."""

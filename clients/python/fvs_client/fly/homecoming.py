@@ -43,6 +43,8 @@ class Homecoming:
                     self._command()
                     until_s = time.monotonic() + self._settings.leg_s
                 commanded = True
+                self._watch.handing_over = False
+                self._watch.paused.clear()
                 if time.monotonic() > until_s:
                     raise self._lost(f"it is in the air after {self._settings.leg_s:.0f} s.")
             except NoAnswerError as error:
@@ -70,10 +72,11 @@ class Homecoming:
         time.sleep(_AGAIN_S)
 
     def _lost(self, text: str) -> EndedError:
-        if self._watch.handing_over:
+        if self._watch.handing_over or self._watch.paused.is_set():
+            why = "between two missions" if self._watch.handing_over else "paused"
             text += (
-                " It was between two missions: it stays where it is unless its failsafe for lost ground "
-                "stations, or a pilot, acts."
+                f" It was {why}: it stays where it is unless its failsafe for lost ground stations, or a "
+                "pilot, acts."
             )
         text = f"Its landing was not seen: {text}"
         self._log.event("lost", text, self._vehicle.last_state)

@@ -111,7 +111,7 @@ class Link:
         if silent_s > _SILENCE_S:
             raise NoAnswerError(
                 f"The vehicle has been silent for {silent_s:.0f} s.",
-                hint="It flies its last mission, which ends at home. Check the link.",
+                hint="A mission that it flies ends at home. Check the link.",
             )
 
     def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:

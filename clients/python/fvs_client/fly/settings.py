@@ -63,7 +63,7 @@ class FlightSettings:
     silence_s: float = 60.0
     """How long to wait for a vehicle that has fallen silent: it flies its mission meanwhile."""
     equipment: bool = True
-    """Whether to require a camera and a gimbal that the vehicle reports."""
+    """Whether to require a camera, a gimbal and, for ``reserve``, a battery that the vehicle reports."""
     send_s: float = 60.0
     """How long photographs may still be sent after the landing."""
     iterations: int | None = None

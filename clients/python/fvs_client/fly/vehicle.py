@@ -136,6 +136,15 @@ class Vehicle:
         pitch = None if gimbal is None else (math.degrees(gimbal.pitch_min), math.degrees(gimbal.pitch_max))
         return Equipment(name, pitch)
 
+    def parameter(self, name: str) -> float | None:
+        """The value of a parameter, 0 if it is 0; None when the autopilot does not tell it.
+
+        PX4 sends the bits of whole numbers.
+        """
+        ask = ("param_request_read_send", *self._link.target, name.encode(), -1)
+        message = self._awaited(name, lambda: self._link.send(*ask))
+        return None if message is None else float(message.param_value)
+
     def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         """Wait until ``condition`` holds, which is checked after each message.
 
@@ -240,10 +249,14 @@ class Vehicle:
 
     def _asked(self, message: int, name: str) -> Any:
         """A message that is asked for; None when nothing of the vehicle sends it."""
+        return self._awaited(name, lambda: self._request(message))
+
+    def _awaited(self, name: str, ask: Callable[[], None]) -> Any:
+        """The message that is told by this name after ``ask``, which is called twice; None without it."""
         with self._link.changed:
             self._told.pop(name, None)
         for _ in range(2):
-            self._request(message)
+            ask()
             until = time.monotonic() + _EQUIPMENT_S
             with self._link.changed:
                 while name not in self._told and (left := until - time.monotonic()) > 0:
@@ -292,6 +305,8 @@ class Vehicle:
                 self._captures.are(message.image_count, message.time_boot_ms)
             case "STATUSTEXT":
                 self._texts.append(message.text)
+            case "PARAM_VALUE":
+                self._told[message.param_id] = message
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":
                 self._told[message.get_type()] = message
 

@@ -1,0 +1,126 @@
+"""Vehicles that refuse to return, fall silent or are taken over at the end; nothing is simulated."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from fvs_client.fly.dialects import Mode
+from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.flight import Ending, FlightSettings
+from fvs_client.fly.homecoming import Homecoming
+from fvs_client.fly.log import FlightLog
+from fvs_client.fly.settings import EndedError
+from fvs_client.fly.vehicle import VehicleState
+from fvs_client.fly.watch import Watch
+
+_SETTINGS = FlightSettings("north", 3, silence_s=0.2)
+
+
+class Played:
+    """A vehicle that flies; ``answer`` gets the mode that it is told to take, and how often it was told one.
+
+    It lands at once when it returns or lands, unless ``answer`` raises.
+    """
+
+    texts = ()
+
+    def __init__(self, answer: Callable[[Mode, int], None], mode: Mode = Mode.MISSION) -> None:
+        self.last_state = VehicleState(armed=True, mode=mode)
+        self.told: list[Mode] = []
+        self.silent = False
+        self._answer = answer
+
+    @property
+    def state(self) -> VehicleState:
+        if self.silent:
+            raise NoAnswerError("The vehicle has been silent for 20 s.")
+        return self.last_state
+
+    def set_mode(self, mode: Mode) -> None:
+        self.told.append(mode)
+        self._answer(mode, len(self.told))
+        self.last_state = replace(self.last_state, mode=mode, armed=False)
+
+    def return_home(self) -> None:
+        self.set_mode(Mode.RETURN)
+
+    def recover_captures(self) -> None: ...
+
+
+@pytest.fixture(autouse=True)
+def _no_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvs_client.fly.homecoming._AGAIN_S", 0.0)
+    monkeypatch.setattr("fvs_client.fly.homecoming.POLL_S", 0.0)
+
+
+def come_home(vehicle: Any, *, handing_over: bool = False, settings: FlightSettings = _SETTINGS) -> list[str]:
+    """What a flight says when its vehicle comes home."""
+    said: list[str] = []
+    log = FlightLog(None, said.append)
+    watch = Watch(vehicle, settings, log)
+    watch.airborne, watch.handing_over = True, handing_over
+    Homecoming(vehicle, watch, settings, log).wait()
+    return said
+
+
+def test_a_return_that_is_refused_is_tried_again() -> None:
+    def refuses_twice(_mode: Mode, times: int) -> None:
+        if times <= 2:
+            raise VehicleError("The autopilot answers MAV_CMD_DO_SET_MODE with MAV_RESULT_DENIED.")
+
+    vehicle = Played(refuses_twice)
+    said = come_home(vehicle)
+    assert vehicle.told == [Mode.RETURN] * 3
+    assert "MAV_RESULT_DENIED. Trying again." in said[0]  # once
+    assert said[1:] == ["The vehicle has landed."]
+
+
+def test_a_vehicle_that_never_returns_is_to_land() -> None:
+    def refuses_to_return(mode: Mode, _times: int) -> None:
+        if mode is Mode.RETURN:
+            raise VehicleError("The vehicle does not change to RETURN.")
+
+    vehicle = Played(refuses_to_return, Mode.HOLD)
+    said = come_home(vehicle)
+    assert vehicle.told == [*[Mode.RETURN] * 5, Mode.LAND]
+    assert said[-2:] == ["It does not return: it is to land where it is.", "The vehicle has landed."]
+
+
+def test_a_command_without_an_answer_is_sent_again_while_the_vehicle_is_heard() -> None:
+    def answers_the_third(_mode: Mode, times: int) -> None:
+        if times < 3:
+            raise NoAnswerError("The vehicle does not answer a command.")
+
+    vehicle = Played(answers_the_third)
+    come_home(vehicle)
+    assert vehicle.told == [Mode.RETURN] * 3
+
+
+@pytest.mark.parametrize("handing_over", [False, True])
+def test_a_vehicle_that_stays_silent_has_not_landed(handing_over: bool) -> None:
+    vehicle = Played(lambda _mode, _times: None)
+    vehicle.silent = True
+    with pytest.raises(EndedError, match="Its landing was not seen: The vehicle has been silent") as ended:
+        come_home(vehicle, handing_over=handing_over)
+    assert ended.value.ending is Ending.VEHICLE
+    assert ("between two missions" in ended.value.reason) is handing_over
+    assert vehicle.told == []
+
+
+def test_a_vehicle_that_others_fly_gets_no_command() -> None:
+    vehicle = Played(lambda _mode, _times: None, Mode.OTHER)
+    with pytest.raises(EndedError, match="a pilot or another ground station flies it") as ended:
+        come_home(vehicle)
+    assert ended.value.ending is Ending.PILOT
+    assert vehicle.told == []
+
+
+def test_a_vehicle_that_stays_in_the_air_is_not_waited_for_without_end() -> None:
+    vehicle = Played(lambda _mode, _times: None, Mode.RETURN)
+    began = time.monotonic()
+    with pytest.raises(EndedError, match="it is in the air after 0 s"):
+        come_home(vehicle, settings=replace(_SETTINGS, leg_s=0.1))
+    assert time.monotonic() - began < 10.0
+    assert vehicle.told == []
