@@ -3,9 +3,12 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
-from fvs_client import InVolume, Orbit, Shell
+import pytest
+from fvs_client import AltitudeDatum, InVolume, Orbit, Shell
 from fvs_client.fly.choice import Choice
+from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.settings import FlightSettings
+from fvs_client.models.scenes import Origin
 
 VOLUME = InVolume(volume=Shell(centre=(0.0, 0.0, 0.0), inner=3.0, outer=5.0), count=20)
 
@@ -39,3 +42,30 @@ def test_candidates_of_a_volume_keep_the_safety_distance_and_stay_the_same() -> 
 
 def test_other_candidates_have_no_safety_distance() -> None:
     assert asked(Orbit(count=4))[0]["safety_m"] is None
+
+
+@pytest.mark.parametrize(
+    ("datum", "altitude_m"),
+    [(AltitudeDatum.SEA_LEVEL, 500.0), (AltitudeDatum.TAKEOFF, 15.0), (AltitudeDatum.ELLIPSOID, 548.5)],
+)
+def test_the_vehicle_says_where_it_is_in_the_datum_of_the_scene(
+    datum: AltitudeDatum, altitude_m: float
+) -> None:
+    state = SimpleNamespace(
+        latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, height_m=15.0, yaw_deg=90.0
+    )
+    vehicle = SimpleNamespace(state=state, last_state=state)
+    origin = Origin(latitude_deg=47.0, longitude_deg=8.0, altitude_m=0.0, altitude_datum=datum)
+
+    def choice(**mission: float) -> Choice:
+        settings = FlightSettings("north", 5, mission=cast("Any", mission))
+        parts = (SimpleNamespace(), vehicle, settings, None, None)
+        return Choice(*(cast("Any", part) for part in parts))
+
+    if datum is AltitudeDatum.ELLIPSOID:
+        with pytest.raises(VehicleError, match="ellipsoid") as caught:
+            choice().use_datum(origin)
+        assert "--geoid" in caught.value.hint
+    found = choice(geoid_height_m=48.5)
+    found.use_datum(origin)
+    assert (found._pose().altitude_datum, found._pose().altitude_m) == (datum, altitude_m)

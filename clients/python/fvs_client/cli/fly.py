@@ -152,6 +152,16 @@ def fly(
             metavar="LAT,LON;LAT,LON;…", help="A polygon to stay inside, in degrees.", show_default=False
         ),
     ] = None,
+    geoid: Annotated[
+        float | None,
+        typer.Option(
+            min=-150,
+            max=150,
+            metavar="M",
+            help="Height of the geoid above the ellipsoid at the site, for scenes above the ellipsoid.",
+            show_default=False,
+        ),
+    ] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=50, metavar="M/S", help="Speed between views.")] = 5.0,
     iterations: IterationsOption = None,
     long_side: LongSideOption = None,
@@ -177,6 +187,8 @@ def fly(
         )
     listed = read_candidates(candidates)
     mission: MissionSettings = {"speed_m_s": speed}
+    if geoid is not None:
+        mission["geoid_height_m"] = geoid
     if transit_height is not None:
         mission["transit_height_m"] = transit_height
     if lowest is not None:

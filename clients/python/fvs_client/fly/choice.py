@@ -16,6 +16,7 @@ from fvs_client import (
     VehiclePose,
     VisitState,
 )
+from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.items import holding, read_waypoints
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
@@ -48,6 +49,7 @@ class Choice:
         self._home: VehicleState = vehicle.state
         self._candidates = settings.candidates
         self._gimbal: MissionSettings = {}
+        self._datum = AltitudeDatum.SEA_LEVEL
         self._refused: set[str] = set()
 
     def limit_gimbal(self, lowest_deg: float, highest_deg: float) -> None:
@@ -55,6 +57,18 @@ class Choice:
         lowest_deg, highest_deg = (max(-90.0, min(90.0, angle)) for angle in (lowest_deg, highest_deg))
         if lowest_deg < highest_deg:
             self._gimbal = {"gimbal_lowest_deg": lowest_deg, "gimbal_highest_deg": highest_deg}
+
+    def use_datum(self, origin: Origin | None) -> None:
+        """Give altitudes in the scene's datum; a scene that is not georeferenced yet will have sea level's.
+
+        Raises ``VehicleError`` where the vehicle's altitudes cannot be converted.
+        """
+        self._datum = AltitudeDatum.SEA_LEVEL if origin is None else origin.altitude_datum
+        if self._datum is AltitudeDatum.ELLIPSOID and "geoid_height_m" not in self._settings.mission:
+            raise VehicleError(
+                "The scene's altitudes are above the ellipsoid, those of the vehicle above sea level.",
+                hint="Give the height of the geoid above the ellipsoid at the site: --geoid METRES.",
+            )
 
     def next(self, photographs: int) -> Leg:
         """The next leg, of at most ``photographs``, whose views are reserved now; raises ``EndedError``."""
@@ -208,7 +222,7 @@ class Choice:
             north_m = (pose.latitude_deg - here.latitude_deg) * _DEGREE_M
             degrees = (pose.longitude_deg - here.longitude_deg + 180.0) % 360.0 - 180.0
             east_m = degrees * _DEGREE_M * math.cos(math.radians(here.latitude_deg))
-            if math.hypot(north_m, east_m, pose.altitude_m - here.altitude_m) <= radius_m:
+            if math.hypot(north_m, east_m, pose.altitude_m - self._altitude_m(here)) <= radius_m:
                 yield view
 
     def _mission(
@@ -223,11 +237,8 @@ class Choice:
             "autopilot": self._vehicle.dialect.autopilot,
             "leave_out": isinstance(views, Tour),
         }
-        datum = None if origin is None else origin.altitude_datum
-        if datum is AltitudeDatum.TAKEOFF:
-            given["home_altitude_m"] = 0.0
-        elif datum is AltitudeDatum.SEA_LEVEL:
-            given["home_altitude_m"] = home.altitude_m - home.height_m
+        if origin is not None:
+            given["home_altitude_m"] = self._altitude_m(home) - home.height_m
         given |= self._gimbal
         given |= self._settings.mission
         return self._scene.mission(views, MissionFormat.QGC_WPL, snapshot_id=snapshot_id, **given)
@@ -236,12 +247,23 @@ class Choice:
         items = read_waypoints(mission.content.decode())
         return Leg(holding(items, self._settings.patience_s), views)
 
+    def _altitude_m(self, state: VehicleState) -> float:
+        """The vehicle's altitude in the scene's datum."""
+        match self._datum:
+            case AltitudeDatum.TAKEOFF:
+                return state.height_m
+            case AltitudeDatum.ELLIPSOID:
+                return state.altitude_m + self._settings.mission["geoid_height_m"]
+            case AltitudeDatum.SEA_LEVEL:
+                return state.altitude_m
+
     def _pose(self) -> VehiclePose:
         state = self._vehicle.last_state
         return VehiclePose(
             latitude_deg=state.latitude_deg,
             longitude_deg=state.longitude_deg,
-            altitude_m=state.altitude_m,
+            altitude_m=self._altitude_m(state),
+            altitude_datum=self._datum,
             yaw_deg=0.0 if math.isnan(state.yaw_deg) else state.yaw_deg,
             pitch_deg=0.0,
         )

@@ -130,7 +130,9 @@ class Flight:
 
     def _survey(self) -> None:
         """Fly the first photographs, if the scene has no model."""
-        if self._watch.trying(self._scene.refresh).snapshot_id is not None:
+        scene = self._watch.trying(self._scene.refresh)
+        self._choice.use_datum(scene.origin)
+        if scene.snapshot_id is not None:
             return
         survey = self._settings.survey
         if survey is None:
