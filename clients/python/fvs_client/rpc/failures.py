@@ -1,7 +1,6 @@
 """Failed calls as what HTTP has for them: the service's problem documents, and errors of the connection."""
 
 import json
-import re
 from typing import Any
 
 import grpc
@@ -39,7 +38,7 @@ _BY_STATUS = {
 _CUT = ("socket closed", "connection reset")
 _NOT_CONNECTED = ("connect to all addresses", "connection refused", "resolution", "handshake", "ssl")
 _NOT_TRUSTED = ("ssl", "certificate", "handshake")
-_TOO_LARGE = re.compile(r"message larger than max(?: \(\d+ vs\. (\d+)\))?")
+_TOO_LARGE = "message larger than max"
 _OF_CLIENT = "CLIENT:"
 """gRPC says of which side the limit is."""
 _OF_PROXY = "http2 header"
@@ -62,10 +61,10 @@ def response_for(error: grpc.RpcError, request: httpx2.Request) -> httpx2.Respon
         raise httpx2.ReadTimeout(text, request=request)
     if code is grpc.StatusCode.UNAVAILABLE:
         raise _unavailable(text, request)
-    if code is grpc.StatusCode.RESOURCE_EXHAUSTED and (found := _TOO_LARGE.search(text)) is not None:
+    if code is grpc.StatusCode.RESOURCE_EXHAUSTED and _TOO_LARGE in text:
         if _OF_CLIENT in text:
             raise httpx2.DecodingError(f"it is too large: {text}", request=request)
-        return _too_large(found[1])
+        return _too_large()
     if code is grpc.StatusCode.UNIMPLEMENTED and _OF_PROXY not in text.lower():
         return _unimplemented(request)
     if code in _BY_STATUS:
@@ -132,13 +131,13 @@ def _deadline_passed(within: str) -> httpx2.Response:
     return _problem(504, problem)
 
 
-def _too_large(limit: str | None) -> httpx2.Response:
+def _too_large() -> httpx2.Response:
     """The refusal of a message that gRPC itself does not let through to the service."""
     problem = {
         "title": "The body is too large",
         "code": "payload-too-large",
-        "detail": f"The request has more than {limit} bytes." if limit else "The request is too large.",
-        "hint": "Split it into several calls.",
+        "detail": "The request has more bytes than the service accepts.",
+        "hint": "Split it into several calls; limits.json_bytes of the capabilities is the limit.",
         "retryable": False,
     }
     return _problem(413, problem)
