@@ -50,6 +50,12 @@ def configure_logging(*, machine: bool) -> None:
     )
 
 
+def reason_of(error: BaseException) -> str:
+    """The words of what caused a failure, such as a database's driver; its own when nothing did."""
+    cause = error.__cause__
+    return str(error if cause is None else getattr(cause, "orig", None) or cause).strip()
+
+
 def log_uncaught() -> None:
     """Log warnings and uncaught exceptions too, instead of their usual text on stderr."""
     logging.captureWarnings(capture=True)

@@ -1,6 +1,7 @@
 """gRPC as the client's transport, where it differs from HTTP; all else is in ``test_congruence.py``."""
 
 import contextlib
+import json
 import socket
 import ssl
 import subprocess
@@ -18,6 +19,7 @@ from fvs_client import (
     NO_RETRIES,
     Client,
     ConnectionFailedError,
+    FvsError,
     Job,
     NotFoundError,
     Outcome,
@@ -33,6 +35,7 @@ from fvs_client.connection import Connection
 from fvs_client.rpc import addresses, contract
 from fvs_client.rpc.addresses import credentials_of, target_of
 from fvs_client.rpc.routes import _STREAMED, _TABLE
+from fvs_service.errors import StorageUnavailableError
 from typer.testing import CliRunner
 
 SOON = Retries(first_s=0.01, longest_s=0.05)
@@ -274,3 +277,21 @@ def test_an_upload_from_memory_goes_on_too(breaking: tuple[BreakingService, str]
         client.scenes.images(SCENE).put(content)
     assert service.offsets == [0, 2 * transport._CHUNK_BYTES]
     assert service.received == content
+
+
+def test_calls_are_logged_with_what_they_are_about_and_why_they_fail(
+    rpc_client: Client, gateway: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise StorageUnavailableError("The database cannot be reached.") from OSError("connection refused")
+
+    scene = rpc_client.scenes.create("quarry")
+    scene.refresh()
+    monkeypatch.setattr(gateway.application.scenes, "get", fail)
+    with pytest.raises(FvsError):
+        scene.refresh()
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
+    calls = [line for line in lines if line["event"] == "request" and line["path"].endswith("/GetScene")]
+    assert {call["scene"] for call in calls} == {scene.id}
+    assert (calls[0]["status"], calls[-1]["status"]) == ("OK", "UNAVAILABLE")
+    assert (calls[-1]["code"], calls[-1]["reason"]) == ("unavailable", "connection refused")

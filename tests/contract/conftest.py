@@ -1,6 +1,7 @@
 """One gateway, which a tenant of each transport calls."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import grpc
@@ -8,6 +9,7 @@ import pytest
 from conftest_of import conftest_of
 from contract_tenant import Tenant
 from contract_transports import Direct, Rest, Rpc
+from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.rpc.calls import Gateway as RpcGateway
 from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.settings import Settings
@@ -38,7 +40,8 @@ def _start(gateway: Any, settings: Settings) -> tuple[RpcServer, int]:
     state = gateway.app.state
 
     async def start() -> tuple[RpcServer, int]:
-        parts = RpcGateway.of(state, settings.upload_idle_s)
+        # Each server ends by itself.
+        parts = replace(RpcGateway.of(state, settings.upload_idle_s), drain=Drain())
         server = RpcServer(parts, settings)
         return server, await server.start()
 

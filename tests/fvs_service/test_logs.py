@@ -8,6 +8,9 @@ from typing import Any
 
 import pytest
 import structlog
+import typer
+from fvs_service.cli.failures import failures_as_messages
+from fvs_service.errors import StorageUnavailableError
 
 _PROGRAM = """
 import logging, sys, threading, warnings
@@ -15,6 +18,9 @@ from fvs_service.logs import configure_logging, log_uncaught
 configure_logging(machine=sys.argv[1] == "json")
 log_uncaught()
 import structlog
+import typer
+from fvs_service.cli.failures import failures_as_messages
+from fvs_service.errors import StorageUnavailableError
 structlog.get_logger().info("ours", number=1)
 import uvicorn.config
 uvicorn.Config(None, log_config=None)
@@ -95,3 +101,59 @@ def test_the_end_of_a_job_that_is_canceled_while_it_waits_is_logged(
     gateway.client.post(f"/v1/jobs/{job}:cancel")
     ended = [json.loads(line) for line in capfd.readouterr().err.splitlines() if '"job ended"' in line]
     assert [(line["job"], line["state"], line["seconds"]) for line in ended] == [(job, "canceled", None)]
+
+
+def _logged(capsys: pytest.CaptureFixture[str], event: str) -> list[dict[str, Any]]:
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
+    return [line for line in lines if line["event"] == event]
+
+
+def test_a_queued_job_is_logged_with_its_request(gateway: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = gateway.scene()
+    asked = gateway.client.post(f"/v1/scenes/{scene}/jobs", json={"kind": "update"})
+    job, request_id = asked.json()["id"], asked.headers["x-request-id"]
+    gateway.client.post(f"/v1/jobs/{job}:cancel")
+    gateway.client.post(f"/v1/jobs/{job}:retry")
+    first, again = _logged(capsys, "job queued")
+    assert first.items() >= {"job": job, "scene": scene, "request_id": request_id, "attempt": 1}.items()
+    assert (again["job"], again["attempt"]) == (job, 2)
+
+
+def test_requests_are_logged_with_numbers_and_what_they_are_about(
+    gateway: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = gateway.scene()
+    gateway.client.get(f"/v1/scenes/{scene}")
+    created, read = _logged(capsys, "request")
+    assert (created["status"], read["status"], read["scene"]) == (201, 200, scene)
+    assert "reason" not in read
+
+
+def test_the_reason_of_a_failure_is_logged(
+    gateway: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise StorageUnavailableError("The database cannot be reached.") from OSError("connection refused")
+
+    monkeypatch.setattr(gateway.application.scenes, "get", fail)
+    assert gateway.client.get("/v1/scenes/scn_a").status_code == 503
+    (line,) = _logged(capsys, "request")
+    assert line["reason"] == "connection refused"
+    assert (line["code"], line["error"]) == ("unavailable", "The database cannot be reached.")
+
+
+def test_a_defect_is_logged_with_its_request(
+    gateway: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gateway.application.scenes, "get", lambda *_: 1 / 0)
+    failed = gateway.client.get("/v1/scenes/scn_a").json()
+    (line,) = _logged(capsys, "request failed")
+    assert line["request_id"] == failed["request_id"]
+    assert "ZeroDivisionError" in line["exception"]
+
+
+def test_json_logs_of_commands_have_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit), failures_as_messages(log_json=True):
+        raise StorageUnavailableError("The database is away.", hint="Wait.") from OSError("refused")
+    (line,) = _logged(capsys, "The database is away.")
+    assert (line["reason"], line["hint"]) == ("refused", "Wait.")

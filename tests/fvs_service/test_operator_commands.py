@@ -104,7 +104,8 @@ def test_a_storage_that_cannot_be_used_is_a_message(
     failed = _fvs(*words, "--root", str(root))
     assert failed.exit_code == _status(words)
     assert isinstance(failed.exception, SystemExit), "no traceback"
-    assert all(part in failed.stderr for part in parts)
+    # The doctor's findings, of which an unreachable database is one with another hint, are its output.
+    assert all(part in failed.output for part in parts if part != "Wait." or words != ("doctor",))
 
 
 @pytest.mark.parametrize(
@@ -124,7 +125,25 @@ def test_a_damaged_database_is_a_message(words: tuple[str, ...], root: Path) -> 
     failed = _fvs(*words, "--root", str(root))
     assert failed.exit_code == _status(words)
     assert isinstance(failed.exception, SystemExit), "no traceback"
-    assert "file is not a database" in failed.stderr
+    assert "file is not a database" in failed.output
+
+
+def test_the_doctor_examines_what_needs_no_database(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = Settings(root=root)
+    settings.staging.mkdir()
+    (settings.staging / "upload").touch()
+    monkeypatch.setenv("FVS_DATABASE_URL", "postgresql://fvs:hidden@127.0.0.1:1/fvs")
+    monkeypatch.setenv("FVS_RESERVE_BYTES", "1000000000000000")
+    found = _fvs("doctor", "--root", str(root), "--grace", "0")
+    assert found.exit_code == 13
+    assert isinstance(found.exception, SystemExit), "no traceback"
+    first, *others = found.stdout.splitlines()
+    assert first.startswith("The database cannot be reached: ")
+    assert "FVS_DATABASE_URL" in found.stdout
+    assert "hidden" not in found.output
+    assert any("come to the reserve" in line for line in others)
+    assert any(line.startswith("abandoned upload: ") for line in others)
+    assert "was not examined" in found.stderr
 
 
 def test_an_object_store_that_goes_away_during_the_examination_is_a_message(

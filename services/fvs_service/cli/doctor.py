@@ -1,12 +1,18 @@
 """``fvs doctor``: reports faults of a deployment, and what crashes and restored backups leave behind."""
 
+import contextlib
+from collections.abc import Iterable
 from datetime import timedelta
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fvs_service.cli.failures import failures_as_messages
 from fvs_service.cli.options import RootOption, settings_of
+
+if TYPE_CHECKING:
+    from fvs_service.doctor.deployment import Trouble
+    from fvs_service.doctor.finding import Finding
 
 _EXIT_FOUND = 13
 
@@ -26,31 +32,54 @@ def doctor(
     """Check the database, the object store, clocks, workers and disks, and whether rows and blobs match.
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
-    of lost workers, and says whether the extra aliked is installed. It may run beside the service.
+    of lost workers, and says whether the extra aliked is installed. Without a database that answers it
+    examines what needs none. It may run beside the service.
     Without --mend it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
     from fvs_service.application import open_existing_storage
-    from fvs_service.doctor.deployment import troubles
-    from fvs_service.doctor.examination import examine
+    from fvs_service.doctor.deployment import troubles, troubles_without_database
+    from fvs_service.doctor.examination import examine, examine_without_database
+    from fvs_service.errors import StorageUnavailableError
 
     installed = "installed" if aliked_weights() is not None else f"not installed ({INSTALL})"
     typer.echo(f"Extra aliked, a second opinion on models without pose priors: {installed}.", err=True)
     settings = settings_of(root=root)
-    with failures_as_messages(_EXIT_FOUND), open_existing_storage(settings, migrate=mend) as storage:
-        wrong = tuple(troubles(storage))
-        for trouble in wrong:
-            typer.echo(f"{trouble.what} {trouble.hint}")
+    age = timedelta(seconds=grace)
+    with failures_as_messages(_EXIT_FOUND), contextlib.ExitStack() as opened:
+        try:
+            storage = opened.enter_context(open_existing_storage(settings, migrate=mend))
+        except StorageUnavailableError as error:
+            _show(troubles_without_database(settings, error))
+            _report(examine_without_database(settings, age), mend=mend)
+            typer.echo("Everything else needs the database, and was not examined.", err=True)
+            raise typer.Exit(_EXIT_FOUND) from error
+        wrong = _show(troubles(storage))
         if any(trouble.serious for trouble in wrong):
             raise typer.Exit(_EXIT_FOUND)
-        found = 0
-        for finding in examine(storage, timedelta(seconds=grace)):
-            found += 1
-            if mend:
-                finding.mend()
-            typer.echo(f"{finding.kind}: {finding.what} ({'did' if mend else 'would'}: {finding.remedy})")
+        found = _report(examine(storage, age), mend=mend)
     typer.echo(f"{found} found{', and mended' if found and mend else ''}", err=True)
     if found or wrong:
         if found and not mend:
             typer.echo("Run it again with --mend to mend them.", err=True)
         raise typer.Exit(_EXIT_FOUND)
+
+
+def _show(troubles: "Iterable[Trouble]") -> "tuple[Trouble, ...]":
+    """Print each trouble as it is found; returns them."""
+    found = []
+    for trouble in troubles:
+        typer.echo(f"{trouble.what} {trouble.hint}")
+        found.append(trouble)
+    return tuple(found)
+
+
+def _report(findings: "Iterable[Finding]", *, mend: bool) -> int:
+    """Print, and perhaps mend, each finding; returns their number."""
+    found = 0
+    for finding in findings:
+        found += 1
+        if mend:
+            finding.mend()
+        typer.echo(f"{finding.kind}: {finding.what} ({'did' if mend else 'would'}: {finding.remedy})")
+    return found

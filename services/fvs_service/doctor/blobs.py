@@ -9,6 +9,7 @@ from fvs_service.application import Storage
 from fvs_service.deletion import rows
 from fvs_service.doctor.finding import Finding
 from fvs_service.storage.blob_keys import artifact_key, image_key, manifest_key
+from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.removals import has_row
 from fvs_service.storage.tables import (
     ImageRow,
@@ -34,9 +35,9 @@ def blobs_without_rows(storage: Storage, before: datetime) -> Iterator[Finding]:
             )
 
 
-def unfinished_blobs(storage: Storage, before: datetime) -> Iterator[Finding]:
+def unfinished_blobs(blobs: Blobs, before: datetime) -> Iterator[Finding]:
     """Files of writes that a crash interrupted."""
-    for file in storage.blobs.unfinished(before):
+    for file in blobs.unfinished(before):
         yield Finding(
             "unfinished write",
             file.name,

@@ -10,9 +10,12 @@ from fvs_engine.errors import StorageError
 from fvs_service.application import Storage
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.fleet import workers_of
+from fvs_service.logs import reason_of
+from fvs_service.settings import Settings
 from fvs_service.storage.blob_keys import image_key
-from fvs_service.storage.blobs import free_bytes
+from fvs_service.storage.blobs import Blobs, free_bytes
 from fvs_service.storage.clock import now_ms
+from fvs_service.storage.database import sqlite_file
 from fvs_service.storage.owner import require_known_images, require_own_store
 from fvs_service.storage.tables import ImageRow
 from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
@@ -55,11 +58,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint, serious=True)
     else:
-        try:
-            storage.blobs.check_rights()
-        except StorageUnavailableError as error:
-            yield Trouble(error.message, error.hint)
-    settings = storage.settings
+        yield from _rights(storage.blobs)
     before = time.time()
     with storage.database.reading() as session:
         database_s = (session.scalar(select(now_ms())) or 0) / 1000
@@ -79,6 +78,38 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
             )
         elif worker.disk_full:
             yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")
+    yield from _of_this_machine(storage.settings)
+
+
+def troubles_without_database(settings: Settings, error: StorageUnavailableError) -> Iterator[Trouble]:
+    """The database's fault, of which ``error`` has the cause, and those that are found without it."""
+    file = sqlite_file(settings.database)
+    yield Trouble(
+        f"{error.message.rstrip('.')}: {' '.join(reason_of(error).split())}",
+        "Check FVS_DATABASE_URL, that the server runs, and that it lets this machine connect."
+        if file is None
+        else f"Check {file} (--root, or FVS_DATABASE_URL), its disk and its rights. If it is damaged, restore "
+        "a backup.",
+        serious=True,
+    )
+    try:
+        blobs = Blobs(settings.blobs_folder, settings.blobs)
+        blobs.check()
+    except StorageUnavailableError as failure:
+        yield Trouble(failure.message, failure.hint, serious=True)
+    else:
+        yield from _rights(blobs)
+    yield from _of_this_machine(settings)
+
+
+def _rights(blobs: Blobs) -> Iterator[Trouble]:
+    try:
+        blobs.check_rights()
+    except StorageUnavailableError as error:
+        yield Trouble(error.message, error.hint)
+
+
+def _of_this_machine(settings: Settings) -> Iterator[Trouble]:
     if settings.worker.backend != "cpu":
         try:
             gpu_slots_folder()

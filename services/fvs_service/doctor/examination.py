@@ -10,6 +10,8 @@ from fvs_service.doctor import blobs, folders
 from fvs_service.doctor.finding import Finding
 from fvs_service.jobs.model import JobState
 from fvs_service.model import now
+from fvs_service.settings import Settings
+from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 
@@ -18,12 +20,20 @@ def examine(storage: Storage, grace: timedelta) -> Iterator[Finding]:
     before = now() - grace
     yield from blobs.late_removals(storage, grace)
     yield from blobs.blobs_without_rows(storage, before)
-    yield from blobs.unfinished_blobs(storage, before)
+    yield from blobs.unfinished_blobs(storage.blobs, before)
     yield from blobs.images_without_blobs(storage)
     yield from blobs.snapshots_without_blobs(storage)
     yield from folders.folders_of_no_scene(storage, before)
-    yield from folders.abandoned_uploads(storage, before)
+    yield from folders.abandoned_uploads(storage.settings, before)
     yield from jobs_of_no_worker(storage)
+
+
+def examine_without_database(settings: Settings, grace: timedelta) -> Iterator[Finding]:
+    """What is wrong on this machine's disk and can be told without the database."""
+    before = now() - grace
+    if settings.blobs.url is None:
+        yield from blobs.unfinished_blobs(Blobs(settings.blobs_folder), before)
+    yield from folders.abandoned_uploads(settings, before)
 
 
 def jobs_of_no_worker(storage: Storage) -> Iterator[Finding]:

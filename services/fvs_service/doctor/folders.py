@@ -11,6 +11,7 @@ from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
 from fvs_service.application import Storage
 from fvs_service.doctor.finding import Finding
+from fvs_service.settings import Settings
 from fvs_service.storage.tables import SceneRow
 
 
@@ -30,9 +31,9 @@ def folders_of_no_scene(storage: Storage, before: datetime) -> Iterator[Finding]
             )
 
 
-def abandoned_uploads(storage: Storage, before: datetime) -> Iterator[Finding]:
+def abandoned_uploads(settings: Settings, before: datetime) -> Iterator[Finding]:
     """Staged files that nothing has been written to for a while."""
-    folder = storage.settings.staging
+    folder = settings.staging
     for file in sorted(folder.glob("*")) if folder.is_dir() else ():
         if _is_older(file, before):
             yield Finding(

@@ -144,6 +144,11 @@ class Ledger:
             log_end(job)
 
 
+def log_queued(job: Job) -> None:
+    """Log that a job waits; the line has the ``request_id`` of the request that queued it."""
+    _log.info("job queued", job=job.id, scene=job.scene_id, kind=job.kind.value, attempt=job.attempt)
+
+
 def log_end(job: Job) -> None:
     """Log that a job has ended, and after what time since its start."""
     seconds = None

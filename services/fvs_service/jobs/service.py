@@ -7,7 +7,7 @@ from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
-from fvs_service.jobs.ledger import log_end
+from fvs_service.jobs.ledger import log_end, log_queued
 from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.waiting import with_waiting
@@ -18,6 +18,7 @@ from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits
 from fvs_service.storage.clock import now_ms
+from fvs_service.storage.commit_hooks import after_commit
 from fvs_service.storage.database import Database, lock
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
@@ -123,6 +124,7 @@ class Jobs:
             )
             data = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
             publish(session, job.scene_id, EventKind.JOB_QUEUED, data)
+            after_commit(session, lambda: log_queued(again or job))
             return self._with_waiting(session, again or job)
 
     def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
@@ -166,6 +168,7 @@ class Jobs:
         job = repository.add_job(session, new_id("job"), scene.id, tenant_id, request, now())
         data = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
         publish(session, scene.id, EventKind.JOB_QUEUED, data)
+        after_commit(session, lambda: log_queued(job))
         return job
 
 

@@ -49,6 +49,12 @@ class Attempts:
 
         When a process dies there is a new try. The attempt fails after ``MAX_TRIES`` tries without progress.
         """
+        with structlog.contextvars.bound_contextvars(
+            worker=self._worker_id, scene=ticket.scene_id, job=ticket.job_id
+        ):
+            return self._run(ticket)
+
+    def _run(self, ticket: JobTicket) -> WaitReason | None:
         tries = Tries(self._storage.settings.scenes / ticket.scene_id, ticket)
         while not self._over(ticket) and not self._scenes.stopping:
             try:
@@ -71,11 +77,11 @@ class Attempts:
                 return paused.obstacle
             except StaleLeaseError:
                 tries.excuse()
-                _log.warning("lease lost", job=ticket.job_id)
+                _log.warning("lease lost")
                 time.sleep(_PAUSE_S)
             except StorageUnavailableError as error:
                 tries.excuse()
-                _log.warning("storage unavailable", job=ticket.job_id, reason=error.message)
+                _log.warning("storage unavailable", reason=error.message)
                 time.sleep(_STORAGE_PAUSE_S)
             except OutOfSpaceError as error:
                 tries.because(error.message, disk_full=True)
@@ -86,12 +92,12 @@ class Attempts:
                 reason = str(error)
                 if not isinstance(error, RunnerGoneError | ChildDiedError):
                     reason = type(error).__name__
-                    _log.exception("try failed", job=ticket.job_id)
+                    _log.exception("try failed")
                 tries.because(reason)
                 if self._scenes.stopping or isinstance(error, SQLAlchemyError):
                     tries.excuse()
                 count = tries.without_progress(self._progress(ticket))
-                _log.warning("trying again", job=ticket.job_id, tries=count, reason=reason)
+                _log.warning("trying again", tries=count, reason=reason)
                 # The first time without a pause, so that no other worker leases the scene.
                 time.sleep(_PAUSE_S * (count - 1) if count else _PAUSE_S)
         return None
@@ -101,7 +107,7 @@ class Attempts:
         try:
             return not self._storage.queue.has(ticket, self._worker_id)
         except StorageUnavailableError:
-            _log.warning("database unavailable", job=ticket.job_id)
+            _log.warning("database unavailable")
             time.sleep(_PAUSE_S)
             return False
 

@@ -108,7 +108,7 @@ class JobRuns:
         Raises ``JobPausedError``, ``ChildDiedError``, ``RunnerGoneError`` and ``StaleLeaseError`` when it has
         not ended.
         """
-        _log.info("job started", job=job.id, kind=job.kind.value, attempt=job.attempt)
+        _log.info("job started", job=job.id, scene=job.scene_id, kind=job.kind.value, attempt=job.attempt)
         with self._storage.tracing.span(
             f"job: {job.kind.value}",
             {"fvs.job_id": job.id, "fvs.scene_id": job.scene_id, "fvs.attempt": job.attempt},

@@ -1,6 +1,7 @@
 """Attempts whose processes die, with a fake runner."""
 
 import itertools
+import json
 import socket
 import threading
 from collections.abc import Iterator
@@ -75,6 +76,20 @@ def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of
     assert ("Stage 'match' was killed." in found["error"]["message"]) == of_its_child
     assert found["error"]["retryable"]
     assert found["error"]["hint"]
+
+
+def test_lines_about_a_job_name_it_its_scene_and_the_worker(
+    gateway: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runner = DyingRunner(itertools.repeat(0.5), of_its_child=True)
+    found = _run(gateway, GrantedScenes(gateway, runner.endpoint))
+    runner.close()
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
+    about = {"job": found["id"], "scene": found["scene_id"]}
+    for event in ("job started", "trying again", "job ended"):
+        (line, *_) = [line for line in lines if line["event"] == event]
+        assert line.items() >= about.items()
+        assert line["worker"]
 
 
 def test_a_job_that_comes_farther_each_time_is_not_given_up(gateway: Any) -> None:

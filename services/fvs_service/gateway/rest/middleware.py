@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import stopping
 from fvs_service.gateway.drain import Drain
+from fvs_service.gateway.log_fields import about, cause
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.request_id import request_id_of
 from fvs_service.gateway.rest.problems import problem_response
@@ -54,7 +55,7 @@ class RequestContext:
             nonlocal status, responding
             self._loop_lag.handling()
             if message["type"] == "http.response.start":
-                status, responding = message["status"], True
+                status, responding = int(message["status"]), True
                 given = {name.lower() for name, _ in message["headers"]}
                 ours = (header for header in _headers(request_id) if header[0] not in given)
                 message = {**message, "headers": [*message["headers"], *ours]}
@@ -95,6 +96,8 @@ class RequestContext:
                         path=scope["path"],
                         status=status,
                         ms=round(seconds * 1000, 1),
+                        **about(scope.get("path_params", {})),
+                        **cause(status, scope["state"].get("error")),
                     )
 
     def _span(self, scope: Scope) -> AbstractContextManager[Span]:

@@ -152,7 +152,8 @@ def _allowed_methods(request: Request) -> list[str]:
 
 
 async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:
-    _log.error("request failed", path=request.url.path, exc_info=error)
+    request_id = getattr(request.state, "request_id", "")
+    _log.error("request failed", path=request.url.path, request_id=request_id, exc_info=error)
     return problem_response(
         request,
         errors.InternalError(

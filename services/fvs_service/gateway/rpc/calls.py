@@ -6,7 +6,7 @@ nor serialising runs on the event loop.
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -36,6 +36,7 @@ from fvs_service.errors import (
 )
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
+from fvs_service.gateway.log_fields import about, cause
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.request_id import HEADER, request_id_of
@@ -102,6 +103,7 @@ class Call:
         self._gateway, self._context, self._metadata = gateway, context, metadata
         self._key: str | None = None
         self._principal: Principal | None = None
+        self._about: dict[str, str] = {}
 
     async def caller(self, *, with_body: bool) -> Principal:
         """The principal of the API key in the metadata; raises ``UnauthenticatedError``.
@@ -160,6 +162,15 @@ class Call:
         except TimeoutError as error:
             raise ClientGoneError(f"The client has read nothing for {within_s:g} s.") from error
 
+    def name(self, message: Message) -> None:
+        """Remember which resources the request is about, for the log."""
+        self._about.update(about({described.name: value for described, value in message.ListFields()}))
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """The resources that the request is about, as far as it has arrived."""
+        return self._about
+
     @property
     def gateway(self) -> Gateway:
         """The gateway that answers."""
@@ -199,7 +210,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
             parent=metadata.get("traceparent"),
             expected=(Exception,),
         ) as span,
-        _counted(gateway, name, span) as outcome,
+        _counted(gateway, name, span, call.about) as outcome,
     ):
         try:
             if gateway.drain.begun:
@@ -241,7 +252,9 @@ def _cut(gateway: Gateway, call: Call) -> ServiceError:
 
 
 @contextmanager
-def _counted(gateway: Gateway, name: str, span: Span) -> Iterator[list[ServiceError]]:
+def _counted(
+    gateway: Gateway, name: str, span: Span, resources: Mapping[str, str]
+) -> Iterator[list[ServiceError]]:
     """Log and count a call; its error goes into the list."""
     outcome: list[ServiceError] = []
     started = time.perf_counter()
@@ -255,7 +268,16 @@ def _counted(gateway: Gateway, name: str, span: Span) -> Iterator[list[ServiceEr
             span.fail(outcome[-1].code)
         gateway.metrics.requests.labels(_METHOD, name, status).inc()
         gateway.metrics.seconds.labels(_METHOD, name).observe(seconds)
-        _log.info("request", method=_METHOD, path=name, status=status, ms=round(seconds * 1000, 1))
+        failure = outcome[-1] if outcome else None
+        _log.info(
+            "request",
+            method=_METHOD,
+            path=name,
+            status=status,
+            ms=round(seconds * 1000, 1),
+            **resources,
+            **cause(0 if failure is None else failure.status, failure),
+        )
 
 
 def parsed(kind: type[MessageT], content: bytes) -> MessageT:

@@ -36,7 +36,7 @@ class ImageServicer:
         self, call: Call, caller: Principal, receive: Callable[[], Awaitable[bytes | None]]
     ) -> pb.UploadImageResponse:
         """Receive an image, from its first byte or from where an upload broke off."""
-        return await ImageUpload(self._app, call.gateway.metrics, caller, receive).run()
+        return await ImageUpload(self._app, call.gateway.metrics, caller, receive, call.name).run()
 
     def get_upload(self, caller: Principal, request: pb.GetUploadRequest) -> Upload:
         """Return how far an upload that broke off has come."""

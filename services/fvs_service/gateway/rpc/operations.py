@@ -82,7 +82,7 @@ class _Operation:
         async def work(call: Call, caller: Principal) -> bytes:
             content = await self._content(call)
             return await call.run(
-                len(content), lambda: self._serialised(self._function(caller, self._parsed(content)))
+                len(content), lambda: self._serialised(self._function(caller, self._parsed(call, content)))
             )
 
         return await self._answer(context, work)
@@ -145,11 +145,13 @@ class _Operation:
     async def _request(self, call: Call) -> Message:
         content = await self._content(call)
         if len(content) <= _SMALL_BYTES:
-            return self._parsed(content)
-        return await call.run(len(content), lambda: self._parsed(content))
+            return self._parsed(call, content)
+        return await call.run(len(content), lambda: self._parsed(call, content))
 
-    def _parsed(self, content: bytes) -> Message:
-        return parsed(self._request_kind, content)
+    def _parsed(self, call: Call, content: bytes) -> Message:
+        message = parsed(self._request_kind, content)
+        call.name(message)
+        return message
 
     def _serialised(self, result: Model | Message | None) -> bytes:
         if result is None:

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 
 from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
+from google.protobuf.message import Message
 
 from fvs_service.application import Application
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, OutOfSpaceError
@@ -23,7 +24,10 @@ _SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
 
 
 class ImageUpload:
-    """One upload; ``receive`` returns the bytes of the next message, None after the last."""
+    """One upload; ``receive`` returns the bytes of the next message, None after the last.
+
+    ``name`` is called with the message that names the scene.
+    """
 
     def __init__(
         self,
@@ -31,9 +35,10 @@ class ImageUpload:
         metrics: Metrics,
         caller: Principal,
         receive: Callable[[], Awaitable[bytes | None]],
+        name: Callable[[Message], object],
     ) -> None:
         self._app, self._metrics, self._caller = app, metrics, caller
-        self._receive = receive
+        self._receive, self._name = receive, name
         self._pace = UploadPace(app.storage.settings)
         self._messages = self._received_bytes = 0
 
@@ -79,6 +84,7 @@ class ImageUpload:
                 "The first message of an upload has no `upload`.",
                 hint="Send `upload` first, then the bytes as `chunk`.",
             )
+        self._name(message.upload)
         self._app.scenes.require(self._caller, Scope.UPLOAD, message.upload.scene_id)
         upload = pick(NewUpload, message.upload)
         if upload.offset_bytes > upload.size_bytes:
