@@ -88,7 +88,7 @@ def troubles_without_database(settings: Settings, error: StorageUnavailableError
         f"{error.message.rstrip('.')}: {' '.join(reason_of(error).split())}",
         "Check FVS_DATABASE_URL, that the server runs, and that it lets this machine connect."
         if file is None
-        else f"Check {file} (--root, or FVS_DATABASE_URL), its disk and its rights. If it is damaged, restore "
+        else f"Check {file} (--root or FVS_DATABASE_URL), its disk and its rights. If it is damaged, restore "
         "a backup.",
         serious=True,
     )
