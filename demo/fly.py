@@ -135,13 +135,12 @@ def _fly(scene: Scene, url: str, camera: Path, service: str, log: Path, options:
 
 
 def _draw(path: Path, client: Client, log: Path, camera: Path) -> None:
-    """Draw the flight from above, and for each view what the model showed before, and the photograph."""
+    """Draw the flight from above; of each chosen view the rank, what the model showed, and the photograph."""
     events = [json.loads(line) for line in log.read_text().splitlines()]
     way = np.array([_enu(event) for event in events if "latitude_deg" in event])
     goes = [event for event in events if event["event"] == "goes"]
     photographs = [event for event in events if event["event"] == "photograph"]
-    shown = goes[-6:]
-    figure = Figure(figsize=(13.0, 8.0), layout="constrained")
+    figure = Figure(figsize=(13.0, max(8.0, 1.4 * len(goes))), layout="constrained")
     plan, strip = figure.subfigures(1, 2, width_ratios=(1.1, 1.0))
     axes = plan.add_subplot()
     axes.plot(way[:, 0], way[:, 1], color="0.6", linewidth=1, label="flight")
@@ -155,16 +154,18 @@ def _draw(path: Path, client: Client, log: Path, camera: Path) -> None:
     axes.annotate("home", (0, 0), xytext=(8, 4), textcoords="offset points")
     axes.set(xlabel="east, m", ylabel="north, m", title="Photographs: the survey dark, chosen views orange")
     axes.set_aspect("equal")
-    if shown:
-        pictures = strip.subplots(len(shown), 2, squeeze=False)
-        for row, event in zip(pictures, shown, strict=True):
-            number = goes.index(event) + surveyed
+    if goes:
+        pictures = strip.subplots(len(goes), 2, squeeze=False)
+        for number, (row, event) in enumerate(zip(pictures, goes, strict=True), surveyed + 1):
             ranking = client.rankings.get(event["ranking_id"])
-            render = Image.open(io.BytesIO(ranking.render(event["candidate"])))
+            (chosen,) = [one for one in ranking.candidates if one.id == event["candidate"]]
+            render = Image.open(io.BytesIO(ranking.render(chosen.id)))
+            ranked = sum(one.rank is not None for one in ranking.candidates)
+            score = "" if chosen.score is None else f", score {chosen.score:.3f}"
+            _show(row[0], render, f"{chosen.id}: rank {chosen.rank} of {ranked}{score}")
             taken = [photograph for photograph in photographs if photograph["t_s"] > event["t_s"]]
-            _show(row[0], render, f"the model before photograph {number + 1}")
             if taken:
-                _show(row[1], Image.open(camera / taken[0]["file"]), f"photograph {number + 1}")
+                _show(row[1], Image.open(camera / taken[0]["file"]), f"photograph {number}")
     figure.savefig(path, dpi=100)
 
 

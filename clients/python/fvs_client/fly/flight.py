@@ -167,7 +167,8 @@ class Flight:
         else:
             snapshot = watch.trying(job.snapshot)
             count = 0 if snapshot is None else snapshot.metrics.registered
-            text = f"The model has {count} of {photographs} photographs."
+            accepted = watch.trying(self._scene.refresh).image_counts.accepted
+            text = f"The model has {count} of the scene's {accepted} photographs."
             self._log.event("model", text, self._vehicle.last_state, snapshot_id=job.snapshot_id)
 
     def _job(self) -> Job:
@@ -276,11 +277,19 @@ class Flight:
 
     def _captured(self, capture: Capture, leg: Leg, state: VehicleState) -> None:
         view = leg.take(capture)
-        named = {} if view is None else {"candidate": view.id}
+        told: dict[str, object] = {} if view is None else {"candidate": view.id}
+        if capture.place is not None:  # the vehicle flies on before it reports
+            latitude_deg, longitude_deg = capture.place
+            told |= {
+                "latitude_deg": latitude_deg,
+                "longitude_deg": longitude_deg,
+                "height_m": capture.height_m,
+            }
         if capture.succeeded:
             self._taken += 1
             text = f"Photograph {self._taken} of {self._settings.photographs}."
-            self._log.event("photograph", text, state, file=capture.file, **named)
+            self._log.event("photograph", text, state, file=capture.file, **told)
         else:
             self._failed += 1
-            self._log.event("failed", "The camera reports a failure.", state, **named)
+            where = "" if view is None else f" at {view.id}"
+            self._log.event("failed", f"The camera reports a failure{where}.", state, **told)
