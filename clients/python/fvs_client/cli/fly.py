@@ -79,7 +79,9 @@ def fly(
     ] = 1,
     safety: Annotated[
         float | None,
-        typer.Option(min=0, max=2e7, metavar="M", help="Legs of a plan keep so far from matter; with --leg."),
+        typer.Option(
+            min=0, max=2e7, metavar="M", help="Minimum distance from anything in the model; with --leg."
+        ),
     ] = None,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
@@ -124,21 +126,25 @@ def fly(
         ),
     ] = 0.0,
     reserve: Annotated[
-        float, typer.Option(min=0, max=1, metavar="SHARE", help="Return home with so much of the battery.")
+        float,
+        typer.Option(min=0, max=1, metavar="SHARE", help="Return home when the battery falls to this share."),
     ] = 0.3,
     patience: Annotated[
         float,
         typer.Option(
-            min=5, max=3_600, metavar="S", help="The vehicle waits so long for its next view, then returns."
+            min=5,
+            max=3_600,
+            metavar="S",
+            help="How long the vehicle waits for its next view before it returns home.",
         ),
     ] = 300.0,
     stop_at_db: Annotated[
         float | None,
-        typer.Option(min=0, max=100, metavar="DB", help="Stop when so much PSNR is to be expected."),
+        typer.Option(min=0, max=100, metavar="DB", help="Stop when the expected PSNR reaches this value."),
     ] = None,
     transit_height: Annotated[
         float | None,
-        typer.Option(min=0, max=10_000, metavar="M", help="Fly from view to view so high above home."),
+        typer.Option(min=0, max=10_000, metavar="M", help="Height above home at which to fly between views."),
     ] = None,
     lowest: Annotated[
         float | None, typer.Option(min=0, max=10_000, metavar="M", help="No view is lower above home.")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import zip_longest
 
 from fvs_client import (
     AltitudeDatum,
@@ -146,8 +147,9 @@ class Choice:
                     self._leave_out(stop.id, reason)
                 out |= {stop.id for stop in tour.stops}
                 continue
-            for name in mission.left_out:
-                self._leave_out(name, "it cannot be flown within the options of the mission.")
+            reasons = zip_longest(mission.left_out, mission.reasons, fillvalue="it cannot be flown")
+            for name, why in reasons:
+                self._leave_out(name, f"{why}.")
             out |= set(mission.left_out)
             if mission.left_out and tries_left:
                 continue

@@ -20,9 +20,9 @@ _HEARTBEAT_S = 1.0
 _ANSWER_S = 3.0
 _TRIES = 4
 _SILENCE_S = 20.0
-"""Without a heartbeat for so long a vehicle is lost."""
+"""A vehicle without a heartbeat for this long is lost."""
 _OTHERS_S = 1.2
-"""Autopilots send a heartbeat every second: so long it takes to hear all of them."""
+"""Autopilots send a heartbeat every second: after this long all of them were heard."""
 _ADDRESSED = frozenset({"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK"})
 
 
@@ -178,7 +178,7 @@ class Link:
                 hint="Give another --system.",
             )
         return NoAnswerError(
-            f"The vehicle sends no heartbeat for {timeout_s:.0f} s.",
+            f"No heartbeat from the vehicle for {timeout_s:.0f} s.",
             hint="Is it switched on, are port and baud rate right? A ground station alone is no vehicle.",
         )
 

@@ -71,7 +71,7 @@ class FlightSettings:
     long_side_px: int | None = None
     """To which the first update reduces photographs; by default the service's."""
     stop_at_db: float | None = None
-    """Stop when so much PSNR is to be expected of the model."""
+    """Stop when the expected PSNR of the model reaches this value."""
     mission: MissionSettings = field(default_factory=lambda: MissionSettings())
     """Options of the missions, such as ``transit_height_m`` and ``geofence``."""
 
