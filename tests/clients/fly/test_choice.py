@@ -69,3 +69,40 @@ def test_the_vehicle_says_where_it_is_in_the_datum_of_the_scene(
     found = choice(geoid_height_m=48.5)
     found.use_datum(origin)
     assert (found._pose().altitude_datum, found._pose().altitude_m) == (datum, altitude_m)
+
+
+NOTCHED = "0,0;0,0.01;0.01,0.01;0.01,0.006;0.002,0.005;0.01,0.004;0.01,0"
+"""A square with a notch from the north, between a view in the north-west and one in the north-east."""
+HOME = (0.001, 0.005)
+WEST, EAST, BELOW = (0.008, 0.002), (0.008, 0.008), (0.001, 0.002)
+
+
+def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
+    """Home sees both views; from the one the way to the other leaves the geofence."""
+    places = {"east": EAST, "below": BELOW}
+    told: list[str] = []
+
+    def rank(*_: Any, **given: Any) -> Any:
+        pose = given["current_pose"]
+        ranked = [SimpleNamespace(id=name, rank=number, pose=pose) for number, name in enumerate(places)]
+        return SimpleNamespace(id="rnk_1", candidates=ranked, origin=None)
+
+    def mission(views: Any, *_: Any, **__: Any) -> Any:
+        latitude, longitude = places[views[0].id]
+        lines = [f"0 0 0 16 0 0 0 0 {HOME[0]} {HOME[1]} 0 1", f"1 0 3 16 0 1 0 0 {latitude} {longitude} 9 1"]
+        text = "\n".join(["QGC WPL 110", *(line.replace(" ", "\t") for line in lines)])
+        return SimpleNamespace(content=text.encode(), left_out=(), reasons=())
+
+    state = SimpleNamespace(
+        latitude_deg=WEST[0], longitude_deg=WEST[1], altitude_m=9.0, height_m=9.0, yaw_deg=0.0
+    )
+    scene = SimpleNamespace(rank=rank, mission=mission, report_visits=lambda *_, **__: None)
+    vehicle = SimpleNamespace(state=state, last_state=state, dialect=SimpleNamespace(autopilot="ardupilot"))
+    watch = SimpleNamespace(trying=lambda ask: ask(), airborne=True)
+    log = SimpleNamespace(event=lambda _kind, text, *_, **__: told.append(text))
+    settings = FlightSettings("north", 5, generator=Orbit(count=2), mission={"geofence": NOTCHED})
+    parts = (scene, vehicle, settings, watch, log)
+    assert [view.id for view in Choice(*(cast("Any", part) for part in parts)).next(1).views] == ["below"]
+    assert told[0] == "east is left out: the way to it from where the vehicle is leaves the geofence."
+    watch.airborne = False  # it takes off at home, from where the service has checked the way
+    assert [view.id for view in Choice(*(cast("Any", part) for part in parts)).next(1).views] == ["east"]

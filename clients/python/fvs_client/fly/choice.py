@@ -18,7 +18,8 @@ from fvs_client import (
     VisitState,
 )
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.items import holding, read_waypoints
+from fvs_client.fly.fence import Fence
+from fvs_client.fly.items import Command, holding, read_waypoints
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
@@ -33,6 +34,7 @@ _TAKEN_S = 3_600.0
 _MOST_REFUSED = 10
 """Candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
 _DEGREE_M = 111_195.0
+_BLOCKED = "the way to it from where the vehicle is leaves the geofence."
 
 
 class Choice:
@@ -105,6 +107,10 @@ class Choice:
             view = Candidate(id=best.id, pose=best.pose)
             try:
                 mission = self._watch.trying(partial(self._mission, [view], ranking.origin))
+                if not self._reaches(mission):
+                    reason = _BLOCKED
+                    self._leave_out(view.id, reason)
+                    continue
                 self._watch.trying(partial(self.report, VisitState.GOING_TO, [view]))
             except (ConflictError, InvalidRequestError) as error:  # taken meanwhile, or not to be flown
                 reason = error.message
@@ -153,6 +159,12 @@ class Choice:
             out |= set(mission.left_out)
             if mission.left_out and tries_left:
                 continue
+            if not self._reaches(mission):
+                reason = _BLOCKED
+                first = next(stop.id for stop in tour.stops if stop.id not in mission.left_out)
+                self._leave_out(first, reason)
+                out.add(first)
+                continue
             views = tuple(
                 Candidate(id=stop.id, pose=stop.pose)
                 for stop in tour.stops
@@ -168,6 +180,19 @@ class Choice:
             self._log.event("goes", text, self._vehicle.last_state, candidates=names, length_m=tour.length_m)
             return self._leg(mission, views)
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
+
+    def _reaches(self, mission: MissionFile) -> bool:
+        """Whether the straight way from the vehicle to the first waypoint stays inside the geofence.
+
+        The service checks the ways between views, and that from home: it does not know where the vehicle is.
+        """
+        geofence = self._settings.mission.get("geofence")
+        if geofence is None or not self._watch.airborne:
+            return True
+        here = self._vehicle.last_state
+        items = read_waypoints(mission.content.decode())
+        first = next(item for item in items[1:] if item.command == Command.WAYPOINT)
+        return not Fence(geofence).leaves((here.latitude_deg, here.longitude_deg), (first.x, first.y))
 
     @property
     def _located(self) -> bool:
