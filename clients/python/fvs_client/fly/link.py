@@ -3,12 +3,10 @@
 import contextlib
 import math
 import os
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 from fvs_client.fly.errors import NoAnswerError, VehicleError
@@ -237,6 +235,6 @@ def _mavutil() -> Any:
         raise VehicleError(
             "MAVLink needs pymavlink.", hint="Install it: pip install 'fvs-client[fly]'."
         ) from None
-    # It prints when a connection breaks off, and standard output is for results.
-    mavutil.print = partial(print, file=sys.stderr)
+    # It prints some lines a second while a connection is broken. A flight says once that the link is lost.
+    mavutil.print = lambda *_, **__: None
     return mavutil
