@@ -149,8 +149,8 @@ def test_a_call_over_grpc_is_traced_too(collector: Collector, open_gateway: Call
         job = JobServiceStub(channel).CreateJob(request, metadata=(("traceparent", PARENT),), timeout=60)
         with pytest.raises(grpc.RpcError):
             JobServiceStub(channel).GetJob(jobs.GetJobRequest(job_id="none"), timeout=60)
-    portal.call(server.stop, 1.0)
     _work(gateway, job.id)
+    portal.call(server.stop, 1.0)
     gateway.application.storage.tracing.close()
 
     asked = "fvs.v1.JobService/CreateJob"
