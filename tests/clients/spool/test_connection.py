@@ -170,7 +170,11 @@ def test_an_answer_that_breaks_off_is_a_failure_of_the_link(peer: Callable[..., 
 
 
 def test_a_port_that_speaks_another_protocol_is_named(peer: Callable[..., Peer]) -> None:
-    server = peer(lambda accepted: accepted.sendall(b"\x00\x00\x1e\x04\x00\x00"))
+    def speak(accepted: socket.socket) -> None:
+        _head(accepted)
+        accepted.sendall(b"\x00\x00\x1e\x04\x00\x00")
+
+    server = peer(speak)
     with pytest.raises(LinkError, match="does not answer in HTTP") as caught:
         Connection(_target(server), Pace(None), timeout_s=5.0).ask("GET", "/")
     assert "gRPC" in caught.value.hint
