@@ -6,10 +6,14 @@ from typing import Any
 
 import pytest
 from fvs_service.deletion.retention import RetentionRules
+from fvs_service.jobs.model import JobKind
+from fvs_service.jobs.timing import TIMING_STAGE, JobSize, JobTiming, past_timings
+from fvs_service.jobs.waiting import _usual_s
 from fvs_service.model import now
 from fvs_service.settings import Retention
-from fvs_service.storage.tables import SnapshotRow
-from sqlalchemy import update
+from fvs_service.snapshots.repository import with_artifacts
+from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotArtifactRow, SnapshotRow
+from sqlalchemy import select, update
 
 
 def _rank(gateway: Any, scene: str) -> str:
@@ -63,6 +67,57 @@ def test_retention_by_number_does_not_depend_on_the_clocks_of_machines(
     assert found == [404, 200, 200, 200]
 
 
+def test_the_latest_is_found_whatever_the_clocks_of_machines_say(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gateway = open_gateway()
+    scene = gateway.scene()
+    right = time.time_ns
+    with monkeypatch.context() as patch:
+        patch.setattr("fvs_service.ids.time.time_ns", lambda: right() + 600 * 10**9)
+        gateway.model(scene)
+    newest = gateway.model(scene)
+    with gateway.application.storage.database.writing(scene) as session:
+        first, last = session.scalars(select(JobRow).order_by(*JobRow.oldest_first())).all()
+        assert first.id > last.id
+        for job, took_s in ((first, 1000), (last, 10)):
+            job.finished_at = job.started_at + timedelta(seconds=took_s)
+            size = JobSize(first=True, images=6, new=6, megapixels=1, train_megapixels=1, iterations=7)
+            timing = JobTiming(size=size, seconds={"train": took_s}).model_dump(mode="json")
+            session.add(JobStageRow(job_id=job.id, name=TIMING_STAGE, document=timing, created_at=now()))
+        session.execute(update(SnapshotArtifactRow).values(sha256="0" * 64))  # equal models
+    monkeypatch.setattr("fvs_service.jobs.waiting._RECENT", 1)
+    monkeypatch.setattr("fvs_service.jobs.timing._RECENT", 1)
+    with gateway.application.storage.database.reading() as session:
+        assert _usual_s(session, JobKind.UPDATE) == 10
+        (timing,) = past_timings(session, JobKind.UPDATE, first=True)
+        assert timing.seconds == {"train": 10}
+        found = with_artifacts(session, scene, {"point_cloud.ply": "0" * 64})
+    assert found is not None
+    assert found.id == newest
+
+
+@pytest.mark.parametrize("ahead", [timedelta(minutes=10), timedelta(minutes=-10)])
+def test_what_was_the_newest_a_moment_ago_stays_whatever_a_clock_says(
+    open_gateway: Any, monkeypatch: pytest.MonkeyPatch, ahead: timedelta
+) -> None:
+    gateway = open_gateway()
+    scene = gateway.scene()
+    made = [gateway.model(scene) for _ in range(3)]
+    rules = RetentionRules(gateway.application.storage.database, Retention(snapshots=1), grace_s=60)
+    monkeypatch.setattr("fvs_service.deletion.retention.now", lambda: now() + ahead)
+    assert rules.apply() == 0
+    database = gateway.application.storage.database
+    with database.writing(scene) as session:  # the newest two took their places two minutes ago
+        session.execute(
+            update(SnapshotRow)
+            .where(SnapshotRow.scene_id == scene)
+            .values(recorded_at_ms=SnapshotRow.recorded_at_ms - 120_000)
+        )
+    assert rules.apply() == 2
+    assert _snapshots(gateway, scene) == made[2:]
+
+
 def test_all_rankings_beyond_a_limit_are_deleted_in_one_sweep(
     open_gateway: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,14 +143,20 @@ def test_retention_by_age_never_takes_the_current_snapshot(open_gateway: Any) ->
     assert _snapshots(gateway, scene) == made[2:]
 
 
-def test_retention_spares_a_snapshot_that_was_the_newest_a_moment_ago(open_gateway: Any) -> None:
+@pytest.mark.parametrize("migrated", [False, True])
+def test_retention_spares_a_snapshot_that_was_the_newest_a_moment_ago(
+    open_gateway: Any, migrated: bool
+) -> None:
     gateway = open_gateway()
     scene = gateway.scene()
     made = [gateway.model(scene) for _ in range(3)]
     database = gateway.application.storage.database
+    older = update(SnapshotRow).where(SnapshotRow.id != made[2])
     with database.writing() as session:
-        session.execute(
-            update(SnapshotRow).where(SnapshotRow.id != made[2]).values(created_at=now() - timedelta(hours=1))
-        )
+        if migrated:  # rows from before version 0005 of the schema
+            session.execute(update(SnapshotRow).values(recorded_at_ms=0))
+            session.execute(older.values(created_at=now() - timedelta(hours=1)))
+        else:
+            session.execute(older.values(recorded_at_ms=SnapshotRow.recorded_at_ms - 3_600_000))
     RetentionRules(database, Retention(snapshots=1), grace_s=180).apply()
     assert _snapshots(gateway, scene) == made[1:]

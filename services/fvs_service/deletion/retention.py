@@ -12,6 +12,7 @@ from fvs_service.deletion.service import open_job_ids
 from fvs_service.model import now
 from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import RankingRow, SceneRow, SnapshotRow
 
@@ -31,6 +32,12 @@ class _Kept:
     job_id: str
     pinned: bool
     created_at: datetime
+    recorded_at_ms: int
+
+    @property
+    def by_database_ms(self) -> int:
+        """When it was added, by the clock of the database; rows from before version 0005 have another."""
+        return self.recorded_at_ms or round(1000 * self.created_at.timestamp())
 
 
 class RetentionRules:
@@ -90,11 +97,12 @@ class RetentionRules:
         stay = {current, *_newest_of_each_kind(snapshots)}
         jobs = open_job_ids(session, scene_id)
         oldest = _oldest(retention.snapshot_days)
+        recently_ms = (session.scalar(select(now_ms())) or 0) - self._grace / timedelta(milliseconds=1)
         deleted = []
         newer: _Kept | None = None
         for place, snapshot in enumerate(snapshots):
             needed = snapshot.pinned or snapshot.id in stay or snapshot.job_id in jobs
-            recent = newer is None or newer.created_at > now() - self._grace
+            recent = newer is None or newer.by_database_ms > recently_ms
             beyond = retention.snapshots is not None and place >= retention.snapshots
             if not needed and not recent and (beyond or snapshot.created_at < oldest):
                 deleted.append(snapshot.id)
@@ -110,6 +118,7 @@ def _newest_first(session: Session, scene_id: str) -> list[_Kept]:
             SnapshotRow.job_id,
             SnapshotRow.pinned,
             SnapshotRow.created_at,
+            SnapshotRow.recorded_at_ms,
         )
         .where(SnapshotRow.scene_id == scene_id)
         .order_by(*SnapshotRow.newest_first())

@@ -44,7 +44,7 @@ def past_timings(session: Session, kind: JobKind, first: bool) -> tuple[JobTimin
             JobRow.kind == kind.value,
             JobRow.state == JobState.SUCCEEDED.value,
         )
-        .order_by(JobRow.id.desc())
+        .order_by(*JobRow.newest_first())
         .limit(2 * _RECENT)
     )
     timings = (JobTiming.model_validate(row) for row in rows)

@@ -120,7 +120,7 @@ def _usual_s(session: Session, kind: JobKind) -> float | None:
     rows = session.execute(
         select(JobRow.started_at, JobRow.finished_at)
         .where(JobRow.kind == kind.value, JobRow.state == JobState.SUCCEEDED.value)
-        .order_by(JobRow.id.desc())
+        .order_by(*JobRow.newest_first())
         .limit(_RECENT)
     )
     took = [

@@ -75,10 +75,10 @@ def with_artifacts(session: Session, scene_id: str, wanted: Mapping[str, str]) -
         .where(SnapshotArtifactRow.scene_id == scene_id, same)
         .group_by(SnapshotArtifactRow.snapshot_id)
         .having(func.count() == len(wanted))
-        .order_by(SnapshotArtifactRow.snapshot_id.desc())
     )
-    snapshot_id = session.scalar(found.limit(1))
-    return None if snapshot_id is None else find_snapshot(session, snapshot_id)
+    newest_first = select(SnapshotRow).where(SnapshotRow.id.in_(found)).order_by(*SnapshotRow.newest_first())
+    row = session.scalar(newest_first.limit(1))
+    return None if row is None else _snapshot(row)
 
 
 def of_update_before(session: Session, scene_id: str, job_id: str) -> str | None:
