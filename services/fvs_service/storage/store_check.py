@@ -16,7 +16,10 @@ _WITHIN_S = 3.0
 
 
 class StoreCheck:
-    """Asks the store when it is asked itself; one question at a time. Safe to use from any thread."""
+    """Asks the store when it is asked itself; one question at a time. Safe to use from any thread.
+
+    While a store does not answer, only the first who ask wait for it.
+    """
 
     def __init__(
         self, blobs: Blobs, *, within_s: float = _WITHIN_S, clock: Callable[[], float] = time.monotonic
@@ -29,7 +32,8 @@ class StoreCheck:
     def require(self) -> None:
         """Raise ``StorageUnavailableError`` unless the store answers, or has just answered."""
         try:
-            self._current().result(self._within_s)
+            answer, asked_at = self._current()
+            answer.result(max(0.0, asked_at + self._within_s - self._clock()))
         except WaitError as error:
             raise StorageUnavailableError(
                 f"The object store has not answered within {self._within_s:g} s.",
@@ -37,14 +41,15 @@ class StoreCheck:
                 retry_after_s=5,
             ) from error
 
-    def _current(self) -> Future[None]:
+    def _current(self) -> tuple[Future[None], float]:
+        """The answer, which may still be to come, and when it was asked for."""
         with self._lock:
             answer = self._answer
             if answer is None or (answer.done() and self._clock() - self._asked_at > _FRESH_S):
                 answer = self._answer = Future()
                 self._asked_at = self._clock()
                 threading.Thread(target=self._ask, args=(answer,), daemon=True, name="store-check").start()
-            return answer
+            return answer, self._asked_at
 
     def _ask(self, answer: "Future[None]") -> None:
         try:
