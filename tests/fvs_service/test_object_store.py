@@ -82,14 +82,51 @@ def test_blobs_are_stored_read_listed_and_removed(settings: BlobSettings, tmp_pa
     ],
 )
 def test_a_store_that_cannot_be_used_says_why(
-    settings: BlobSettings, tmp_path: Path, change: dict[str, str], says: str, hint: str
+    settings: BlobSettings,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    change: dict[str, str],
+    says: str,
+    hint: str,
 ) -> None:
+    monkeypatch.setattr(blobs_module, "_RETRY_S", 0.5)
     blobs = Blobs(tmp_path, settings.model_copy(update=change))
     with pytest.raises(StorageUnavailableError, match=says) as found:
         blobs.check()
     assert hint in found.value.hint
-    with pytest.raises(StorageUnavailableError, match=says):
-        blobs.put(b"content", "x")
+    file = tmp_path / "file"
+    file.write_bytes(b"content")
+    for use in (
+        lambda: blobs.put(b"content", "x"),
+        lambda: blobs.keep(file, "x"),
+        lambda: blobs.info("x"),
+        lambda: blobs.exists("x"),
+        lambda: blobs.read("x"),
+        lambda: list(blobs.chunks("x", 0, 5)),
+        lambda: blobs.export("x", tmp_path / "exported"),
+        lambda: blobs.remove("x"),
+        lambda: blobs.remove_below("x/"),
+        lambda: list(blobs.below("")),
+    ):
+        with pytest.raises(StorageUnavailableError, match=says):
+            use()
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_blob_that_is_stored_between_two_requests_is_found(
+    settings: BlobSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blobs = Blobs(tmp_path, settings)
+    blobs.put(b"content", "x")
+    blobs.put(b"", "empty")
+
+    def missing(*_arguments: object) -> None:
+        raise FileNotFoundError
+
+    monkeypatch.setattr(blobs_module.obstore, "head", missing)
+    assert blobs.info("x").size_bytes == 7
+    assert blobs.info("empty").size_bytes == 0
+    assert not blobs.exists("y")
 
 
 @pytest.mark.parametrize(("request_name", "says"), [("put", "store"), ("head", "find"), ("delete", "delete")])

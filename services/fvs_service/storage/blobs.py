@@ -72,7 +72,7 @@ class Blobs:
             raise StorageUnavailableError(
                 f"The folder {self._folder} is gone.", hint="Mount its disk, or restore it.", retry_after_s=60
             )
-        with _reachable():  # listing is the only request that tells a missing bucket from a missing blob
+        with _reachable():  # listing tells a missing bucket, and needs no blob
             next(iter(obstore.list(self._store, "scenes/", chunk_size=1)), None)
 
     def check_rights(self) -> None:
@@ -153,8 +153,14 @@ class Blobs:
         """The blob's size; raises ``NotFoundError``."""
         try:
             with _reachable():
-                head = obstore.head(self._store, key)
-            return BlobInfo(key, head["size"], head["last_modified"])
+                try:
+                    found = obstore.head(self._store, key)
+                except FileNotFoundError:
+                    if self._folder is not None:
+                        raise
+                    # Only a response with a body says whether the blob or its whole bucket is missing.
+                    found = obstore.get(self._store, key).meta
+            return BlobInfo(key, found["size"], found["last_modified"])
         except FileNotFoundError as error:
             raise NotFoundError("There is no such blob.") from error
 
@@ -177,7 +183,7 @@ class Blobs:
         return b"".join(self.chunks(key))
 
     def exists(self, key: str) -> bool:
-        """Whether the blob is stored."""
+        """Whether the blob is stored; raises ``StorageRefusedError`` when there is no bucket."""
         try:
             self.info(key)
         except NotFoundError:
