@@ -21,6 +21,7 @@ from fvs_client import (
     ConnectionFailedError,
     FvsError,
     Job,
+    LimitExceededError,
     NotFoundError,
     Outcome,
     PayloadTooLargeError,
@@ -253,6 +254,46 @@ def test_a_method_that_the_service_lacks_is_said_at_once(breaking: tuple[Breakin
         assert "upgrade the service" in caught.value.hint
         with pytest.raises(UnimplementedError):
             next(iter(client.scenes.list()))
+
+
+@pytest.fixture
+def full() -> Iterator[tuple[threading.Event, str]]:
+    """The address of a server that has as many calls as it takes, until the event is set."""
+    done, held = threading.Event(), threading.Event()
+
+    def answer(_content: bytes, context: grpc.ServicerContext) -> bytes:
+        if "hold" in dict(context.invocation_metadata()):
+            held.set()
+            done.wait(60)
+        return b""
+
+    handlers = {"ListScenes": grpc.unary_unary_rpc_method_handler(answer)}
+    with ThreadPoolExecutor(2) as pool:
+        server = grpc.server(pool, maximum_concurrent_rpcs=1)
+        server.add_generic_rpc_handlers(
+            (grpc.method_handlers_generic_handler("fvs.v1.SceneService", handlers),)
+        )
+        port = server.add_insecure_port("127.0.0.1:0")
+        server.start()
+        with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+            call = channel.unary_unary("/fvs.v1.SceneService/ListScenes").future(
+                b"", metadata=(("hold", "yes"),)
+            )
+            assert held.wait(20)
+            yield done, f"grpc://127.0.0.1:{port}"
+            done.set()
+            call.result(20)
+        server.stop(None).wait()
+
+
+def test_a_service_with_too_many_calls_is_asked_again(full: tuple[threading.Event, str]) -> None:
+    done, url = full
+    with Client(url, retries=NO_RETRIES) as client, pytest.raises(LimitExceededError) as caught:
+        next(iter(client.scenes.list()))
+    assert (caught.value.status, caught.value.retryable, caught.value.retry_after_s) == (429, True, 1)
+    threading.Timer(0.5, done.set).start()
+    with Client(url, retries=SOON) as client:
+        assert list(client.scenes.list()) == []
 
 
 def test_an_upload_that_breaks_off_goes_on_where_the_service_has_it(

@@ -1,7 +1,6 @@
 """What only gRPC has: streams, deadlines, messages of other versions, health, reflection, a stop."""
 
 import asyncio
-import hashlib
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,12 +8,12 @@ from typing import Any
 
 import grpc
 import pytest
-from contract_outcome import outcome_of_error
+from contract_calls import CHUNK, digest_of, refused, send, upload_parts, wait_until, with_key
 from fvs.v1 import images_pb2 as images
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
-from fvs_service.gateway.rpc import calls, server
+from fvs_service.gateway.rpc import server
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest
@@ -22,44 +21,10 @@ from grpc_reflection.v1alpha.reflection_pb2_grpc import ServerReflectionStub
 
 from fvs_engine.candidates import CandidateScore, CandidateStatus
 
-CHUNK = 1000
-
-
-def _refused(call: Callable[[], Any]) -> Any:
-    with pytest.raises(grpc.RpcError) as caught:
-        call()
-    return caught.value, outcome_of_error(caught.value)
-
-
-def _metadata(tenant: Any) -> tuple[tuple[str, str], ...]:
-    return (("authorization", f"Bearer {tenant.key}"),)
-
-
-def _digest(content: bytes) -> str:
-    return f"sha256:{hashlib.sha256(content).hexdigest()}"
-
-
-def _parts(
-    scene: str, content: bytes, *, offset: int = 0, stop: int | None = None, **given: Any
-) -> Iterator[Any]:
-    upload = {
-        "scene_id": scene,
-        "digest": _digest(content),
-        "size_bytes": len(content),
-        "offset_bytes": offset,
-    }
-    yield images.UploadImageRequest(upload={**upload, **given})
-    for start in range(offset, len(content) if stop is None else stop, CHUNK):
-        yield images.UploadImageRequest(chunk=content[start : start + CHUNK])
-
-
-def _send(tenant: Any, parts: Iterator[Any]) -> Any:
-    return tenant.transport.upload_call()(parts, timeout=60, metadata=_metadata(tenant))
-
 
 def _offset(tenant: Any, scene: str, content: bytes) -> int:
-    request = images.GetUploadRequest(scene_id=scene, digest=_digest(content))
-    upload = tenant.transport.unary("GetUpload")(request, metadata=_metadata(tenant))
+    request = images.GetUploadRequest(scene_id=scene, digest=digest_of(content))
+    upload = tenant.transport.unary("GetUpload")(request, metadata=with_key(tenant))
     return int(upload.offset_bytes)
 
 
@@ -67,17 +32,17 @@ def test_an_upload_that_stops_half_way_resumes_where_it_stopped(
     tenant: Any, photograph: Callable[..., bytes]
 ) -> None:
     scene, content = tenant.scene(), photograph(11)
-    error, outcome = _refused(lambda: _send(tenant, _parts(scene, content, stop=2 * CHUNK)))
+    error, outcome = refused(lambda: send(tenant, upload_parts(scene, content, stop=2 * CHUNK)))
     assert error.code() is grpc.StatusCode.INVALID_ARGUMENT
     assert outcome.code == "malformed-request"
     assert "GetUpload" in outcome.hint
     assert _offset(tenant, scene, content) == 2 * CHUNK
 
-    _, wrong = _refused(lambda: _send(tenant, _parts(scene, content, offset=CHUNK)))
+    _, wrong = refused(lambda: send(tenant, upload_parts(scene, content, offset=CHUNK)))
     assert wrong.code == "conflict"
     assert _offset(tenant, scene, content) == 2 * CHUNK  # nothing is lost by that
 
-    sent = _send(tenant, _parts(scene, content, offset=2 * CHUNK))
+    sent = send(tenant, upload_parts(scene, content, offset=2 * CHUNK))
     assert sent.created
     assert sent.image.verdict == images.VERDICT_ACCEPTED
     with pytest.raises(grpc.RpcError) as caught:
@@ -92,25 +57,18 @@ def test_an_upload_whose_client_vanishes_resumes_where_it_stopped(
     gone = threading.Event()
 
     def endless() -> Iterator[Any]:
-        yield from _parts(scene, content, stop=2 * CHUNK)
+        yield from upload_parts(scene, content, stop=2 * CHUNK)
         gone.wait(60)
 
     received = tenant.gateway.app.state.metrics.received_bytes._value.get
     before = received()
-    call = tenant.transport.upload_call().future(endless(), metadata=_metadata(tenant))
-    _wait_until(lambda: received() >= before + 2 * CHUNK)
+    call = tenant.transport.upload_call().future(endless(), metadata=with_key(tenant))
+    wait_until(lambda: received() >= before + 2 * CHUNK)
     call.cancel()
     gone.set()
-    _wait_until(lambda: any(tenant.gateway.settings.partial_uploads.glob(f"*{_digest(content)[7:]}*")))
-    assert _send(tenant, _parts(scene, content, offset=_offset(tenant, scene, content))).created
+    wait_until(lambda: any(tenant.gateway.settings.partial_uploads.glob(f"*{digest_of(content)[7:]}*")))
+    assert send(tenant, upload_parts(scene, content, offset=_offset(tenant, scene, content))).created
     assert not list(tenant.gateway.settings.staging.iterdir())
-
-
-def _wait_until(true: Callable[[], bool]) -> None:
-    until = time.monotonic() + 60
-    while not true():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
@@ -123,12 +81,12 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
         ({"digest": "sha256:x"}, "invalid-request"),
         ({"size_bytes": 10**12}, "payload-too-large"),
     ):
-        _, outcome = _refused(lambda given=given: _send(tenant, _parts(scene, content, **given)))
+        _, outcome = refused(lambda given=given: send(tenant, upload_parts(scene, content, **given)))
         assert outcome.code == code
-    _, outcome = _refused(lambda: _send(tenant, iter(())))
+    _, outcome = refused(lambda: send(tenant, iter(())))
     assert outcome.code == "malformed-request"
     chunk = images.UploadImageRequest(chunk=b"x")
-    _, outcome = _refused(lambda: _send(tenant, iter([chunk])))
+    _, outcome = refused(lambda: send(tenant, iter([chunk])))
     assert outcome.code == "invalid-request"
     assert not list(tenant.gateway.settings.staging.iterdir())
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
@@ -149,7 +107,7 @@ def test_a_call_whose_request_does_not_come_ends(
 ) -> None:
     monkeypatch.setattr(server, "_REQUEST_WITHIN_S", 0.2)  # of those that need no key
     _, port = open_rpc(upload_idle_s=0.2)
-    metadata = _metadata(tenant)
+    metadata = with_key(tenant)
     never = threading.Event()
 
     def nothing() -> Iterator[bytes]:
@@ -171,13 +129,13 @@ def test_a_call_whose_request_does_not_come_ends(
 
 @pytest.mark.parametrize("chunk", [b"", b"x"])
 def test_an_upload_in_tiny_chunks_is_refused(tenant: Any, chunk: bytes) -> None:
-    def parts() -> Iterator[Any]:
-        yield next(_parts(scene, b"x" * 100_000))
+    def tiny() -> Iterator[Any]:
+        yield next(upload_parts(scene, b"x" * 100_000))
         while True:
             yield images.UploadImageRequest(chunk=chunk)
 
     scene = tenant.scene()
-    error, outcome = _refused(lambda: _send(tenant, parts()))
+    error, outcome = refused(lambda: send(tenant, tiny()))
     assert error.code() is grpc.StatusCode.INVALID_ARGUMENT
     assert "chunks are too small" in outcome.message
 
@@ -186,11 +144,11 @@ def test_another_tenant_does_not_see_an_upload(
     tenant: Any, gateway: Any, photograph: Callable[..., bytes]
 ) -> None:
     scene, content = tenant.scene(), photograph(14)
-    _refused(lambda: _send(tenant, _parts(scene, content, stop=CHUNK)))
+    refused(lambda: send(tenant, upload_parts(scene, content, stop=CHUNK)))
     other = gateway.application.storage.keys.create("other", tenant_id="somebody")
-    request = images.GetUploadRequest(scene_id=scene, digest=_digest(content))
+    request = images.GetUploadRequest(scene_id=scene, digest=digest_of(content))
     call = tenant.transport.unary("GetUpload")
-    _, outcome = _refused(lambda: call(request, metadata=(("authorization", f"Bearer {other}"),)))
+    _, outcome = refused(lambda: call(request, metadata=(("authorization", f"Bearer {other}"),)))
     assert outcome.code == "not-found"
 
 
@@ -198,11 +156,11 @@ def test_a_field_of_a_newer_client_is_refused(tenant: Any, rpc: Any) -> None:
     scene = scenes.SceneRequest(name="a").SerializeToString() + b"\xf8\x07\x01"  # field 127
     content = b"\x0a" + bytes([len(scene)]) + scene
     raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(lambda: raw(content, metadata=_metadata(tenant)))
+    _, outcome = refused(lambda: raw(content, metadata=with_key(tenant)))
     assert outcome.code == "invalid-request"
     assert outcome.message == "scene: there is no field 127."
     assert "newer" in outcome.hint
-    _, outcome = _refused(lambda: raw(b"\xff\xff", metadata=_metadata(tenant)))
+    _, outcome = refused(lambda: raw(b"\xff\xff", metadata=with_key(tenant)))
     assert outcome.code == "malformed-request"
 
 
@@ -216,14 +174,14 @@ def test_an_unknown_field_far_back_in_a_list_is_refused(tenant: Any, rpc: Any) -
         candidates = views.RankViewsRequest(scene_id=tenant.scene())
         candidates.ranking.candidates.MergeFromString(content)
         raw = rpc.channel.unary_unary("/fvs.v1.ViewService/RankViews")
-        _, outcome = _refused(lambda: raw(candidates.SerializeToString(), metadata=_metadata(tenant)))  # noqa: B023
+        _, outcome = refused(lambda: raw(candidates.SerializeToString(), metadata=with_key(tenant)))  # noqa: B023
         assert (outcome.code, outcome.message) == ("invalid-request", message)
 
 
 def test_a_value_of_a_newer_client_is_refused(tenant: Any) -> None:
     request = jobs.CreateJobRequest(scene_id=tenant.scene(), job=jobs.JobRequest(kind=99))
     call = tenant.transport.unary("CreateJob")
-    _, outcome = _refused(lambda: call(request, metadata=_metadata(tenant)))
+    _, outcome = refused(lambda: call(request, metadata=with_key(tenant)))
     assert outcome.code == "invalid-request"
     assert outcome.fields == ("kind",)
     assert "no value 99" in outcome.message
@@ -238,92 +196,9 @@ def test_a_caller_without_a_key_is_refused_before_its_request_has_arrived(rpc: A
         yield from ()
 
     raw = rpc.channel.stream_stream(f"/fvs.v1.{method}")
-    _, outcome = _refused(lambda: next(raw(nothing(), timeout=20)))
+    _, outcome = refused(lambda: next(raw(nothing(), timeout=20)))
     never.set()
     assert outcome.code == "unauthenticated"
-
-
-def test_a_tenant_cannot_take_the_calls_of_others(
-    open_rpc: Callable[..., tuple[Any, int]], gateway: Any, tenant: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(calls, "_CALLS_PER_TENANT", 3)
-    _, port = open_rpc()
-    other = gateway.application.storage.keys.create("other", tenant_id="somebody")
-    never = threading.Event()
-
-    def nothing() -> Iterator[bytes]:
-        never.wait(60)
-        yield from ()
-
-    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
-        raw = channel.stream_stream("/fvs.v1.ImageService/UploadImage")
-        held = [raw(nothing(), metadata=_metadata(tenant)) for _ in range(4)]
-        deadline = time.monotonic() + 20
-        while not any(call.done() for call in held):  # one too many
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        listed = channel.unary_unary("/fvs.v1.SceneService/ListScenes")
-        _, refused = _refused(lambda: listed(b"", metadata=_metadata(tenant)))
-        assert (refused.code, refused.retryable) == ("limit-exceeded", True)
-        listed(b"", metadata=(("authorization", f"Bearer {other}"),))
-        for call in held:
-            call.cancel()
-        never.set()
-
-
-def test_a_key_on_hold_is_refused_as_over_rest(tenant: Any, gateway: Any) -> None:
-    scene, create = tenant.scene(), tenant.transport.unary("CreateScene")
-    wrong = scenes.CreateSceneRequest(scene=scenes.SceneRequest(name="a" * 1_000))
-    for _ in range(gateway.settings.limits.refusals_per_key):
-        assert _refused(lambda: create(wrong, metadata=_metadata(tenant)))[1].code == "invalid-request"
-    error, outcome = _refused(lambda: create(wrong, metadata=_metadata(tenant)))
-    assert error.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
-    headers = {"Authorization": f"Bearer {tenant.key}"}
-    answer = gateway.client.post("/v1/scenes", json={"name": "a"}, headers=headers)
-    assert answer.status_code == 429
-    problem = answer.json()
-    assert (outcome.code, outcome.message, outcome.hint) == (
-        problem["code"],
-        problem["detail"],
-        problem["hint"],
-    )
-    held, uploading = _refused(lambda: _send(tenant, _parts(scene, b"a" * 5_000)))
-    assert (held.code(), uploading.code) == (error.code(), outcome.code)
-    found = tenant.transport.unary("GetScene")(
-        scenes.GetSceneRequest(scene_id=scene), metadata=_metadata(tenant)
-    )
-    assert found.id == scene
-
-
-def test_messages_have_a_limit(tenant: Any, rpc: Any, gateway: Any) -> None:
-    raw = rpc.channel.unary_unary("/fvs.v1.SceneService/CreateScene")
-    _, outcome = _refused(lambda: raw(b"\0" * 70_000, metadata=_metadata(tenant)))
-    assert outcome.code == "payload-too-large"
-    lists = rpc.channel.unary_unary("/fvs.v1.ViewService/RankViews")
-    limit = gateway.settings.limits.json_bytes
-    error, outcome = _refused(lambda: lists(b"\0" * (limit + 1), metadata=_metadata(tenant)))
-    assert error.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
-    assert (outcome.code, outcome.retryable) == ("payload-too-large", False)
-    assert str(limit) in outcome.message
-    with pytest.raises(grpc.RpcError) as caught:  # of which gRPC lets nothing through
-        lists(b"\0" * (limit + 100_000), metadata=_metadata(tenant))
-    assert caught.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
-    assert "larger than max" in caught.value.details()
-
-
-def test_chunks_are_not_limited_as_lists_are(
-    tenant: Any, open_rpc: Callable[..., tuple[Any, int]], gateway: Any, photograph: Callable[..., bytes]
-) -> None:
-    few = gateway.settings.limits.model_copy(update={"json_bytes": 2_000})
-    _, port = open_rpc(limits=few)
-    scene, content = tenant.scene(), photograph(16) + bytes(1_000_000)
-    parts = [
-        *_parts(scene, content, stop=0),
-        *(images.UploadImageRequest(chunk=part) for part in (content[: 1 << 20], content[1 << 20 :]) if part),
-    ]
-    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
-        send = type(tenant.transport)(channel).upload_call()
-        assert send(iter(parts), timeout=60, metadata=_metadata(tenant)).created
 
 
 def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -> None:
@@ -332,13 +207,13 @@ def test_the_deadline_is_the_timeout_of_the_ranking(tenant: Any, gateway: Any) -
     asked = gateway.runners.asked
     call = tenant.transport.unary("RankViews")
     request = views.RankViewsRequest(scene_id=scene)
-    call(request, timeout=50, metadata=_metadata(tenant))
+    call(request, timeout=50, metadata=with_key(tenant))
     assert 0 < asked[-1].timeout_s < 60  # gRPC sends it rounded up
-    call(request, metadata=_metadata(tenant))
+    call(request, metadata=with_key(tenant))
     assert asked[-1].timeout_s == gateway.settings.limits.ranking_timeout_s
     before = len(asked)
     with pytest.raises(grpc.RpcError) as caught:
-        call(request, timeout=1e-6, metadata=_metadata(tenant))
+        call(request, timeout=1e-6, metadata=with_key(tenant))
     assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
     assert len(asked) == before
 
@@ -358,7 +233,7 @@ def test_a_deadline_ends_a_stream(tenant: Any, gateway: Any, monkeypatch: pytest
 
     monkeypatch.setattr(gateway.runners, "stream", slow)
     stream = tenant.transport.stream("StreamRankViews")(
-        views.StreamRankViewsRequest(scene_id=scene), timeout=2, metadata=_metadata(tenant)
+        views.StreamRankViewsRequest(scene_id=scene), timeout=2, metadata=with_key(tenant)
     )
     with pytest.raises(grpc.RpcError) as caught:
         list(stream)
@@ -370,7 +245,7 @@ def test_a_watched_job_is_streamed_until_it_has_ended(tenant: Any, gateway: Any)
     scene = tenant.scene()
     job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
     watching = tenant.transport.stream("WatchJob")(
-        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=_metadata(tenant)
+        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=with_key(tenant)
     )
     assert next(watching).state == jobs.JOB_STATE_QUEUED
     lease = gateway.lease(scene)
@@ -380,7 +255,7 @@ def test_a_watched_job_is_streamed_until_it_has_ended(tenant: Any, gateway: Any)
     gateway.application.storage.leases.release(lease)
     assert [one.state for one in watching] == [jobs.JOB_STATE_SUCCEEDED]
     again = tenant.transport.stream("WatchJob")(
-        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=_metadata(tenant)
+        jobs.WatchJobRequest(job_id=job), timeout=60, metadata=with_key(tenant)
     )
     assert [one.state for one in again] == [jobs.JOB_STATE_SUCCEEDED]
 
@@ -388,7 +263,7 @@ def test_a_watched_job_is_streamed_until_it_has_ended(tenant: Any, gateway: Any)
 def test_the_events_of_a_scene_end_when_it_is_deleted(tenant: Any) -> None:
     scene = tenant.scene()
     watching = tenant.transport.stream("WatchEvents")(
-        scenes.WatchEventsRequest(scene_id=scene), timeout=60, metadata=_metadata(tenant)
+        scenes.WatchEventsRequest(scene_id=scene), timeout=60, metadata=with_key(tenant)
     )
     first = next(watching)
     tenant.call("ChangeScene", {"name": "b"}, scene_id=scene)
@@ -402,19 +277,19 @@ def test_a_client_that_vanishes_leaves_its_streams(tenant: Any, gateway: Any, rp
     scene = tenant.scene()
     job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
     open_streams = gateway.app.state.metrics.streams._value.get
-    _wait_until(lambda: open_streams() == 0)  # those of other tests have ended
+    wait_until(lambda: open_streams() == 0)  # those of other tests have ended
     with grpc.insecure_channel(f"127.0.0.1:{rpc_port}") as channel:
         theirs = type(tenant.transport)(channel)
         calls = [
-            theirs.stream("WatchJob")(jobs.WatchJobRequest(job_id=job), metadata=_metadata(tenant)),
+            theirs.stream("WatchJob")(jobs.WatchJobRequest(job_id=job), metadata=with_key(tenant)),
             theirs.stream("WatchEvents")(
-                scenes.WatchEventsRequest(scene_id=scene), metadata=_metadata(tenant)
+                scenes.WatchEventsRequest(scene_id=scene), metadata=with_key(tenant)
             ),
         ]
         for call in calls:
             next(call)
         assert open_streams() == 2
-    _wait_until(lambda: open_streams() == 0)
+    wait_until(lambda: open_streams() == 0)
 
 
 def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes]) -> None:
@@ -424,7 +299,7 @@ def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes]) ->
 
     def read(**span: int) -> tuple[Any, bytes]:
         request = images.DownloadImageRequest(scene_id=scene, digest=digest, **span)
-        first, *parts = download(request, metadata=_metadata(tenant))
+        first, *parts = download(request, metadata=with_key(tenant))
         return first.info, b"".join(part.chunk for part in parts)
 
     info, whole = read()
@@ -433,7 +308,7 @@ def test_downloads_have_ranges(tenant: Any, photograph: Callable[..., bytes]) ->
     assert f"sha256:{info.sha256}" == digest
     assert read(start=10, stop=20)[1] == content[10:20]
     assert read(start=10, stop=10**9)[1] == content[10:]
-    error, outcome = _refused(lambda: read(start=len(content)))
+    error, outcome = refused(lambda: read(start=len(content)))
     assert error.code() is grpc.StatusCode.OUT_OF_RANGE
     assert outcome.code == "range-not-satisfiable"
 
@@ -462,7 +337,7 @@ def test_reflection_lists_the_services(rpc: Any) -> None:
 def test_calls_are_counted_and_have_the_id_that_was_offered(tenant: Any, gateway: Any) -> None:
     call = tenant.transport.unary("GetScene")
     with pytest.raises(grpc.RpcError) as caught:
-        call(scenes.GetSceneRequest(scene_id="none"), metadata=(*_metadata(tenant), ("x-request-id", "mine")))
+        call(scenes.GetSceneRequest(scene_id="none"), metadata=(*with_key(tenant), ("x-request-id", "mine")))
     assert dict(caught.value.trailing_metadata())["x-request-id"] == "mine"
     counted = {"method": "RPC", "route": "/fvs.v1.SceneService/GetScene", "status": "NOT_FOUND"}
     metrics, deadline = gateway.app.state.metrics.registry, time.monotonic() + 20

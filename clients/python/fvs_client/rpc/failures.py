@@ -39,6 +39,7 @@ _CUT = ("socket closed", "connection reset")
 _NOT_CONNECTED = ("connect to all addresses", "connection refused", "resolution", "handshake", "ssl")
 _NOT_TRUSTED = ("ssl", "certificate", "handshake")
 _TOO_LARGE = "message larger than max"
+_TOO_MANY = "concurrent rpc limit exceeded"
 _OF_CLIENT = "CLIENT:"
 """gRPC says of which side the limit is."""
 _OF_PROXY = "http2 header"
@@ -65,6 +66,8 @@ def response_for(error: grpc.RpcError, request: httpx2.Request) -> httpx2.Respon
         if _OF_CLIENT in text:
             raise httpx2.DecodingError(f"it is too large: {text}", request=request)
         return _too_large()
+    if code is grpc.StatusCode.RESOURCE_EXHAUSTED and _TOO_MANY in text.lower():
+        return _too_many_calls()
     if code is grpc.StatusCode.UNIMPLEMENTED and _OF_PROXY not in text.lower():
         return _unimplemented(request)
     if code in _BY_STATUS:
@@ -141,6 +144,18 @@ def _too_large() -> httpx2.Response:
         "retryable": False,
     }
     return _problem(413, problem)
+
+
+def _too_many_calls() -> httpx2.Response:
+    """The refusal of a call that gRPC itself does not let through, as the service has too many."""
+    problem = {
+        "title": "A limit is reached",
+        "code": "limit-exceeded",
+        "detail": "The service has as many open calls as it allows.",
+        "hint": "Try again soon.",
+        "retryable": True,
+    }
+    return _problem(429, problem, {"Retry-After": "1"})
 
 
 def _unimplemented(request: httpx2.Request) -> httpx2.Response:

@@ -28,6 +28,7 @@ from fvs_service.errors import (
     DeadlineError,
     InternalError,
     InvalidRequestError,
+    LimitExceededError,
     ServiceError,
     SlowRequestError,
     UnauthenticatedError,
@@ -52,8 +53,12 @@ MessageT = TypeVar("MessageT", bound=Message)
 Context: TypeAlias = grpc.aio.ServicerContext
 
 MAX_ID_CHARACTERS = 128
+MAX_CALLS = 2_048
+"""Maximum number of concurrent calls of all tenants."""
 _CALLS_PER_TENANT = 512
 """Calls that a tenant may have open at once: others find a place in the server's total."""
+_FULL_S = 1
+"""Clients try again after this time where all calls are taken."""
 _METHOD = "RPC"
 """The method in log lines and metrics, where REST has GET or POST."""
 _LARGE_BYTES = 65_536
@@ -215,6 +220,12 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
         try:
             if gateway.drain.begun:
                 raise stopping()
+            if len(gateway.running) > MAX_CALLS:
+                raise LimitExceededError(
+                    f"The service has {MAX_CALLS} open calls, and no more are allowed at once.",
+                    hint="Send it again soon.",
+                    retry_after_s=_FULL_S,
+                )
             call.require_time()
             with gateway.drain.request():
                 return await work(call)

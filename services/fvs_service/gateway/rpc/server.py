@@ -9,7 +9,7 @@ from grpc_health.v1.health_pb2_grpc import add_HealthServicer_to_server
 from grpc_reflection.v1alpha.reflection import SERVICE_NAME, enable_server_reflection
 
 from fvs_service.errors import UnavailableError
-from fvs_service.gateway.rpc.calls import Gateway
+from fvs_service.gateway.rpc.calls import MAX_CALLS, Gateway
 from fvs_service.gateway.rpc.capabilities import CapabilityServicer
 from fvs_service.gateway.rpc.health import Health
 from fvs_service.gateway.rpc.images import ImageServicer
@@ -21,8 +21,9 @@ from fvs_service.gateway.rpc.snapshots import SnapshotServicer
 from fvs_service.gateway.rpc.views import ViewServicer
 from fvs_service.settings import Settings
 
-_CALLS = 2_048
-"""Maximum number of concurrent calls of all clients; the limits per tenant are far lower."""
+_CALLS_OF_TRANSPORT = MAX_CALLS + 256
+"""Maximum number of concurrent calls, with those of health and reflection, and those that get an error with
+details because there are too many. gRPC itself refuses more, with a status that has none."""
 _CALLS_PER_CONNECTION = 256
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
 _HANDSHAKE_MS = 20_000
@@ -47,7 +48,7 @@ class RpcServer:
         self._server = grpc.aio.server(
             interceptors=(RequestPatience(_REQUEST_WITHIN_S, _PACKAGE),),
             options=_options(max(settings.limits.json_bytes, _CHUNK_BYTES) + _ENVELOPE_BYTES),
-            maximum_concurrent_rpcs=_CALLS,
+            maximum_concurrent_rpcs=_CALLS_OF_TRANSPORT,
         )
         servicers: tuple[Servicer, ...] = (
             SceneServicer(gateway.application),
