@@ -1,11 +1,13 @@
 """Limits on what a tenant may do at the same time."""
 
+import asyncio
 import math
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from weakref import WeakValueDictionary
 
 from fvs_service.errors import LimitExceededError
 
@@ -47,3 +49,19 @@ class ConcurrencyLimit:
                 self._average_s += _WEIGHT * (took_s - self._average_s)
                 if not theirs:
                     self._started.pop(tenant_id, None)
+
+
+class TenantTurns:
+    """Allows each tenant ``limit`` operations at a time; others wait on the event loop, in their order."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._turns: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
+
+    async def begin(self, tenant_id: str) -> asyncio.Semaphore:
+        """Wait for a turn, which lasts until the result is released."""
+        turns = self._turns.get(tenant_id)
+        if turns is None:
+            turns = self._turns[tenant_id] = asyncio.Semaphore(self._limit)
+        await turns.acquire()
+        return turns

@@ -1,5 +1,6 @@
 """Limits of gRPC alone: calls, messages, chunks, keys on hold."""
 
+import gc
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from contract_calls import refused, send, upload_parts, wait_until, with_key
 from contract_outcome import outcome_of_error
 from fvs.v1 import images_pb2 as images
 from fvs.v1 import scenes_pb2 as scenes
+from fvs.v1 import views_pb2 as views
 from fvs_service.gateway.rpc import calls, server
 
 
@@ -139,3 +141,65 @@ def test_chunks_are_not_limited_as_lists_are(
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         upload = type(tenant.transport)(channel).upload_call()
         assert upload(iter(parts), timeout=60, metadata=with_key(tenant)).created
+
+
+def test_few_messages_with_lists_are_read_at_once(
+    open_rpc: Callable[..., tuple[Any, int]], gateway: Any, tenant: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each may be large, and larger still once it is parsed."""
+    monkeypatch.setattr(calls, "_LISTS_AT_ONCE", 2)
+    _, port = open_rpc()
+    other = gateway.application.storage.keys.create("other", tenant_id="somebody")
+    never = threading.Event()
+
+    def nothing() -> Iterator[bytes]:
+        never.wait(60)
+        yield from ()
+
+    request = views.RankViewsRequest(scene_id=tenant.scene()).SerializeToString()
+    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+        held = [
+            channel.stream_stream("/fvs.v1.ViewService/RankViews")(nothing(), metadata=with_key(tenant))
+            for _ in range(2)
+        ]
+        rank = channel.unary_unary("/fvs.v1.ViewService/RankViews")
+        wait_until(lambda: not _ends(rank.future(request, metadata=with_key(tenant)), within_s=0.5))
+        waiting = rank.future(request, metadata=with_key(tenant))
+        channel.unary_unary("/fvs.v1.SceneService/ListScenes")(b"", metadata=with_key(tenant))
+        assert _ends(rank.future(request, metadata=(("authorization", f"Bearer {other}"),)), within_s=20)
+        assert not waiting.done()
+        held[0].cancel()
+        assert _ends(waiting, within_s=20)
+        held[1].cancel()
+        never.set()
+
+
+def test_a_refused_request_leaves_memory_at_once(tenant: Any, rpc: Any) -> None:
+    """Not only when Python looks for cycles, which is seldom."""
+    request = views.RankViewsRequest(scene_id=tenant.scene())
+    for number in range(41):  # one too many
+        request.ranking.candidates.items.add(id=str(number))
+    content = request.SerializeToString()
+    del request
+    rank = rpc.channel.unary_unary("/fvs.v1.ViewService/RankViews")
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(3):
+            _, outcome = refused(lambda: rank(content, metadata=with_key(tenant)))
+            assert outcome.code == "invalid-request"
+        wait_until(lambda: not any(isinstance(one, views.RankViewsRequest) for one in gc.get_objects()))
+    finally:
+        gc.enable()
+
+
+def _ends(call: Any, within_s: float) -> bool:
+    """Whether a call ends in time; one that does not is cancelled."""
+    try:
+        call.result(within_s)
+    except grpc.FutureTimeoutError:
+        call.cancel()
+        return False
+    except grpc.RpcError:  # such as that the scene has no model
+        pass
+    return True

@@ -22,7 +22,7 @@ from starlette.datastructures import State
 from fvs_engine.errors import EngineError
 from fvs_service.application import Application
 from fvs_service.auth import bearer_key
-from fvs_service.concurrency import ConcurrencyLimit
+from fvs_service.concurrency import ConcurrencyLimit, TenantTurns
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
@@ -57,6 +57,9 @@ MAX_CALLS = 2_048
 """Maximum number of concurrent calls of all tenants."""
 _CALLS_PER_TENANT = 512
 """Calls that a tenant may have open at once: others find a place in the server's total."""
+_LISTS_AT_ONCE = 32
+"""Messages with lists of a tenant that are read and parsed at once, which takes several times their bytes.
+The others stay with their clients until then."""
 _FULL_S = 1
 """Clients try again after this time where all calls are taken."""
 _METHOD = "RPC"
@@ -84,6 +87,7 @@ class Gateway:
     drain: Drain
     request_within_s: float
     call_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("calls", _CALLS_PER_TENANT))
+    lists: TenantTurns = field(default_factory=lambda: TenantTurns(_LISTS_AT_ONCE))
     running: set["asyncio.Task[Any]"] = field(default_factory=set)
 
     @classmethod
@@ -109,6 +113,7 @@ class Call:
         self._key: str | None = None
         self._principal: Principal | None = None
         self._about: dict[str, str] = {}
+        self._turn: asyncio.Semaphore | None = None
 
     async def caller(self, *, with_body: bool) -> Principal:
         """The principal of the API key in the metadata; raises ``UnauthenticatedError``.
@@ -145,6 +150,20 @@ class Call:
             raise InvalidRequestError("The call has no request.", hint="Send one message.")
         self.require_time()
         return content
+
+    async def read_list(self, tenant_id: str) -> bytes:
+        """The only message of a request with a list, when its turn has come; lasts until ``has_read``."""
+        self._turn = await self._gateway.lists.begin(tenant_id)
+        content = await self.read()
+        if len(content) <= _LARGE_BYTES:
+            self.has_read()
+        return content
+
+    def has_read(self) -> None:
+        """Let another message with a list be read; no effect where that was done."""
+        if self._turn is not None:
+            self._turn.release()
+            self._turn = None
 
     async def run(self, size_bytes: int, function: Callable[[], T]) -> T:
         """Run ``function``, which converts a message of ``size_bytes``, in a thread."""
@@ -245,12 +264,24 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
             )
         finally:
             gateway.running.discard(task)
+        _forget_frames(error)
         outcome.append(error)
         call.failed(error)
         status = status_of(error, request_id)
         trailers = ((HEADER, request_id), (DETAILS, status.SerializeToString()))
         await context.abort(code_of(error), status.message, trailers)
         raise AssertionError  # abort always raises
+
+
+def _forget_frames(error: BaseException | None) -> None:
+    """Drop the tracebacks of an error and its causes.
+
+    They hold the frames of the call, with its messages, and these hold the error: a cycle, which would stay
+    in memory until Python looks for such.
+    """
+    while error is not None:
+        error.__traceback__ = None
+        error = error.__cause__ or error.__context__
 
 
 def _cut(gateway: Gateway, call: Call) -> ServiceError:

@@ -74,13 +74,14 @@ class _Operation:
         )
         json_bytes = gateway.application.storage.settings.limits.json_bytes
         self._with_body = has_body(method)
-        self._most_bytes = json_bytes if method.name in _WITH_LISTS else min(json_bytes, _WITHOUT_LISTS_BYTES)
+        self._with_list = method.name in _WITH_LISTS
+        self._most_bytes = json_bytes if self._with_list else min(json_bytes, _WITHOUT_LISTS_BYTES)
 
     async def in_thread(self, _: object, context: Context) -> bytes:
         """Answer a unary call with a synchronous method, which runs in a thread."""
 
         async def work(call: Call, caller: Principal) -> bytes:
-            content = await self._content(call)
+            content = await self._content(call, caller)
             return await call.run(
                 len(content), lambda: self._serialised(self._function(caller, self._parsed(call, content)))
             )
@@ -91,7 +92,7 @@ class _Operation:
         """Answer a unary call with a coroutine method."""
 
         async def work(call: Call, caller: Principal) -> bytes:
-            request = await self._request(call)
+            request = await self._request(call, caller)
             result = await self._function(call, caller, request)
             if isinstance(result, Ranking) and result.is_small:
                 return self._serialised(result)
@@ -103,7 +104,7 @@ class _Operation:
         """Answer a call that streams its response."""
 
         async def work(call: Call, caller: Principal) -> None:
-            request = await self._request(call)
+            request = await self._request(call, caller)
             async with aclosing(self._function(call, caller, request)) as results:
                 async for result in results:
                     await call.write(await run_sync(self._serialised, result))
@@ -129,21 +130,24 @@ class _Operation:
         async def with_caller(call: Call) -> T:
             caller = await call.caller(with_body=self._with_body)
             with self._gateway.call_limit.slot(caller.tenant_id):
-                return await work(call, caller)
+                try:
+                    return await work(call, caller)
+                finally:
+                    call.has_read()
 
         return await answer(self._gateway, context, self._name, with_caller)
 
-    async def _content(self, call: Call) -> bytes:
+    async def _content(self, call: Call, caller: Principal) -> bytes:
         """The call's only message."""
-        content = await call.read()
+        content = await (call.read_list(caller.tenant_id) if self._with_list else call.read())
         if len(content) > self._most_bytes:
             raise PayloadTooLargeError(
                 f"The request has more than {self._most_bytes} bytes.", hint="Split it into several calls."
             )
         return content
 
-    async def _request(self, call: Call) -> Message:
-        content = await self._content(call)
+    async def _request(self, call: Call, caller: Principal) -> Message:
+        content = await self._content(call, caller)
         if len(content) <= _SMALL_BYTES:
             return self._parsed(call, content)
         return await call.run(len(content), lambda: self._parsed(call, content))
