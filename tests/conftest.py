@@ -22,6 +22,9 @@ import pytest
 from PIL import Image
 from xdist.scheduler import LoadScopeScheduling
 
+# Whichever test imports pymavlink first.
+os.environ["MAVLINK20"] = "1"
+
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=25)
 hypothesis.settings.register_profile("thorough", deadline=None, max_examples=200)

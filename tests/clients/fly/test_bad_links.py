@@ -1,5 +1,8 @@
 """Links with other traffic, with messages that come twice, late or not at all, and that break off."""
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -196,3 +199,18 @@ def test_a_link_that_breaks_off_prints_nothing(
             time.sleep(0.5)
             assert vehicle.last_state.located
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_program_may_have_imported_pymavlink_before() -> None:
+    """Its default is version 1 of the protocol, whose messages cameras do not have."""
+    program = """
+from pymavlink import mavutil
+from fvs_client.fly.link import Link
+link = Link("udpin:127.0.0.1:0", baud=0, system=None, heard=print)
+print(link.mavlink.__name__)
+link.close()
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "pymavlink.dialects.v20.common"

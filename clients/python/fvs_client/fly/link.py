@@ -35,7 +35,6 @@ class Link:
 
     def __init__(self, url: str, *, baud: int, system: int | None, heard: Callable[[Any], None]) -> None:
         mavutil = _mavutil()
-        self.mavlink: Any = mavutil.mavlink
         try:
             self._link: Any = mavutil.mavlink_connection(
                 url,
@@ -54,6 +53,7 @@ class Link:
                 f"{url} cannot be opened: {error}.",
                 hint="Is the autopilot or its router running, and no other program connected to it?",
             ) from error
+        self.mavlink: Any = mavutil.mavlink  # which opening the link has set, whatever was imported before
         self.changed = threading.Condition()
         self._sending = threading.Lock()
         self._heard_s = time.monotonic()
