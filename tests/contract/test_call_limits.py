@@ -188,7 +188,7 @@ def test_a_refused_request_leaves_memory_at_once(tenant: Any, rpc: Any) -> None:
         for _ in range(3):
             _, outcome = refused(lambda: rank(content, metadata=with_key(tenant)))
             assert outcome.code == "invalid-request"
-        wait_until(lambda: not any(isinstance(one, views.RankViewsRequest) for one in gc.get_objects()))
+        wait_until(lambda: not any(type(one) is views.RankViewsRequest for one in gc.get_objects()))
     finally:
         gc.enable()
 
