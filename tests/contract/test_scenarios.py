@@ -1,5 +1,6 @@
 """The same scenario directly, over REST and over gRPC: the same results, and the same errors."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -380,6 +381,11 @@ def test_views_become_missions(compare: Compare) -> None:
                 "invalid-request",
             )
         _refused(tenant.call("CreateMission", {}, scene_id=scene, format="csv"), "invalid-request")
+        passed = [candidates[0]["pose"]] * 40
+        long = {"views": [{**candidates[0], "id": f"a{number}", "via": passed} for number in range(20)]}
+        assert len(json.dumps(long)) > 65_536  # as much as a body without lists may have
+        again = tenant.call("CreateMission", long, scene_id=scene, format="csv", takeoff=False, **home)
+        assert again.result, again
         _refused(tenant.call("GetRankingMission", ranking_id="rnk_0", format="csv"), "not-found")
 
     compare(scenario)
