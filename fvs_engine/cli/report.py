@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from fvs_engine.evaluate.report import Measures, Summary
+    from fvs_engine.evaluate.report import AnyRow, Summary
     from fvs_engine.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.plan import PlanResult
@@ -157,7 +157,7 @@ def show_experiment(summary: "Summary", folder: Path, *, machine: bool) -> None:
         with _stdout() as stdout:
             stdout.write(json.dumps({**summary.model_dump(mode="json"), "folder": str(folder)}) + "\n")
         return
-    rows: Sequence[Measures]
+    rows: Sequence[AnyRow]
     if summary.travel_rows:
         share = max(row.share for row in summary.travel_rows)
         rows = [row for row in summary.travel_rows if row.share == share]

@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fvs_engine.evaluate.report import CorrelationRow, Measures, Summary, TravelRow
+from fvs_engine.evaluate.report import AnyRow, CorrelationRow, Summary, TravelRow
 from fvs_engine.evaluate.statistics import Estimate
 from fvs_engine.files.atomic import replacing
 
@@ -49,7 +49,7 @@ def plot_quality(path: Path, summary: Summary, styled: Mapping[str, Style]) -> N
     figure = Figure(figsize=(11.5, 5.2))
     curves, ends = figure.subplots(1, 2, width_ratios=(1.45, 1))
     figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.9, wspace=0.72)
-    rows: Sequence[Measures] = summary.travel_rows or summary.rows
+    rows: Sequence[AnyRow] = summary.travel_rows or summary.rows
     _draw_curves(curves, rows, styled, lambda row: row.psnr_db)
     curves.set_ylabel("PSNR of the test views / dB")
     last = max((row.place for row in rows), default=0)
@@ -73,7 +73,7 @@ def plot_travel(path: Path, summary: Summary, styled: Mapping[str, Style]) -> No
     else:
         _draw_curves(travel, summary.rows, styled, lambda row: row.travel)
         travel.set_ylabel("travel / units of the dataset")
-    rows: Sequence[Measures] = summary.travel_rows or summary.rows
+    rows: Sequence[AnyRow] = summary.travel_rows or summary.rows
     _draw_curves(worth, rows, styled, lambda row: row.psnr_db, lambda row: row.travel.mean)
     worth.set_xlabel("travel / units of the dataset")
     worth.set_ylabel("PSNR of the test views / dB")
@@ -108,17 +108,17 @@ def _by_mean_correlation(rows: Sequence[CorrelationRow]) -> list[str]:
     return sorted(found, key=lambda method: (sum(found[method]) / len(found[method]), method))
 
 
-def _views(row: Measures) -> Estimate:
+def _views(row: AnyRow) -> Estimate:
     assert isinstance(row, TravelRow)
     return row.views
 
 
 def _draw_curves(
     axes: Axes,
-    rows: Sequence[Measures],
+    rows: Sequence[AnyRow],
     styled: Mapping[str, Style],
-    value: Callable[[Measures], Estimate],
-    abscissa: Callable[[Measures], float] = lambda row: row.place,
+    value: Callable[[AnyRow], Estimate],
+    abscissa: Callable[[AnyRow], float] = lambda row: row.place,
 ) -> None:
     """One curve of means per method, labelled where it ends."""
     ends: dict[str, tuple[float, float]] = {}

@@ -43,11 +43,6 @@ class Measures(Record):
     worst_rms: Estimate | None
     flown: tuple[Estimate, ...] = ()
 
-    @property
-    def place(self) -> float:
-        """What the numbers are for: so many views, or so much travel."""
-        raise NotImplementedError
-
 
 class Row(Measures):
     """One selector after ``visited`` views."""
@@ -56,7 +51,7 @@ class Row(Measures):
 
     @property
     def place(self) -> float:
-        """See ``Measures``."""
+        """Where it stands in tables and plots: the number of views."""
         return self.visited
 
 
@@ -69,8 +64,11 @@ class TravelRow(Measures):
 
     @property
     def place(self) -> float:
-        """See ``Measures``."""
+        """Where it stands in tables and plots: the travel that is allowed."""
         return self.limit
+
+
+AnyRow = Row | TravelRow
 
 
 class CorrelationRow(Record):
