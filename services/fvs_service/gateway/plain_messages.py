@@ -1,20 +1,50 @@
-"""Pydantic's messages about wrong input, said plainly: "it must …", of which the subject is the field."""
+"""Pydantic's errors said plainly: "it must …", of which the subject is the field."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
 
 from fvs_service.images.model import IMAGE_NAME
 from fvs_service.model import DIGEST
 from fvs_service.rankings.model import CANDIDATE_ID, VEHICLE_NAME
 from fvs_service.scenes.model import SCENE_NAME
 
-_VALIDATOR = "Value error, "
-"""Pydantic's prefix of the messages of our validators."""
-_KINDS = {
+_MESSAGES = {
     "extra_forbidden": "there is no such field",
     "missing": "it is missing",
     "union_tag_not_found": "its kind is missing",
+    "union_tag_invalid": "its kind must be one of {expected_tags}",
+    "greater_than_equal": "it must be at least {ge}",
+    "greater_than": "it must be more than {gt}",
+    "less_than_equal": "it must be at most {le}",
+    "less_than": "it must be less than {lt}",
+    "finite_number": "it must be a finite number",
+    "timezone_aware": "it must have a time zone",
+    "literal_error": "it must be {expected}",
+    "enum": "it must be {expected}",
+    "value_error": "{error}",
+    "too_short": "it must have at least {min_length} items; it has {actual_length}",
+    "too_long": "it must have at most {max_length} items; it has {actual_length}",
+    "string_too_short": "it must have at least {min_length} characters",
+    "string_too_long": "it must have at most {max_length} characters",
+    "string_pattern_mismatch": "it must match the pattern {pattern}",
 }
+"""By pydantic's type of an error, whose context fills the braces."""
+_VALUES = {
+    "float": "a number",
+    "int": "a whole number",
+    "string": "a string",
+    "bool": "true or false",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "an object",
+    "model": "an object",
+    "datetime": "a time, as in RFC 3339",
+}
+"""By the first word of types such as ``float_parsing`` and ``float_type``."""
+_NOT_OF_ITS_TYPE = frozenset(
+    {"type", "attributes_type", "parsing", "parsing_size", "from_date_parsing", "from_float", "unicode"}
+)
 _NAME = "letters, digits and . _ ~ : @ + -, of which the first is a letter or a digit"
 _FORMS = {
     CANDIDATE_ID: f"it must be 1 to 128 {_NAME}",
@@ -24,73 +54,29 @@ _FORMS = {
     SCENE_NAME: "it must not have control characters",
 }
 """What strings of these patterns are."""
-_LONGEST = 2_000
-"""A longer message repeats what was sent."""
-_VALUES = {
-    "number": "a number",
-    "integer": "a whole number",
-    "string": "a string",
-    "boolean": "true or false",
-    "list": "a list",
-    "tuple": "a list",
-    "dictionary": "an object",
-    "datetime": "a time, as in RFC 3339",
-}
 
 
-def _items(found: re.Match[str]) -> str:
-    """For a list that is too short or too long."""
-    bound, most, had = found[1], found[2], found[3]
-    if (bound, most) == ("least", "1"):
+def plain_message(kind: str, message: str, context: Mapping[str, Any]) -> str:
+    """What is wrong with a field: an error of pydantic's type ``kind``, with its ``message`` and context.
+
+    See https://docs.pydantic.dev/latest/errors/validation_errors/ for types and contexts.
+    """
+    value, _, rest = kind.partition("_")
+    if value in _VALUES and rest in _NOT_OF_ITS_TYPE:
+        return f"it must be {_VALUES[value]}"
+    if context.get("min_length") == 1:
         return "it must not be empty"
-    return f"it must have at {bound} {most} items; it has {had}"
+    if context.get("pattern") in _FORMS:
+        return _FORMS[context["pattern"]]
+    if kind not in _MESSAGES:
+        return message
+    said = _MESSAGES[kind].format_map({name: _shown(part) for name, part in context.items()})
+    return said.replace(" 1 items", " 1 item").replace(" 1 characters", " 1 character")
 
 
-def _length(found: re.Match[str]) -> str:
-    """For a string that is too short or too long."""
-    if found[2] == "1" and found[1] == "least":
-        return "it must not be empty"
-    return f"it must have at {found[1]} {found[2]} character{'s' * (found[2] != '1')}"
-
-
-_RULES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], str]], ...] = tuple(
-    (re.compile(pattern, re.DOTALL), said)
-    for pattern, said in (
-        (r"Input should be greater than or equal to (\S+)", lambda found: f"it must be at least {found[1]}"),
-        (r"Input should be less than or equal to (\S+)", lambda found: f"it must be at most {found[1]}"),
-        (r"Input should be greater than (\S+)", lambda found: f"it must be more than {found[1]}"),
-        (r"Input should be less than (\S+)", lambda found: f"it must be less than {found[1]}"),
-        (r"Input should be a finite number", lambda _: "it must be a finite number"),
-        (r"Input should have timezone info", lambda _: "it must have a time zone"),
-        (
-            rf"Input should be an? valid ({'|'.join(_VALUES)})\b.*",
-            lambda found: f"it must be {_VALUES[found[1]]}",
-        ),
-        (r"Input should be ('.*)", lambda found: f"it must be {found[1]}"),
-        (r"\w+ should have at (least|most) (\d+) items? after validation, not (.+)", _items),
-        (r"String should have at (least|most) (\d+) characters?", _length),
-        (
-            r"String should match pattern '(.*)'",
-            lambda found: _FORMS.get(found[1], f"it must match the pattern {found[1]}"),
-        ),
-        (
-            r"Input tag '.*' found using '(\w+)' does not match any of the expected tags: (.*)",
-            lambda found: f"its {found[1]} must be one of {found[2]}",
-        ),
-    )
-)
-
-
-def plain_message(kind: str, message: str) -> str:
-    """What is wrong with a field: pydantic's ``message`` of this ``kind``, or a validator's own words."""
-    if kind in _KINDS:
-        return _KINDS[kind]
-    if message.startswith(_VALIDATOR):
-        return message.removeprefix(_VALIDATOR)
-    for pattern, said in _RULES if len(message) <= _LONGEST else ():
-        if (found := pattern.fullmatch(message)) is not None:
-            return said(found)
-    return message
+def _shown(part: object) -> object:
+    """A bound without the decimals that it does not need."""
+    return int(part) if isinstance(part, float) and part.is_integer() else part
 
 
 def sentence(field: str, message: str) -> str:

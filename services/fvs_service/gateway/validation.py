@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
@@ -18,18 +19,14 @@ _HINT = "GET /openapi.json describes the request."
 def invalid_request(error: RequestValidationError) -> InvalidRequestError:
     """The error for path, query and headers that do not fit."""
     found = error.errors()[:_MAX_FIELDS]
-    return _error(_field(item["type"], item["msg"], item["loc"][1:]) for item in found)
+    return _error(_field(item, item["loc"][1:]) for item in found)
 
 
 def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> InvalidRequestError:
     """The error for a ``body`` that does not fit its model; ``hint`` names the description of the model."""
-    found = error.errors(include_url=False, include_context=False, include_input=False)[:_MAX_FIELDS]
+    found = error.errors(include_url=False, include_input=False)[:_MAX_FIELDS]
     return _error(
-        (
-            _field(item["type"], item["msg"], _path(item["loc"], body, missing=item["type"] == "missing"))
-            for item in found
-        ),
-        hint,
+        (_field(item, _path(item["loc"], body, missing=item["type"] == "missing")) for item in found), hint
     )
 
 
@@ -39,8 +36,9 @@ def _error(fields: Iterable[FieldError], hint: str = _HINT) -> InvalidRequestErr
     return InvalidRequestError(sentence(first.field, first.message), errors=found, hint=hint)
 
 
-def _field(kind: str, message: str, path: Iterable[str | int]) -> FieldError:
-    return FieldError(_short(".".join(map(str, path))), _short(plain_message(kind, message)))
+def _field(error: Mapping[str, Any], path: Iterable[str | int]) -> FieldError:
+    message = plain_message(error["type"], error["msg"], error.get("ctx", {}))
+    return FieldError(_short(".".join(map(str, path))), _short(message))
 
 
 def _short(text: str) -> str:
