@@ -1,4 +1,4 @@
-"""Options that say within what a vehicle flies, shared by commands that make missions."""
+"""Options that limit where a vehicle flies, shared by `fly` and `mission`."""
 
 from typing import Annotated
 

@@ -11,6 +11,13 @@ import typer
 
 from fvs_client import FvsError
 from fvs_client.cli.exit_codes import NOT_FLOWN
+from fvs_client.cli.flight_options import (
+    GeofenceOption,
+    HighestOption,
+    LowestOption,
+    TransitHeightOption,
+    flight_limits,
+)
 from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, SceneArgument
 from fvs_client.cli.output import print_json
 from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
@@ -24,7 +31,6 @@ from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
-from fvs_client.models.missions import MissionSettings
 from fvs_client.spool.errors import SpoolError
 
 _DONE = frozenset({Ending.BUDGET, Ending.BATTERY, Ending.STOPPED, Ending.GOOD_ENOUGH})
@@ -142,22 +148,10 @@ def fly(
         float | None,
         typer.Option(min=0, max=100, metavar="DB", help="Stop when the expected PSNR reaches this value."),
     ] = None,
-    transit_height: Annotated[
-        float | None,
-        typer.Option(min=0, max=10_000, metavar="M", help="Height above home at which to fly between views."),
-    ] = None,
-    lowest: Annotated[
-        float | None, typer.Option(min=0, max=10_000, metavar="M", help="No view is lower above home.")
-    ] = None,
-    highest: Annotated[
-        float | None, typer.Option(min=0, max=10_000, metavar="M", help="Nothing is flown higher above home.")
-    ] = None,
-    geofence: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LAT,LON;LAT,LON;…", help="A polygon to stay inside, in degrees.", show_default=False
-        ),
-    ] = None,
+    transit_height: TransitHeightOption = None,
+    lowest: LowestOption = None,
+    highest: HighestOption = None,
+    geofence: GeofenceOption = None,
     geoid: Annotated[
         float | None,
         typer.Option(
@@ -192,21 +186,15 @@ def fly(
             "A plan has no candidates around a place: give another --generator, or --leg 1."
         )
     listed = read_candidates(candidates)
-    mission: MissionSettings = {"speed_m_s": speed}
-    if geoid is not None:
-        mission["geoid_height_m"] = geoid
-    if transit_height is not None:
-        mission["transit_height_m"] = transit_height
-    if lowest is not None:
-        mission["lowest_height_m"] = lowest
-    if highest is not None:
-        mission["highest_height_m"] = highest
     if geofence is not None:
         try:
             Fence(geofence)
         except ValueError as error:
             raise typer.BadParameter(str(error), param_hint="--geofence") from error
-        mission["geofence"] = geofence
+    mission = flight_limits(transit_height, lowest, highest, geofence)
+    mission["speed_m_s"] = speed
+    if geoid is not None:
+        mission["geoid_height_m"] = geoid
     settings = FlightSettings(
         vehicle=name,
         photographs=views,

@@ -95,6 +95,10 @@ MaxDiskOption = Annotated[
         show_default="none",
     ),
 ]
+NumbersOption = Annotated[
+    list[int] | None,
+    typer.Option("--number", min=1, max=2**53, metavar="N", help="Only this one.", show_default="all"),
+]
 
 
 @spool.command()
@@ -191,10 +195,7 @@ def status(
 
 @spool.command()
 def retry(
-    numbers: Annotated[
-        list[int] | None,
-        typer.Option("--number", min=1, max=2**53, metavar="N", help="Only this one.", show_default="all"),
-    ] = None,
+    numbers: NumbersOption = None,
     folder: OutboxFolderArgument = Path(),
     outbox: OutboxOption = None,
 ) -> None:
@@ -209,10 +210,7 @@ def retry(
 
 @spool.command()
 def forget(
-    numbers: Annotated[
-        list[int] | None,
-        typer.Option("--number", min=1, max=2**53, metavar="N", help="Only this one.", show_default="all"),
-    ] = None,
+    numbers: NumbersOption = None,
     folder: OutboxFolderArgument = Path(),
     outbox: OutboxOption = None,
 ) -> None:
