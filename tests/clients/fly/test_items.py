@@ -66,7 +66,11 @@ def test_a_survey_looks_at_the_middle_from_all_around() -> None:
     assert east_m == pytest.approx([100.0, 0.0, -100.0, 0.0], abs=0.01)
     pitches = [item.parameters[0] for item in items if item.command == Command.MOUNT_CONTROL]
     assert pitches == pytest.approx([math.degrees(math.atan2(-40.0, 100.0))] * 4)
-    assert sum(item.command == Command.DIGICAM_CONTROL for item in items) == 4
+    shutters = [number for number, item in enumerate(items) if item.command == Command.DIGICAM_CONTROL]
+    assert len(shutters) == 4
+    for number in shutters:  # the time of half a turn at ArduCopter's 60°/s, and to stand still
+        assert [item.command for item in items[number - 2 : number]] == [Command.CONDITION_YAW, Command.DELAY]
+        assert items[number - 1].parameters[0] >= 5.0
     assert (items[1].command, items[-1].command) == (Command.TAKEOFF, Command.RETURN_TO_LAUNCH)
 
 

@@ -13,6 +13,8 @@ _TARGETING = 2.0
 """``MAV_MOUNT_MODE_MAVLINK_TARGETING``."""
 _STILL_S = 2.0
 """How long a vehicle stands still before and after a photograph."""
+_TURN_S = 4.0
+"""An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
 _FEWEST = 3
 
 
@@ -88,10 +90,10 @@ class Survey:
         else:
             yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
             yield MissionItem(Command.CONDITION_YAW, Frame.MISSION, (yaw_deg, 0.0, 0.0, 0.0))
-            yield _delay()
+            yield _delay(_TURN_S + _STILL_S)
             yield MissionItem(Command.DIGICAM_CONTROL, Frame.MISSION, x=1.0)
-        yield _delay()
+        yield _delay(_STILL_S)
 
 
-def _delay() -> MissionItem:
-    return MissionItem(Command.DELAY, Frame.MISSION, (_STILL_S, -1.0, -1.0, -1.0))
+def _delay(seconds: float) -> MissionItem:
+    return MissionItem(Command.DELAY, Frame.MISSION, (seconds, -1.0, -1.0, -1.0))

@@ -17,6 +17,7 @@ from fvs_client.spool.taking import digest_of
 _USABLE = frozenset({"accepted", "duplicate"})
 _NOT_FOUND, _FORBIDDEN = 404, 403
 _INVALID = "invalid-request"
+_CORRECT = "Correct its metadata, in its sidecar if it has one: then it is sent."
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Sender:
         except RefusedError as error:
             refusal = error.refusal
             if refusal.code == _INVALID and photograph.metadata:
-                refusal = replace(refusal, hint="Correct its metadata in its sidecar: then it is sent.")
+                refusal = replace(refusal, hint=_CORRECT)
             self._outbox.refuse(number, refusal)
             return refusal
         except FileNotFoundError as error:
