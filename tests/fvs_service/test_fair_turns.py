@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from fvs.v1.images_pb2 import UploadImageRequest, UploadImageResponse
-from fvs_service.gateway.rpc.uploads import ImageUpload
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
+from grpc_uploads import upload_over_grpc
 
 
 def _principal(name: str) -> Principal:
@@ -134,8 +134,7 @@ class Upload:
         async def receive() -> bytes | None:
             return next(messages, None)
 
-        metrics = self._gateway.app.state.metrics
-        return asyncio.create_task(ImageUpload(self._gateway.application, metrics, LOCAL_USER, receive).run())
+        return asyncio.create_task(upload_over_grpc(self._gateway, receive))
 
     def arrived_bytes(self) -> int:
         kept = self._gateway.application.partial_uploads

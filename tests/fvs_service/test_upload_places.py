@@ -15,11 +15,11 @@ import pytest
 from fvs.v1.images_pb2 import UploadImageRequest
 from fvs_service.errors import LimitExceededError, NotFoundError, OutOfSpaceError, SlowRequestError
 from fvs_service.gateway.rest.multipart import receive_files
-from fvs_service.gateway.rpc.uploads import ImageUpload
 from fvs_service.images.staging import Receiver, StagingArea
 from fvs_service.images.upload_places import UploadPlace, UploadPlaces
 from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
 from fvs_service.storage import blobs
+from grpc_uploads import upload_over_grpc
 from starlette.requests import Request
 
 _LONG_S = 1000.0
@@ -158,7 +158,7 @@ def test_what_arrived_over_grpc_of_an_upload_that_gives_way_is_kept(open_gateway
             await asyncio.Event().wait()
             raise AssertionError
 
-        upload = asyncio.create_task(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+        upload = asyncio.create_task(upload_over_grpc(gateway, receive))
         await all_sent.wait()
         await asyncio.sleep(0.01)
         with app.upload_places.place(LOCAL_USER, _Arrival(), None), pytest.raises(SlowRequestError):
@@ -183,7 +183,7 @@ def test_an_image_that_the_scene_has_needs_a_place_too(open_gateway: Any, photog
         async def receive() -> bytes:
             return first
 
-        await ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run()
+        await upload_over_grpc(gateway, receive)
 
     with app.upload_places.place(LOCAL_USER, _Arrival(), None):
         assert gateway.client.put(url, content=content).status_code == 429
@@ -210,7 +210,7 @@ def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
         return UploadImageRequest(upload=upload).SerializeToString()
 
     async def run() -> None:
-        upload = asyncio.create_task(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+        upload = asyncio.create_task(upload_over_grpc(gateway, receive))
         while not began.is_set():
             await asyncio.sleep(0.01)
         upload.cancel()
@@ -306,7 +306,7 @@ def test_an_upload_that_fills_the_disk_is_not_kept(
 
     monkeypatch.setattr(Receiver, "write", full)
     with pytest.raises(OutOfSpaceError):
-        asyncio.run(ImageUpload(app, gateway.app.state.metrics, LOCAL_USER, receive).run())
+        asyncio.run(upload_over_grpc(gateway, receive))
     with pytest.raises(NotFoundError):
         app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest)
 

@@ -27,10 +27,10 @@ def notify(folder: Path, topics: Iterable[str]) -> None:
     """
     letters = _letters(topics)
     with contextlib.suppress(OSError):
-        for name in os.listdir(folder):  # noqa: PTH208 - names alone, in half of the time
-            wanted = set(name.partition(_AFTER_LETTERS)[0]).intersection(letters)
-            if wanted and not name.startswith("."):
-                _write(folder / name, "".join(wanted).encode())
+        for pipe in folder.iterdir():
+            wanted = set(pipe.name.partition(_AFTER_LETTERS)[0]).intersection(letters)
+            if wanted and not pipe.name.startswith("."):
+                _write(pipe, "".join(wanted).encode())
 
 
 class Listener:

@@ -152,15 +152,15 @@ class Call:
         return content
 
     async def read_list(self, tenant_id: str) -> bytes:
-        """The only message of a request with a list, when its turn has come; lasts until ``has_read``."""
+        """The only message of a request with a list, when its turn has come; lasts until ``end_turn``."""
         self._turn = await self._gateway.lists.begin(tenant_id)
         content = await self.read()
         if len(content) <= _LARGE_BYTES:
-            self.has_read()
+            self.end_turn()
         return content
 
-    def has_read(self) -> None:
-        """Let another message with a list be read; no effect where that was done."""
+    def end_turn(self) -> None:
+        """Let another message with a list be read. Calling it again has no effect."""
         if self._turn is not None:
             self._turn.release()
             self._turn = None

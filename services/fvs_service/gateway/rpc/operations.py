@@ -133,7 +133,7 @@ class _Operation:
                 try:
                     return await work(call, caller)
                 finally:
-                    call.has_read()
+                    call.end_turn()
 
         return await answer(self._gateway, context, self._name, with_caller)
 

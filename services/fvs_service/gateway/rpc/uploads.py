@@ -35,7 +35,7 @@ class ImageUpload:
         metrics: Metrics,
         caller: Principal,
         receive: Callable[[], Awaitable[bytes | None]],
-        name: Callable[[Message], object] = lambda _: None,
+        name: Callable[[Message], object],
     ) -> None:
         self._app, self._metrics, self._caller = app, metrics, caller
         self._receive, self._name = receive, name

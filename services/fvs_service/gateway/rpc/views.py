@@ -136,7 +136,7 @@ class ViewServicer:
         if (size_bytes := request.ByteSize()) <= _SMALL_BYTES:
             return parsed
         found = await call.run(size_bytes, checked)
-        call.has_read()
+        call.end_turn()
         return lambda: found
 
 
