@@ -11,7 +11,7 @@ from fvs_client.cli.app import app as client
 from fvs_engine.cli.app import app as program
 
 COMMANDS = {"fvs": typer.main.get_command(program), "fvs-client": typer.main.get_command(client)}
-"""Made once, of a hundred functions: a ``CliRunner`` makes them for every call."""
+"""Built once: ``CliRunner`` would build them from a hundred functions for every call."""
 
 
 def _commands(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...], Any]]:

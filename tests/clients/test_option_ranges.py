@@ -26,7 +26,7 @@ def _numbers(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
 
 
 COMMANDS = {"fvs": typer.main.get_command(program), "fvs-client": typer.main.get_command(client)}
-"""Made once, of a hundred functions: a ``CliRunner`` makes them for every call."""
+"""Built once: ``CliRunner`` would build them from a hundred functions for every call."""
 OPTIONS = {
     " ".join((name, *path, option.opts[0])): (command, path, option)
     for name, command in COMMANDS.items()

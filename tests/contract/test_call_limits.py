@@ -1,4 +1,4 @@
-"""Limits of gRPC alone: calls, messages, chunks, keys on hold."""
+"""Limits that only gRPC has: on calls, messages, chunks and keys on hold."""
 
 import gc
 import threading
@@ -175,7 +175,7 @@ def test_few_messages_with_lists_are_read_at_once(
 
 
 def test_a_refused_request_leaves_memory_at_once(tenant: Any, rpc: Any) -> None:
-    """Not only when Python looks for cycles, which is seldom."""
+    """By reference counting, without waiting for the cyclic garbage collector."""
     request = views.RankViewsRequest(scene_id=tenant.scene())
     for number in range(41):  # one too many
         request.ranking.candidates.items.add(id=str(number))

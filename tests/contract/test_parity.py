@@ -1,7 +1,4 @@
-"""Every operation, field and enum value of the OpenAPI document is in ``fvs.v1``, and the other way round.
-
-Fields have the same types on both sides.
-"""
+"""The OpenAPI document and ``fvs.v1`` have the same operations, enum values, and fields of the same types."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -59,7 +59,7 @@ def _positions(ranking: dict[str, Any]) -> Any:
 
 
 def _free(gateway: Any, scene: str, positions: Any) -> Any:
-    """How far each position is from the matter of the scene's model, whose world frame is the model's."""
+    """Distance of each position to the model's matter, in a scene whose world frame is the model frame."""
     snapshot = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
     matter = matter_of(gateway.runners._gaussians(scene, snapshot))
     apart = np.linalg.norm(positions[:, None] - matter.centres[None], axis=-1)

@@ -29,7 +29,7 @@ PROGRAM = str(Path(sys.executable).with_name("fvs"))
 
 
 def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
-    """On asyncio's event loop, also where uvloop is installed."""
+    """It uses asyncio's event loop, even where uvloop is installed."""
     (tmp_path / "uvloop.py").write_text("def new_event_loop():\n    raise SystemExit('uvloop is used')\n")
     paths = os.pathsep.join(filter(None, (str(tmp_path), os.environ.get("PYTHONPATH"))))
     command = [PROGRAM, "serve", "--root", str(tmp_path / "service"), "--port", "0"]

@@ -1,4 +1,4 @@
-"""The end of a gateway: it takes no more requests, and those in progress get time to end."""
+"""Draining: a gateway that stops accepts no more requests, and gives those in progress time to end."""
 
 import asyncio
 import contextlib
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 class Drain:
-    """Counts the requests in progress, over REST and gRPC; for the event loop alone."""
+    """Counts the requests in progress over REST and gRPC. Used on the event loop only."""
 
     def __init__(self) -> None:
         self._open = 0

@@ -12,7 +12,7 @@ from fvs_service.storage.blobs import Blobs
 _FRESH_S = 5.0
 """An answer counts for this long."""
 _WITHIN_S = 3.0
-"""A store that takes longer does not work; probes have little time."""
+"""A store that takes longer counts as unavailable: probes have short timeouts."""
 
 
 class StoreCheck:

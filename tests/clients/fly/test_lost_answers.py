@@ -79,7 +79,7 @@ def test_a_vehicle_that_may_have_taken_off_is_sent_home(
     last: list[Any] = []
 
     def edit(message: Any) -> list[Any]:
-        """Answers to the start are lost, and for 3 s heartbeats are late: they tell of the mode before."""
+        """Answers to the start command are lost, and heartbeats report the previous mode for 3 s."""
         kind = message.get_type()
         if kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_MISSION_START:
             started_s.append(time.monotonic())

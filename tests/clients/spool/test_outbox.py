@@ -100,7 +100,7 @@ def test_photographs_are_found_where_the_card_is_now(tmp_path: Path) -> None:
 
 
 def test_what_decides_about_files_is_on_the_disk_when_it_is_noted(outbox: Outbox, tmp_path: Path) -> None:
-    """An acknowledgement must outlast a power cut: its file may be deleted then. Offsets need not."""
+    """Acknowledgements must survive a power cut: files may be deleted after them. Offsets need not."""
     statements: list[str] = []
     outbox._database.set_trace_callback(statements.append)
 

@@ -28,7 +28,7 @@ def cpu() -> Rasterizer:
 
 @pytest.fixture(scope="module", autouse=True)
 def no_pictures() -> Iterator[None]:
-    """Drawing takes longer than all runs of a small experiment; ``with_pictures`` brings it back."""
+    """Skip the plots: drawing takes longer than the runs of a small experiment. See ``with_pictures``."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiment, "_draw", lambda *_: None)
         yield

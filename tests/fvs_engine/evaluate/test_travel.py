@@ -37,7 +37,7 @@ def cpu() -> Rasterizer:
 
 @pytest.fixture(scope="module", autouse=True)
 def no_pictures() -> Iterator[None]:
-    """Drawing takes longer than all runs of a small experiment."""
+    """Skip the plots: drawing takes longer than the runs of a small experiment."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiment, "_draw", lambda *_: None)
         yield
@@ -149,7 +149,7 @@ def test_a_run_that_is_killed_while_it_is_measured_goes_on(
     monkeypatch: pytest.MonkeyPatch,
     number: int,
 ) -> None:
-    """A choice is on disk then, which nobody has visited."""
+    """The last choice on disk then is of a view that was not visited yet."""
     left = [number]
     measure = run.evaluate
 

@@ -45,7 +45,7 @@ _DESCRIPTIONS = ("GET /openapi.json describes the request", "proto/fvs/v1 descri
 
 
 def in_options(text: str) -> str:
-    """A message or a hint of the service, with the options' names in place of the fields'."""
+    """Replace the names of fields in a message or hint of the service by those of options."""
     text = _FIRST.sub(lambda found: _OPTIONS[found[1]], text)
     text = text.replace(_ENU_WORLD, f"{_ENU_WORLD} (`fvs-client scenes create --origin`)")
     return _FIELD.sub(_option, text)

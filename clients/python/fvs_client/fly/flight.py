@@ -72,7 +72,7 @@ class Flight:
                 self._vehicle.pause()
 
     def resume(self) -> None:
-        """Go on after ``pause``; raises ``VehicleError`` like it."""
+        """Resume after ``pause``. Raises ``VehicleError`` as ``pause`` does."""
         if self._watch.paused.is_set():
             with self._commanding:
                 self._require_flight()

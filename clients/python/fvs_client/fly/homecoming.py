@@ -15,7 +15,7 @@ _LAND_EVERY = 6
 
 
 class Homecoming:
-    """Brings a vehicle home, unless somebody else flies it: then it gets no command."""
+    """Sends a vehicle home; sends no command once somebody else has taken over."""
 
     def __init__(self, vehicle: Vehicle, watch: Watch, settings: FlightSettings, log: FlightLog) -> None:
         self._vehicle, self._watch, self._settings, self._log = vehicle, watch, settings, log

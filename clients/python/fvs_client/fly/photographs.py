@@ -78,7 +78,7 @@ class Photographs:
         return True
 
     def _ended(self) -> int:
-        """How many photographs of this flight were sent or refused."""
+        """Number of this flight's photographs that were sent or refused."""
         with self._outbox() as outbox:
             added = () if outbox is None else outbox.added_after(self._last_number)
         return sum(

@@ -194,9 +194,9 @@ class Vehicle:
         self.set_mode(Mode.RETURN)
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the flight mode, and wait until the vehicle has it.
+        """Change the flight mode and wait until the vehicle reports it.
 
-        Raises ``VehicleError`` when it does not change, or changes to another: somebody else flies it then.
+        Raises ``VehicleError`` when it does not change, or changes to another: somebody else has taken over.
         """
         before = self.last_state.custom_mode
         numbers = (self._mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self.dialect.modes[mode])

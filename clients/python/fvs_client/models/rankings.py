@@ -90,7 +90,7 @@ class InVolume(Input):
     look: Literal["middle", "nearest"] = "middle"
     """What they look at: the middle of the model, or for each the part of it that is nearest."""
     aim: Vector | None = None
-    """A point to look at instead."""
+    """A point to look at, instead of what `look` names."""
     level: bool = False
     """Whether they look there with a level camera: in that direction, but not up or down."""
 

@@ -105,9 +105,9 @@ class Outbox:
         return (status.st_dev, status.st_ino) == self._identity
 
     def add(self, new: NewPhotograph, *, durable: bool = True) -> Photograph:
-        """Add a photograph; of one that is there, bring metadata up to date as long as none were sent.
+        """Add a photograph, or update the metadata of one that is there and was not sent yet.
 
-        One that was refused, of which the service keeps nothing, waits again when its metadata are others.
+        A refused one waits again if its metadata have changed and the service keeps nothing of it.
         """
         metadata = json.dumps(new.metadata or {}, ensure_ascii=False)
         where = (self._stored(new.path), new.scene, new.digest)
@@ -208,7 +208,7 @@ class Outbox:
             database.execute("DELETE FROM photographs WHERE number = ? AND state = 'refused'", (number,))
 
     def deletable(self, after: int = 0) -> list[Photograph]:
-        """Photographs whose files may be deleted, the oldest first, from number ``after`` on: at most 100.
+        """Up to 100 photographs after number ``after`` whose files may be deleted, oldest first.
 
         The service keeps their bytes, and no other scene is to have the same file that lacks it.
         """

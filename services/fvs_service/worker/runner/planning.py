@@ -27,7 +27,7 @@ from fvs_service.worker.runner.model_states import ModelState
 
 
 def generate_views(request: GenerateViews, state: ModelState) -> GeneratedViews:
-    """Generate candidates; raises ``InvalidInputError`` where none is left."""
+    """Generate candidates in a volume. Raises ``InvalidInputError`` when none is clear of matter."""
     space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly)
     return GeneratedViews(views=_generated(request.views, space))
 

@@ -1,4 +1,7 @@
-"""Jobs, snapshots and rankings have the time of the database: machines' clocks, and so ids, may differ."""
+"""Record when jobs, snapshots and rankings were added, by the database's clock.
+
+Their ids follow the clocks of the machines that made them, which may differ.
+"""
 
 import sqlalchemy as sa
 from alembic import op
