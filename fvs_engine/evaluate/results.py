@@ -92,7 +92,7 @@ class Calibration(Record):
 
 
 class TravelPoint(Record):
-    """With what a run went through a share of its travel: so many ``visited`` views."""
+    """The ``visited`` views with which a run passed a share of its travel."""
 
     share: float
     visited: int

@@ -171,7 +171,7 @@ def _limits(protocol: Protocol) -> dict[float, float]:
 
 
 def _passes(protocol: Protocol, loop: SelectionLoop, choice: Choice) -> bool:
-    """Whether a choice takes its vehicle beyond a share of the travel beyond which none has flown yet."""
+    """Whether a choice is the first to take a vehicle beyond a share of the travel."""
     flown = [vehicle.flown for vehicle in loop.vehicles.all]
     after = flown[choice.vehicle - 1] + choice.distance
     return any(max(flown) <= limit < after for limit in _limits(protocol).values())

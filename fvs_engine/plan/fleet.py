@@ -91,7 +91,7 @@ class FleetPlan:
 
     @cached_property
     def _from_here(self) -> Array:
-        """The way of the first vehicle to each later view, [n]."""
+        """Distance of the first vehicle to each later view, [n]."""
         return np.asarray(self._legs.between(np.array([self._here]), np.arange(self._here))[0])
 
     def _planned(self, fleet: Fleet) -> tuple[Tour, ...]:
@@ -105,7 +105,7 @@ class FleetPlan:
         return plan_tours(targets.variance, budget, targets.admissible, self._legs, vehicles)
 
     def _on(self, stops: Sequence[int]) -> Array:
-        """The length of the way from each later view [n] through ``stops``."""
+        """Length of the path from each later view [n] through ``stops``."""
         if not stops:
             return np.zeros(self._here)
         to_first = self._legs.between(np.arange(self._here), np.array(stops[:1]))[:, 0]
@@ -117,7 +117,7 @@ class FleetPlan:
         return np.concatenate([[0.0], np.cumsum(steps[np.arange(len(stops) - 1), np.arange(1, len(stops))])])
 
     def _by_way_of(self, index: int, own: Sequence[int], others: Sequence[int]) -> tuple[float, float]:
-        """What is left, and how far it is, if the vehicle goes to one of its own stops first."""
+        """Remaining variance and distance if the vehicle goes to one of its own stops first."""
         rest = [other for other in own if other != index]
         order, _ = shortest_route(self._legs, index, rest)
         way = [index, *order]

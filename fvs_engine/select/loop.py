@@ -289,7 +289,7 @@ class SelectionLoop:
         return comparable_views(self.dataset, cameras, alignment.model_from_world)
 
     def _next(self, monitor: Monitor) -> Choice | StopReason:
-        """The choice of the first vehicle that can go on."""
+        """The choice of the first vehicle that has a candidate within its limit."""
         outcome: Choice | StopReason | None = budget_spent(len(self.visited), self.settings.budget)
         if outcome is not None:
             return outcome

@@ -101,7 +101,7 @@ def grounded(
 
 
 def too_far(name: str, distance: float, left: float) -> StopReason | None:
-    """Stop when the way to the next view would exceed what is ``left`` of the travel."""
+    """Stop when the path to the next view would exceed the travel that is ``left``."""
     return _travel_used(f"the next view, {name},", distance, left)
 
 

@@ -36,12 +36,12 @@ class Vehicles:
             flown = vehicles[choice.vehicle].flown + choice.distance
             vehicles[choice.vehicle] = Vehicle(choice.vehicle, choice.chosen, flown)
         self.all = tuple(vehicles.values())
-        """By their numbers."""
+        """In the order of their numbers."""
         self.landed = choices[-1].landed if choices else ()
-        """The numbers of those that fly no more."""
+        """The numbers of the vehicles that have stopped."""
         flying = (vehicle for vehicle in self.all if vehicle.number not in self.landed)
         self.in_turn = tuple(sorted(flying, key=lambda vehicle: (vehicle.flown, vehicle.number)))
-        """Those that still fly; the first one's turn is next."""
+        """The vehicles that still fly; the first one has the next turn."""
 
     def left(self, vehicle: Vehicle) -> float:
         """How far a vehicle may still fly; infinite without a limit."""

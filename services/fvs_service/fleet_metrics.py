@@ -13,7 +13,7 @@ from fvs_service.storage.database import Database
 
 
 class FleetCollector(Collector):
-    """Workers and their heartbeats, jobs, the queue, the room on the disk of ``root``, and the blob store.
+    """Workers and their heartbeats, jobs, the queue, free space on the disk of ``root``, and the blob store.
 
     ``require_store`` raises a ``ServiceError`` when the store cannot be reached.
     """

@@ -51,7 +51,7 @@ def configure_logging(*, machine: bool) -> None:
 
 
 def reason_of(error: BaseException) -> str:
-    """The words of what caused a failure, such as a database's driver; its own when nothing did."""
+    """The message of a failure's cause, such as a database driver's error; its own message without one."""
     cause = error.__cause__
     return str(error if cause is None else getattr(cause, "orig", None) or cause).strip()
 

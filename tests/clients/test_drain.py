@@ -1,4 +1,4 @@
-"""A gateway that stops: requests in progress end, over REST and gRPC; nothing else begins."""
+"""Draining a gateway: requests in progress finish, over REST and gRPC; new ones are refused."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ _ORBIT = Orbit(count=8)
 
 @dataclass
 class Stopping:
-    """A gateway whose rankings take until ``go``."""
+    """A gateway whose rankings finish only after ``go`` is set."""
 
     gateway: Any
     rpc_port: int

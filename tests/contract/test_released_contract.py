@@ -21,7 +21,7 @@ class Copy:
         self.released = folder / "proto/released.binpb"
 
     def run(self, *options: str) -> tuple[int, str]:
-        """The exit status and what was said."""
+        """The exit status and the output."""
         command = [sys.executable, str(self.folder / "proto/generate.py"), *options]
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         return done.returncode, done.stdout + done.stderr

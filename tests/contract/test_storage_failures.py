@@ -134,7 +134,7 @@ def _raising(error: Exception) -> Callable[..., Any]:
 
 
 def _adopting(error: Exception) -> Callable[..., None]:
-    """As a bucket adopts a file, which the folder of these tests does not ask."""
+    """Adopting that fails once the store was asked, as buckets are; the folder of these tests is not."""
 
     def adopt(*_: Any) -> None:
         with _reachable():

@@ -1,4 +1,4 @@
-"""What is wrong with a request is said in plain sentences, and no longer in pydantic's words."""
+"""Validation errors are plain sentences instead of pydantic's messages."""
 
 from datetime import datetime
 from typing import Annotated, Any, Literal

@@ -86,7 +86,7 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
 
 
 def _undo_recorded(session: Session) -> None:
-    """Before the fifth version, rows did not have the database's time."""
+    """Before schema 0005, rows did not have the database's time."""
     session.execute(text("DROP INDEX ix_jobs_recorded"))
     for table in ("jobs", "snapshots", "rankings"):
         session.execute(text(f"ALTER TABLE {table} DROP COLUMN recorded_at_ms"))

@@ -82,7 +82,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
 
 
 def troubles_without_database(settings: Settings, error: StorageUnavailableError) -> Iterator[Trouble]:
-    """The database's fault, of which ``error`` has the cause, and those that are found without it."""
+    """The finding for an unreachable database, caused by ``error``, and those that need no database."""
     file = sqlite_file(settings.database)
     yield Trouble(
         f"{error.message.rstrip('.')}: {' '.join(reason_of(error).split())}",

@@ -29,7 +29,7 @@ def examine(storage: Storage, grace: timedelta) -> Iterator[Finding]:
 
 
 def examine_without_database(settings: Settings, grace: timedelta) -> Iterator[Finding]:
-    """What is wrong on this machine's disk and can be told without the database."""
+    """Findings about this machine's disk that need no database."""
     before = now() - grace
     if settings.blobs.url is None:
         yield from blobs.unfinished_blobs(Blobs(settings.blobs_folder), before)

@@ -19,7 +19,7 @@ class Drain:
         return self._begun.is_set()
 
     def begin(self) -> None:
-        """Take no more requests."""
+        """Refuse new requests."""
         self._begun.set()
 
     async def wait(self, within_s: float) -> bool:

@@ -10,7 +10,7 @@ _ID = "_id"
 
 
 def about(named: Mapping[str, object]) -> dict[str, str]:
-    """The resources of a request: its ids, without the ending of their names (``scene``, ``job``)."""
+    """The resources of a request: its ids, named without the ending ``_id`` (``scene``, ``job``)."""
     return {
         name.removesuffix(_ID): value
         for name, value in named.items()

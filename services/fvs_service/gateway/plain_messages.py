@@ -53,7 +53,7 @@ _FORMS = {
     IMAGE_NAME: "it must not have slashes, backslashes or control characters",
     SCENE_NAME: "it must not have control characters",
 }
-"""What strings of these patterns are."""
+"""By the pattern that a string does not match."""
 
 
 def plain_message(kind: str, message: str, context: Mapping[str, Any]) -> str:
@@ -75,12 +75,12 @@ def plain_message(kind: str, message: str, context: Mapping[str, Any]) -> str:
 
 
 def _shown(part: object) -> object:
-    """A bound without the decimals that it does not need."""
+    """A bound, without trailing zero decimals."""
     return int(part) if isinstance(part, float) and part.is_integer() else part
 
 
 def sentence(field: str, message: str) -> str:
-    """The sentence that says ``message`` of ``field``, which is empty for the whole request."""
+    """A sentence with ``message`` about ``field``, which is empty for the whole request."""
     if not field:
         return f"{_capital(message)}."
     for subject, verb in (("it ", " "), ("its ", "'s ")):
@@ -90,6 +90,6 @@ def sentence(field: str, message: str) -> str:
 
 
 def _capital(message: str) -> str:
-    """The beginning of a sentence in capitals, unless that is a name, which would become another one."""
+    """The message with a capital first letter, unless it begins with a name, whose case must stay."""
     word = re.split(r"[\s,:]", message, maxsplit=1)[0]
     return message[:1].upper() + message[1:] if word.isalpha() else message

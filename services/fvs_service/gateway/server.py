@@ -181,7 +181,7 @@ class GatewayServer(uvicorn.Server):
         self._wake()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End the streams of events, which would have no end of their own; other requests may finish.
+        """End the streams of events, which never end by themselves; other requests may finish.
 
         Meanwhile the gateway answers probes: it is not ready.
         """

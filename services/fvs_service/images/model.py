@@ -231,7 +231,7 @@ class DigestAnswer(Model):
     known: tuple[Digest, ...]
     missing: tuple[Digest, ...]
     images: tuple[KnownImage, ...]
-    """Those that the scene has, with their verdicts; in the order of `known`."""
+    """Images that the scene has, with their verdicts, in the order of `known`."""
 
 
 class UploadItem(Model):

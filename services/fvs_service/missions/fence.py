@@ -22,7 +22,7 @@ class Fence:
         return self._has(self._flat(position))
 
     def crosses(self, start: Corner, end: Corner) -> bool:
-        """Whether the straight way between two positions is somewhere outside, if both are inside.
+        """Whether the straight path between two positions inside leaves the fence.
 
         It may touch the fence, and run along an edge.
         """
@@ -63,7 +63,7 @@ class Fence:
 
 
 def _share(p: Corner, q: Corner, point: Corner) -> float:
-    """How much of the way from ``p`` to ``q`` leads to a point on it."""
+    """Parameter, 0 to 1, of a point on the segment from ``p`` to ``q``."""
     axis = 0 if abs(q[0] - p[0]) > abs(q[1] - p[1]) else 1
     return (point[axis] - p[axis]) / (q[axis] - p[axis])
 

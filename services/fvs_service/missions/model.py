@@ -46,7 +46,7 @@ class MissionFormat(StrEnum):
 
     @property
     def of_gimbals(self) -> bool:
-        """Whether a gimbal flies what it says: there is no roll in it."""
+        """Whether its missions turn a gimbal, which keeps level: roll cannot be flown."""
         return self in (
             MissionFormat.QGC_PLAN,
             MissionFormat.QGC_WPL,

@@ -1,4 +1,4 @@
-"""What a runner is asked for a ranking, and what is known of it before its candidates are scored."""
+"""What a ranking asks a runner for, and what is known of the ranking before its candidates are scored."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class BegunRanking:
         return None if pose is None else self.frame.world_from_camera(pose).translation
 
     def generation(self) -> GenerateViews:
-        """The question for the candidates of the request's volume.
+        """The request to a runner for candidates in the request's volume.
 
         Raises ``InvalidRequestError`` for volumes that cannot be used in the model frame.
         """
@@ -131,7 +131,7 @@ class BegunRanking:
 
 
 def taken_cameras(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> dict[str, RigidTransform]:
-    """World_from_camera by a name that is no candidate's, for the poses that the frame knows."""
+    """world_from_camera of the known poses, by names that no candidate has."""
     return {f"taken:{number}": camera for number, camera in enumerate(frame.known_cameras(poses))}
 
 

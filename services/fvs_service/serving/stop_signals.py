@@ -32,7 +32,7 @@ class StopSignals:
         self._deadline: float | None = None
 
     def allow(self, more_s: float) -> None:
-        """Wait this much longer for the end, from the next signal on."""
+        """Wait this much longer for processes to end, from the next signal on."""
         self._within_s += more_s
 
     @property

@@ -21,7 +21,7 @@ _AFTER_LETTERS = "-"
 
 
 def notify(folder: Path, topics: Iterable[str]) -> None:
-    """Write to the pipes of the topics' listeners; removes those of processes that have died.
+    """Write to the pipes of the topics' listeners. Removes the pipes of processes that have died.
 
     Never fails and never waits: a full pipe has enough to wake its reader.
     """

@@ -10,13 +10,13 @@ from fvs_service.errors import ServiceError, StorageUnavailableError
 from fvs_service.storage.blobs import Blobs
 
 _FRESH_S = 5.0
-"""An answer counts for this long."""
+"""How long an answer is valid."""
 _WITHIN_S = 3.0
 """A store that takes longer counts as unavailable: probes have short timeouts."""
 
 
 class StoreCheck:
-    """Asks the store when it is asked itself; one question at a time. Safe to use from any thread.
+    """Checks the store on demand, one check at a time. Safe to use from any thread.
 
     While a store does not answer, only the first who ask wait for it.
     """

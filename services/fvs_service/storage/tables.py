@@ -43,7 +43,7 @@ def columns_of(kind: type[Table]) -> sqlalchemy.Table:
 
 
 class Recorded:
-    """Rows of which each knows when it was added, by the clock of the database.
+    """Rows that record when they were added, by the clock of the database.
 
     The order of ids is that of the machines' clocks. ``recorded_at_ms`` is 0 in rows from before version 0005
     of the schema, whose order is that of their ids.

@@ -202,7 +202,7 @@ def test_a_link_that_breaks_off_prints_nothing(
 
 
 def test_a_program_may_have_imported_pymavlink_before() -> None:
-    """Its default is version 1 of the protocol, whose messages cameras do not have."""
+    """pymavlink's default is MAVLink 1, which has no messages for cameras."""
     program = """
 from pymavlink import mavutil
 from fvs_client.fly.link import Link

@@ -1,4 +1,4 @@
-"""What is checked before takeoff: the battery, and the failsafe for lost ground stations."""
+"""Checks before takeoff: the battery, and the failsafe for lost ground stations."""
 
 import struct
 from contextlib import ExitStack

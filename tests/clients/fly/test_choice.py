@@ -78,7 +78,7 @@ WEST, EAST, BELOW = (0.008, 0.002), (0.008, 0.008), (0.001, 0.002)
 
 
 def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
-    """Home sees both views; from the one the way to the other leaves the geofence."""
+    """Both views can be flown to from home, but the way between them leaves the geofence."""
     places = {"east": EAST, "below": BELOW}
     told: list[str] = []
 

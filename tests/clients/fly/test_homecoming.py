@@ -1,4 +1,4 @@
-"""Vehicles that refuse to return, fall silent or are taken over at the end; nothing is simulated."""
+"""Vehicles that refuse to return, fall silent or are taken over at the end, without a simulator."""
 
 import time
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def _no_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def come_home(vehicle: Any, *, handing_over: bool = False, settings: FlightSettings = _SETTINGS) -> list[str]:
-    """What a flight says when its vehicle comes home."""
+    """How a flight ends when its vehicle comes home."""
     said: list[str] = []
     log = FlightLog(None, said.append)
     watch = Watch(vehicle, settings, log)

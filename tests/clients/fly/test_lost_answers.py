@@ -1,4 +1,4 @@
-"""Answers that are lost when a mission is handed over."""
+"""Lost acknowledgements during a mission upload."""
 
 import time
 from contextlib import ExitStack

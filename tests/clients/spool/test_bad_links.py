@@ -86,7 +86,7 @@ def test_everything_arrives_once_through_breaks_failures_gaps_and_kills(
 def test_a_break_loses_what_is_in_buffers_and_not_what_has_arrived(
     tmp_path: Path, url: str, client: Client, photograph: Callable[..., bytes]
 ) -> None:
-    """About 20 kB a break; of a service that kept nothing of a broken request, half of a piece."""
+    """About 20 kB per break; half a piece if the service kept nothing of a broken request."""
     folder = tmp_path / "DCIM"
     folder.mkdir()
     for number in range(8):

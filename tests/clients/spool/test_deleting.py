@@ -1,4 +1,4 @@
-"""What ``--delete-sent`` deletes, and what it must not."""
+"""What ``--delete-sent`` deletes, and what it must keep."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Refused photographs: sidecars that are corrected later, and scenes that were mistyped."""
+"""Refused photographs: sidecars that are corrected later, and mistyped scenes."""
 
 import json
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ def outbox(tmp_path: Path) -> Iterator[Outbox]:
 
 @pytest.fixture
 def refused(outbox: Outbox, tmp_path: Path) -> Photograph:
-    """A photograph whose metadata the service has refused."""
+    """A photograph whose metadata the service refused."""
     (tmp_path / "1.jpg").write_bytes(b"photograph")
     (tmp_path / "1.json").write_text('{"yaw_deg": 95.0}')
     taken = take(outbox, find_file(tmp_path / "1.jpg"), "scn_1")

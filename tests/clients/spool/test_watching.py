@@ -297,7 +297,7 @@ def test_many_files_are_taken_in_their_order_and_none_holds_up_the_others(
 def test_a_spool_that_starts_again_looks_again_at_once(
     watching: Callable[..., Watching], photograph: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It asks the outbox for every file, once; that says nothing of how long a look takes."""
+    """The first scan asks the outbox about every file, so its duration says nothing about later ones."""
     watched = watching()
     for number in range(3):
         (watched.folder / f"{number}.jpg").write_bytes(photograph(number))

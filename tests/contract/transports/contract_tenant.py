@@ -44,7 +44,7 @@ class Tenant:
         return self._noted("UploadImage", self.transport.upload(key, scene_id, digest, content, metadata))
 
     def download(self, name: str, start: int = 0, /, **given: Any) -> Outcome:
-        """Fetch bytes by a download's name and parameters, from ``start`` on."""
+        """Fetch a download's bytes from ``start`` on, by its name and parameters."""
         return self._noted(name, self.transport.download(name, self.key, given, start))
 
     def scene(self, **request: Any) -> str:

@@ -68,7 +68,7 @@ def decided(summary: Summary) -> list[dict[str, object]]:
 
 
 def flights(made: Run, ring: Dataset) -> dict[int, list[float]]:
-    """How far each vehicle had flown after each of its chosen views, by the dataset's positions."""
+    """Distance flown by each vehicle after each of its chosen views, between the dataset's positions."""
     ways: dict[int, list[str]] = {}
     for name, vehicle in zip(made.order[made.initial :], made.vehicles, strict=True):
         ways.setdefault(vehicle, [made.order[made.initial - 1]]).append(name)
@@ -86,7 +86,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 @pytest.fixture
 def whole(done: SimpleNamespace, ring: Dataset, protocol: Protocol, cpu: Rasterizer) -> SimpleNamespace:
-    """An experiment that nobody stopped. Not to be changed."""
+    """An experiment that was not interrupted. Tests must not change it."""
     done.summary = done.summary or execute(done.folder, ring, protocol, cpu)
     return done
 
@@ -136,7 +136,7 @@ def test_what_is_measured_at_a_quarter_is_what_a_run_of_that_travel_ends_with(
 
 
 class Killed(BaseException):
-    """As good as a kill: nothing in the engine catches it."""
+    """Stands for a kill: nothing in the engine catches it."""
 
 
 @pytest.mark.parametrize("number", [1, 3, 6])

@@ -21,7 +21,7 @@ def view(degrees: float) -> PinholeView:
 
 @pytest.fixture(scope="module")
 def targets() -> Targets:
-    """A view at 0° was visited; others every 10° may be."""
+    """The view at 0° was visited; candidates are every 10°."""
     return Targets([view(0)], [view(degrees) for degrees in range(10, 360, 10)])
 
 

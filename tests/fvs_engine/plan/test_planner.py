@@ -133,7 +133,7 @@ def test_a_way_ends_where_nothing_is_in_reach():
 
 
 def test_a_way_keeps_to_a_distance_and_spends_it_well():
-    """Against all ways: a long step gains more than a short one, and is the last."""
+    """Compare with exhaustive search: a long step gains more than a short one, and is the last."""
     shares = []
     for seed in range(6):
         variance, centres = a_variance(seed)

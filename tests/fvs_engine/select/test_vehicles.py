@@ -47,7 +47,7 @@ def decided(loop: SelectionLoop) -> list[tuple[str, int, tuple[int, ...], float]
 
 @pytest.fixture(scope="module")
 def unlimited(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> SelectionLoop:
-    """A selection by ``farthest`` without a limit. Not to be changed."""
+    """A selection by ``farthest`` without a limit. Tests must not change it."""
     loop = open_loop(tmp_path_factory.mktemp("unlimited"), room)
     run(loop)
     return loop

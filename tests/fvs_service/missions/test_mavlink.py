@@ -185,7 +185,7 @@ def test_speed_hold_and_radius_are_in_the_items(flights: Any, file: Path) -> Non
 
 
 def test_a_copter_of_ardupilot_has_turned_before_the_photograph(flights: Any, file: Path) -> None:
-    """What has not begun when a delay ends is dropped: the turn and the photograph have one each."""
+    """ArduPilot drops what has not begun when a delay ends: the turn and the photograph have a delay each."""
     items = _loaded(flights[0].write(format="qgc-wpl", autopilot="ardupilot", hold_s=0.0), file)
     turns = [number for number, item in enumerate(items) if item.command == mavlink.MAV_CMD_CONDITION_YAW]
     assert turns

@@ -1,4 +1,4 @@
-"""What the service says about its fields, said about the options of the command line."""
+"""Messages of the service about its fields, reworded for the options of the command line."""
 
 import re
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def in_options(text: str) -> str:
 
 
 def hint_in_options(hint: str, fields: Sequence[FieldError], command: str) -> str:
-    """The hint, which names the help of ``command`` where that describes the ``fields`` that are wrong.
+    """The hint; it refers to the help of ``command`` where that describes the invalid ``fields``.
 
     Fields inside of files are described by the service alone.
     """

@@ -1,4 +1,4 @@
-"""What is checked before takeoff: camera, gimbal, battery, and the failsafe for lost ground stations."""
+"""Checks before takeoff: camera, gimbal, battery, and the failsafe for lost ground stations."""
 
 import contextlib
 

@@ -182,7 +182,7 @@ class Choice:
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
 
     def _reaches(self, mission: MissionFile) -> bool:
-        """Whether the straight way from the vehicle to the first waypoint stays inside the geofence.
+        """Whether the straight path from the vehicle to the first waypoint stays inside the geofence.
 
         The service checks the ways between views, and that from home: it does not know where the vehicle is.
         """

@@ -38,7 +38,7 @@ class Fence:
         return crossed % 2 == 1
 
     def leaves(self, start: Place, end: Place) -> bool:
-        """Whether the straight way between two places inside touches or crosses the fence."""
+        """Whether the straight path between two places inside touches or crosses the fence."""
         p, q = self._flat(start), self._flat(end)
         return p != q and any(
             _side(p, q, a) * _side(p, q, b) <= 0 and _side(a, b, p) * _side(a, b, q) <= 0

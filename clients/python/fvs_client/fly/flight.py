@@ -50,7 +50,7 @@ class Flight:
         self._watch = Watch(vehicle, settings, log)
         self._choice = Choice(scene, vehicle, settings, self._watch, log)
         self._commanding = threading.Lock()
-        """Held while commands change the vehicle's mode or mission: answers are those of one thread."""
+        """Held while commands change the vehicle's mode or mission: acknowledgements belong to one thread."""
         self._over = False
         self._next_track_s = 0.0
         self._taken = self._failed = self._failed_in_row = 0
@@ -207,7 +207,7 @@ class Flight:
         self._choice.report(VisitState.FAILED, [*leg.failed, *leg.left])
 
     def _fly(self, leg: Leg) -> None:
-        """Give the vehicle the mission, unless it is paused, and wait for its photographs."""
+        """Upload the mission, unless the flight is paused, and wait for its photographs."""
         for tries_left in reversed(range(_TRIES)):
             self._watch.require_going_on()  # waits for a vehicle that is silent; without the lock
             try:

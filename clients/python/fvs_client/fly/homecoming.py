@@ -55,7 +55,7 @@ class Homecoming:
             time.sleep(POLL_S)
 
     def _command(self) -> None:
-        """Return home; land where it refuses that again and again."""
+        """Return home; land in place if the vehicle keeps refusing that."""
         if self._refusals % _LAND_EVERY == _LAND_EVERY - 1:
             self._log.event(
                 "lands", "It does not return: it is to land where it is.", self._vehicle.last_state

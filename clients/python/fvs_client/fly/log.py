@@ -25,7 +25,7 @@ class FlightLog:
     _failed: bool = False
 
     def event(self, kind: str, text: str, state: VehicleState | None = None, **more: object) -> None:
-        """Log an event; where that fails, the flight goes on without it."""
+        """Log an event. If that fails, the flight continues."""
         if text:
             self._say(text)
         if self.path is None:

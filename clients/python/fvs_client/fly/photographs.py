@@ -14,7 +14,7 @@ _LOOK_S = 0.2
 
 
 class Photographs:
-    """Sends what a camera writes into ``folder``; a context manager.
+    """Sends the photographs that a camera writes into ``folder``; a context manager.
 
     The folder may have photographs of earlier flights. They are sent, too, and are not waited for.
 
@@ -34,9 +34,9 @@ class Photographs:
         self._folder, self._scene_id = folder, scene_id
         self._path = folder / FILE_NAME
         self._earlier: frozenset[Path] = frozenset()
-        """The files that were there before."""
+        """The files that were in the folder before this flight."""
         self._last_number = 0
-        """Of the outbox, before this flight."""
+        """The number of the newest photograph before this flight."""
         settings = settings or Settings(settle_s=0.5, look_every_s=0.3)
         self._spool = Spool(folder, scene_id, url=url, api_key=api_key, settings=settings, say=say)
         self._thread = threading.Thread(target=self._run, name="spool", daemon=True)

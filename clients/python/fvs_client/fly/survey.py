@@ -56,7 +56,7 @@ class Survey:
         return places
 
     def items(self, dialect: Dialect, begins: tuple[float, float] | None = None) -> list[MissionItem]:
-        """The mission, with home as a place holder first, a takeoff, and the way home last.
+        """The mission: home as a placeholder, a takeoff, the photographs, and the return home.
 
         It takes off at the latitude and longitude ``begins``, by default those of the middle: PX4 flies there
         after the climb.

@@ -137,7 +137,7 @@ class Vehicle:
         return Equipment(name, pitch)
 
     def parameter(self, name: str) -> float | None:
-        """The value of a parameter, 0 if it is 0; None when the autopilot does not tell it.
+        """The value of a parameter; None when the autopilot does not report it.
 
         PX4 sends the bits of whole numbers.
         """

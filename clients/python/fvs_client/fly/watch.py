@@ -30,7 +30,7 @@ class Watch:
         self.asked_home = threading.Event()
         self.paused = threading.Event()
         self.starting = False
-        """Whether it was told to arm and to fly: it may, also where the answer is lost."""
+        """Whether it was told to arm and fly; it may fly even if the acknowledgement was lost."""
         self.airborne = False
         self.handing_over = False
         """Whether the vehicle gets its next mission now: it holds, and has none that ends at home."""

@@ -146,7 +146,7 @@ class MissionFile:
     reasons: tuple[str, ...] = ()
 
     def save(self, path: str | PathLike[str] = ".") -> Path:
-        """Write it to ``path``, or under its name into that folder; return where it is.
+        """Write the file to ``path``, or under its own name into that folder. Return its path.
 
         A path that ends with a slash is a folder, which is made if it is missing. Raises ``OSError``.
         """

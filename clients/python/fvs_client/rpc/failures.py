@@ -41,7 +41,7 @@ _NOT_TRUSTED = ("ssl", "certificate", "handshake")
 _TOO_LARGE = "message larger than max"
 _TOO_MANY = "concurrent rpc limit exceeded"
 _OF_CLIENT = "CLIENT:"
-"""gRPC says of which side the limit is."""
+"""gRPC reports which side's limit was exceeded."""
 _OF_PROXY = "http2 header"
 """In the text of a status that gRPC makes of an answer that is only HTTP."""
 
@@ -135,7 +135,7 @@ def _deadline_passed(within: str) -> httpx2.Response:
 
 
 def _too_large() -> httpx2.Response:
-    """The refusal of a message that gRPC itself does not let through to the service."""
+    """The refusal of a message that gRPC itself rejects before the service sees it."""
     problem = {
         "title": "The body is too large",
         "code": "payload-too-large",
@@ -147,7 +147,7 @@ def _too_large() -> httpx2.Response:
 
 
 def _too_many_calls() -> httpx2.Response:
-    """The refusal of a call that gRPC itself does not let through, as the service has too many."""
+    """The refusal of a call that gRPC itself rejects because the service has too many."""
     problem = {
         "title": "A limit is reached",
         "code": "limit-exceeded",

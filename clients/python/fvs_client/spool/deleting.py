@@ -53,7 +53,7 @@ class Room:
             last = found[-1].number
 
     def _delete(self, photograph: Photograph) -> int:
-        """Delete the file if its bytes are those that were acknowledged; the bytes that are free then."""
+        """Delete the file if its bytes are those that were acknowledged. Return the bytes freed."""
         path, number = photograph.path, photograph.number
         failed_at = self._failed_at.get(number)
         if failed_at is not None and self._clock() - failed_at < _TRY_AGAIN_S:

@@ -1,4 +1,4 @@
-"""Let refused photographs wait again, or forget them."""
+"""Retry or forget refused photographs."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -19,7 +19,7 @@ _REST_PER_LISTING = 20.0
 _TELL_AFTER_S = 60.0
 """A file that has not changed for so long and has no end is worth a word."""
 _MOST_PER_LOOK = 500
-"""Files that are taken in one look; of all others only a hash is kept in memory."""
+"""Maximum number of files taken per scan; only a hash of each other file is kept in memory."""
 
 
 class Watcher:
@@ -47,7 +47,7 @@ class Watcher:
         # Files, as they are, by their hashes: a folder may have more of them than there is memory for.
         self._known: set[int] = set()
         self._waiting: dict[int, float] = {}
-        """Since when, on the monotonic clock, each has been as it is."""
+        """When each file was last seen to change, on the monotonic clock."""
         self._tried: dict[int, float] = {}
         """When those that could not be taken were last tried."""
         self._told: set[int] = set()
@@ -90,7 +90,7 @@ class Watcher:
     def _complete(
         self, now: float, known: Container[int], waiting: Mapping[int, float], troubles: set[str]
     ) -> Iterator[FoundFile]:
-        """The files that have settled and are not known; notes all others as ``known`` or ``waiting``."""
+        """The files that have settled and are new; records all others as ``known`` or ``waiting``."""
 
         def skip(error: OSError) -> None:
             self._tell(f"{error.filename} cannot be read: {error.strerror}. It is skipped.", troubles)
@@ -105,7 +105,7 @@ class Watcher:
                 yield file
 
     def _turn(self, file: FoundFile) -> tuple[float, list[tuple[int, str]]]:
-        """Sorts files by their numbers, but after all others those that could not be taken."""
+        """Sorts files by their numbers; those that could not be taken come last."""
         return self._tried.get(hash(file), -inf), order_of(file)
 
     def _is_known(self, file: FoundFile) -> bool:

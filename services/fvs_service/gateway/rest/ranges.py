@@ -38,7 +38,7 @@ def ranged_response(
 
 
 def _begun(chunks: Iterator[bytes]) -> Iterator[bytes]:
-    """The same chunks; the first one is read now: what fails then still has a status of its own."""
+    """The same chunks, the first one read now: if that fails, the response can still have an error status."""
     first = next(chunks, None)
     return iter(()) if first is None else chain((first,), chunks)
 

@@ -152,7 +152,7 @@ class Call:
         return content
 
     async def read_list(self, tenant_id: str) -> bytes:
-        """The only message of a request with a list, when its turn has come; lasts until ``end_turn``."""
+        """Wait for a turn, and return the only message of a request with a list. See ``end_turn``."""
         self._turn = await self._gateway.lists.begin(tenant_id)
         content = await self.read()
         if len(content) <= _LARGE_BYTES:

@@ -22,7 +22,7 @@ _SPEEDS_M_S = (1.0, 15.0)
 _SAFE_M = (1.2, 1500.0)
 """The range of the height to which it climbs before it flies to the first waypoint."""
 _USUAL_SAFE_M = 20.0
-"""That of DJI's ground stations."""
+"""The height that DJI's ground stations use."""
 _RETURN_M = (2.0, 1500.0)
 _STOP = "toPointAndStopWithDiscontinuityCurvature"
 """Straight to a waypoint, where it stops."""

@@ -15,6 +15,6 @@ def text(value: str) -> str:
 
 
 def _number(value: float) -> str:
-    """A number without an exponent, which not every reader takes: to a billionth."""
+    """A number without an exponent, which some readers reject; rounded to nine decimals."""
     digits = f"{value:.9f}".rstrip("0").rstrip(".")
     return "0" if digits == "-0" else digits
