@@ -11,6 +11,7 @@ import gc
 import math
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -71,6 +72,7 @@ _PROCESS_FILES = (
 _IN_ONE_WORKER = {
     "contract/": "contract",
     "docs/test_code_blocks.py": "code blocks",
+    "fvs_engine/cli/reconstructed/": "a reconstruction",
     "fvs_service/worker/test_life_of_a_scene.py": "a whole service",
     "fvs_engine/sfm/": "kermit_sfm",
     "fvs_engine/pipeline/test_cameras.py": "kermit_sfm",
@@ -78,9 +80,12 @@ _IN_ONE_WORKER = {
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """With several workers, give each one thread: the machine has no more cores than workers."""
+    """With several workers, give each one thread: the machine has no more cores than workers; heed SIGINT."""
     if getattr(config.option, "numprocesses", None):
         os.environ.setdefault("OMP_NUM_THREADS", "1")
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell's background jobs ignore it, and so would the processes that tests interrupt.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -11,11 +11,13 @@ from typing import Any
 import httpx2
 import pytest
 import uvicorn
+from computing_runners import ComputingRunners
 from conftest_of import conftest_of
 from fvs_client import Client, Retries
 from fvs_client.cli.app import app as program
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.server import GatewayServer
+from gateways import Gateway, settings_for
 from typer.testing import CliRunner, Result
 
 _service = conftest_of("fvs_service")
@@ -28,8 +30,8 @@ _plain_logs = _service._plain_logs
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
     overrides = {"event_heartbeat_s": 0.2, "grpc_port": 0}
-    settings = _service._settings(tmp_path_factory.mktemp("clients") / "service", overrides)
-    app = create_app(settings, _service.ComputingRunners)
+    settings = settings_for(tmp_path_factory.mktemp("clients") / "service", overrides)
+    app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []
     config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1)
     server = GatewayServer(config, app, settings, ports.append)
@@ -41,7 +43,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     port = server.servers[0].sockets[0].getsockname()[1]
     app.state.rpc_url = f"grpc://127.0.0.1:{ports[0]}"
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
-        yield _service.Gateway(app, plain, settings)
+        yield Gateway(app, plain, settings)
     server.handle_exit(signal.SIGTERM, None)
     thread.join()
 

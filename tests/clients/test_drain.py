@@ -15,15 +15,15 @@ import grpc
 import httpx2
 import pytest
 import uvicorn
-from conftest_of import conftest_of
+from computing_runners import ComputingRunners
 from fvs_client import Client, FvsError, Orbit
 from fvs_client.retries import NO_RETRIES
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.server import GatewayServer
+from gateways import Gateway, settings_for
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 
-_service = conftest_of("fvs_service")
 _ORBIT = Orbit(count=8)
 
 
@@ -58,8 +58,8 @@ def serving(tmp_path: Path) -> Iterator[Callable[[float], Stopping]]:
 
 @contextlib.contextmanager
 def _serving(tmp_path: Path, drain_s: float) -> Iterator[Stopping]:
-    settings = _service._settings(tmp_path / "service", {"grpc_port": 0, "drain_s": drain_s})
-    app = create_app(settings, _service.ComputingRunners)
+    settings = settings_for(tmp_path / "service", {"grpc_port": 0, "drain_s": drain_s})
+    app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []
     config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1)
     server = GatewayServer(config, app, settings, ports.append)
@@ -87,7 +87,7 @@ def _serving(tmp_path: Path, drain_s: float) -> Iterator[Stopping]:
 
     port = server.servers[0].sockets[0].getsockname()[1]
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
-        gateway = _service.Gateway(app, plain, settings)
+        gateway = Gateway(app, plain, settings)
         stop = lambda: server.handle_exit(signal.SIGTERM, None)  # noqa: E731
         yield Stopping(gateway, ports[0], stop, go, begun, ended)
         go.set()

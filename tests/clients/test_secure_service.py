@@ -12,13 +12,12 @@ import certificates
 import grpc
 import pytest
 import uvicorn
-from conftest_of import conftest_of
+from computing_runners import ComputingRunners
 from fvs_client import NO_RETRIES, Client, ConnectionFailedError, ForbiddenError, UnauthenticatedError
 from fvs_service.gateway.rest.app import create_app
 from fvs_service.gateway.server import GatewayServer, certificates_of
 from fvs_service.principal import Scope
-
-_service = conftest_of("fvs_service")
+from gateways import settings_for
 
 Connect = Callable[..., Client]
 
@@ -37,10 +36,10 @@ def secure(
     tls = {"tls_certificate": service, "tls_key": service.with_suffix(".key")}
     if request.param:
         tls["tls_client_ca"] = known["ours"]
-    settings = _service._settings(
+    settings = settings_for(
         tmp_path_factory.mktemp("secure") / "service", {"require_keys": True, "grpc_port": 0, **tls}
     )
-    app = create_app(settings, _service.ComputingRunners)
+    app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []
     config = uvicorn.Config(app, port=0, log_level="error", **certificates_of(settings))
     server = GatewayServer(config, app, settings, ports.append)

@@ -13,6 +13,7 @@ from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.rpc.calls import Gateway as RpcGateway
 from fvs_service.gateway.rpc.server import RpcServer
 from fvs_service.settings import Settings
+from gateways import running_gateway, settings_for
 
 _service = conftest_of("fvs_service")
 photograph = _service.photograph
@@ -28,11 +29,11 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         "open_jobs_per_tenant": 2,
         "refusals_per_key": 30,
     }
-    settings = _service._settings(
+    settings = settings_for(
         tmp_path_factory.mktemp("contract") / "service",
         {"require_keys": True, "grpc_port": 0, "limits": limits},
     )
-    with _service._running(settings) as gateway:
+    with running_gateway(settings) as gateway:
         yield gateway
 
 

@@ -16,6 +16,12 @@ from fvs.v1 import views_pb2 as views
 from fvs_service.gateway.rpc import calls, server
 
 
+def silent(until: threading.Event) -> Iterator[bytes]:
+    """A request stream of which no message arrives."""
+    until.wait(60)
+    yield from ()
+
+
 def test_a_tenant_cannot_take_the_calls_of_others(
     open_rpc: Callable[..., tuple[Any, int]], gateway: Any, tenant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -24,13 +30,9 @@ def test_a_tenant_cannot_take_the_calls_of_others(
     other = gateway.application.storage.keys.create("other", tenant_id="somebody")
     never = threading.Event()
 
-    def nothing() -> Iterator[bytes]:
-        never.wait(60)
-        yield from ()
-
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         raw = channel.stream_stream("/fvs.v1.ImageService/UploadImage")
-        held = [raw(nothing(), metadata=with_key(tenant)) for _ in range(4)]
+        held = [raw(silent(never), metadata=with_key(tenant)) for _ in range(4)]
         deadline = time.monotonic() + 20
         while not any(call.done() for call in held):  # one too many
             assert time.monotonic() < deadline
@@ -57,13 +59,9 @@ def test_calls_of_all_tenants_have_a_limit(
     _, port = open_rpc()
     never = threading.Event()
 
-    def nothing() -> Iterator[bytes]:
-        never.wait(60)
-        yield from ()
-
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         raw = channel.stream_stream("/fvs.v1.ImageService/UploadImage")
-        held = [raw(nothing(), metadata=with_key(tenant)) for _ in range(3)]
+        held = [raw(silent(never), metadata=with_key(tenant)) for _ in range(3)]
         wait_until(lambda: any(call.done() for call in held))
         listed = channel.unary_unary("/fvs.v1.SceneService/ListScenes")
         with pytest.raises(grpc.RpcError) as caught:
@@ -152,14 +150,10 @@ def test_few_messages_with_lists_are_read_at_once(
     other = gateway.application.storage.keys.create("other", tenant_id="somebody")
     never = threading.Event()
 
-    def nothing() -> Iterator[bytes]:
-        never.wait(60)
-        yield from ()
-
     request = views.RankViewsRequest(scene_id=tenant.scene()).SerializeToString()
     with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         held = [
-            channel.stream_stream("/fvs.v1.ViewService/RankViews")(nothing(), metadata=with_key(tenant))
+            channel.stream_stream("/fvs.v1.ViewService/RankViews")(silent(never), metadata=with_key(tenant))
             for _ in range(2)
         ]
         rank = channel.unary_unary("/fvs.v1.ViewService/RankViews")

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import grpc
 from conftest_of import conftest_of
+from gateways import running_gateway, settings_for
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.descriptor_pool import Default
 from loop_watchdog import ALLOWED_S, watched_loops
 
-_contract, _service = conftest_of("contract"), conftest_of("fvs_service")
+_contract = conftest_of("contract")
 _FILES = ("capabilities", "images", "jobs", "scenes", "snapshots", "views")
 _DEPTH = 4
 _SMALL_BYTES = 65_536
@@ -72,11 +73,11 @@ def _code(channel: grpc.Channel, method: str, content: bytes) -> grpc.StatusCode
 
 
 def test_no_message_holds_the_event_loop(tmp_path: Path) -> None:
-    settings = _service._settings(tmp_path / "service", {"grpc_port": 0})
+    settings = settings_for(tmp_path / "service", {"grpc_port": 0})
     sizes = (_SMALL_BYTES - 100, settings.limits.json_bytes - 100)
     codes: dict[tuple[str, str, int], grpc.StatusCode] = {}
     holds: dict[tuple[str, str, int], float] = {}
-    with watched_loops() as watchdog, _service._running(settings) as gateway:
+    with watched_loops() as watchdog, running_gateway(settings) as gateway:
         server, port = _contract._start(gateway, settings)
         with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
             for method, message in _methods():

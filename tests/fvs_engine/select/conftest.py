@@ -2,18 +2,26 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView
 
 CAMERA = PinholeCamera(32, 24, 28.0, 28.0, 16.0, 12.0)
+
+
+@pytest.fixture(scope="session")
+def room(room_dir: Path) -> Dataset:
+    """Twenty-four views with known poses."""
+    return read_dataset(room_dir / "images", colmap=room_dir / "sparse")
 
 
 @pytest.fixture(scope="session")

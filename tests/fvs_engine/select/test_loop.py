@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from selection_loops import loop_opener, run_to_end
 
 from fvs_engine.errors import (
     Cancelled,
@@ -22,9 +23,8 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord, StopReason
+from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.views import TrainingView
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
@@ -32,23 +32,7 @@ pytestmark = pytest.mark.usefixtures("all_native_here")
 SCENE = SceneSettings(
     poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5, quick_share=1.0
 )
-BASE: dict[str, Any] = {"scene": SCENE, "initial": 4, "budget": 8, "nearest": 6}
-
-
-@pytest.fixture(scope="module")
-def room(room_dir: Path) -> Dataset:
-    return read_dataset(room_dir / "images", colmap=room_dir / "sparse")
-
-
-def open_loop(folder: Path, dataset: Dataset, **changes: Any) -> SelectionLoop:
-    settings = LoopSettings(**(BASE | changes))
-    return SelectionLoop.open(folder, dataset, settings, create_rasterizer("cpu"), Monitor())
-
-
-def run(loop: SelectionLoop, monitor: Monitor | None = None) -> StopReason:
-    while isinstance(step := loop.step(monitor or Monitor()), StepRecord):
-        pass
-    return step
+open_loop = loop_opener(scene=SCENE, initial=4, budget=8, nearest=6)
 
 
 def without_seconds(loop: SelectionLoop) -> list[dict[str, Any]]:
@@ -58,9 +42,9 @@ def without_seconds(loop: SelectionLoop) -> list[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def clean_run(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> SelectionLoop:
-    """One selection that nothing disturbed. Not to be changed."""
+    """One selection that was not interrupted. Tests must not change it."""
     loop = open_loop(tmp_path_factory.mktemp("clean"), room)
-    loop.stop = run(loop)  # type: ignore[attr-defined]
+    loop.stop = run_to_end(loop)  # type: ignore[attr-defined]
     return loop
 
 
@@ -91,10 +75,10 @@ def test_it_ends_when_the_expected_quality_or_gain_says_so(
     room: Dataset, tmp_path: Path, clean_run: SelectionLoop
 ) -> None:
     by_quality = open_loop(tmp_path / "quality", room, stop_at_db=1.0)
-    assert run(by_quality).kind == "quality"
+    assert run_to_end(by_quality).kind == "quality"
     assert by_quality.visited == clean_run.visited[:7]  # after three photographs there is a forecast
     by_gain = open_loop(tmp_path / "gain", room, stop_at_gain_db=99.0)
-    assert run(by_gain).kind == "gain"
+    assert run_to_end(by_gain).kind == "gain"
 
 
 def test_test_views_are_neither_visited_nor_candidates(clean_run: SelectionLoop) -> None:
@@ -180,9 +164,9 @@ def test_cancelling_anywhere_changes_nothing(room: Dataset, clean_run: Selection
     for patience in (1, 3, 9, 15, 20, 25):
         loop, monitor = open_loop(tmp_path, room), Impatient(patience)
         with pytest.raises(Cancelled):
-            run(loop, monitor)
+            run_to_end(loop, monitor)
     last = open_loop(tmp_path, room)
-    run(last)
+    run_to_end(last)
     assert without_seconds(last) == without_seconds(clean_run)
 
 
@@ -217,7 +201,7 @@ def test_what_there_is_to_say_of_the_initial_views_is_said_once(room: Dataset, t
 
 def test_a_time_limit_ends_it_and_a_later_run_goes_on(room: Dataset, tmp_path: Path) -> None:
     limited = open_loop(tmp_path, room, time_limit_s=1e-6)
-    assert run(limited).kind == "time-limit"
+    assert run_to_end(limited).kind == "time-limit"
     assert limited.records == ()
     assert json.loads((tmp_path / "selection.json").read_text())["stop"]["kind"] == "time-limit"
     later = open_loop(tmp_path, room)
@@ -228,7 +212,7 @@ def test_a_time_limit_ends_it_and_a_later_run_goes_on(room: Dataset, tmp_path: P
 def test_it_ends_where_nothing_is_left_in_reach(room: Dataset, tmp_path: Path) -> None:
     """The rounds stand 0.3 units above each other, views 0.8 apart: one step up, and there is no other."""
     loop = open_loop(tmp_path, room, initial=3, nearest=None, radius=0.5, budget=20)
-    stop = run(loop)
+    stop = run_to_end(loop)
     assert loop.visited == ("01.png", "02.png", "03.png", "15.png")
     assert stop.kind == "nothing-in-reach"
     assert "within 0.5 of the camera; a radius of 0.8" in stop.message
@@ -259,7 +243,7 @@ def test_a_pool_smaller_than_the_budget_is_refused(room: Dataset, tmp_path: Path
 def test_the_whole_pool_may_be_visited(room: Dataset, tmp_path: Path) -> None:
     scene = SCENE.model_copy(update={"iterations_per_view": 0, "initial_iterations": 1})
     loop = open_loop(tmp_path, room, initial=19, budget=21, nearest=100, scene=scene, method="random")
-    assert run(loop).kind == "budget"
+    assert run_to_end(loop).kind == "budget"
     assert sorted(loop.visited) == sorted(loop.pool)
 
 

@@ -2,42 +2,25 @@
 
 import contextlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from selection_loops import loop_opener, run_to_end
 
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach
-from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.select.loop import Choice, LoopSettings, SelectionLoop, StepRecord, StopReason
-from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.select.loop import Choice, SelectionLoop, StepRecord, StopReason
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
 SCENE = SceneSettings(
     poses="known", long_side_px=64, initial_iterations=10, iterations_per_view=1, quick_share=1.0
 )
-BASE: dict[str, Any] = {"scene": SCENE, "initial": 3, "budget": 12, "nearest": 99, "method": "farthest"}
-
-
-@pytest.fixture(scope="module")
-def room(room_dir: Path) -> Dataset:
-    return read_dataset(room_dir / "images", colmap=room_dir / "sparse")
-
-
-def open_loop(folder: Path, dataset: Dataset, **changes: Any) -> SelectionLoop:
-    settings = LoopSettings(**(BASE | changes))
-    return SelectionLoop.open(folder, dataset, settings, create_rasterizer("cpu"), Monitor())
-
-
-def run(loop: SelectionLoop, monitor: Monitor | None = None) -> StopReason:
-    while isinstance(step := loop.step(monitor or Monitor()), StepRecord):
-        pass
-    return step
+open_loop = loop_opener(scene=SCENE, initial=3, budget=12, nearest=99, method="farthest")
 
 
 def decided(loop: SelectionLoop) -> list[tuple[str, int, tuple[int, ...], float]]:
@@ -49,7 +32,7 @@ def decided(loop: SelectionLoop) -> list[tuple[str, int, tuple[int, ...], float]
 def unlimited(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> SelectionLoop:
     """A selection by ``farthest`` without a limit. Tests must not change it."""
     loop = open_loop(tmp_path_factory.mktemp("unlimited"), room)
-    run(loop)
+    run_to_end(loop)
     return loop
 
 
@@ -60,7 +43,7 @@ def test_it_ends_before_the_view_that_would_exceed_the_travel(
     exact, less = sum(steps[:4]), sum(steps[:4]) * 0.999
     for travel, count in ((exact, 4), (less, 3)):
         loop = open_loop(tmp_path / str(count), room, max_travel=travel)
-        stop = run(loop)
+        stop = run_to_end(loop)
         assert stop.kind == "travel"
         assert "The travel is used" in stop.message
         if count == 3:
@@ -77,7 +60,7 @@ def test_kriging_plans_within_the_travel(room: Dataset, tmp_path: Path, unlimite
     """With a travel in which ``farthest`` visits two views."""
     travel = sum(record.choice.distance for record in unlimited.records[:2])
     loop = open_loop(tmp_path, room, method="kriging", max_travel=travel)
-    stop = run(loop)
+    stop = run_to_end(loop)
     assert stop.kind in ("travel", "budget")
     assert len(loop.visited) > 3 + 2
     assert loop.vehicles.all[0].flown <= travel * (1 + 1e-9)
@@ -90,7 +73,7 @@ def test_kriging_plans_within_the_travel(room: Dataset, tmp_path: Path, unlimite
 def test_kriging_keeps_to_the_travel_where_reach_is_limited(room: Dataset, tmp_path: Path) -> None:
     spacing = float(np.median(np.linalg.norm(np.diff(list(room.centres().values()), axis=0), axis=1)))
     loop = open_loop(tmp_path, room, method="kriging", nearest=4, max_travel=5 * spacing)
-    stop = run(loop)
+    stop = run_to_end(loop)
     assert stop.kind == "travel"
     assert 0.0 < loop.vehicles.all[0].flown <= 5 * spacing * (1 + 1e-9)
     here = room.centres()[loop.visited[-1]]
@@ -102,7 +85,7 @@ def test_kriging_keeps_to_the_travel_where_reach_is_limited(room: Dataset, tmp_p
 @pytest.mark.parametrize("method", ["farthest", "kriging"])
 def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Path, method: str) -> None:
     loop = open_loop(tmp_path, room, method=method, vehicles=3, budget=10)
-    assert run(loop).kind == "budget"
+    assert run_to_end(loop).kind == "budget"
     centres = room.centres()
     at = dict.fromkeys((1, 2, 3), loop.initial[-1])
     flown = dict.fromkeys(at, 0.0)
@@ -122,18 +105,18 @@ def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Pa
 
 def test_a_plan_that_vehicles_share_is_shorter_for_each_than_for_one(room: Dataset, tmp_path: Path) -> None:
     alone = open_loop(tmp_path / "alone", room, method="kriging", budget=10)
-    run(alone)
+    run_to_end(alone)
     pair = open_loop(tmp_path / "pair", room, method="kriging", budget=10, vehicles=2)
-    run(pair)
+    run_to_end(pair)
     assert len(pair.visited) == len(alone.visited)
     assert max(v.flown for v in pair.vehicles.all) < 0.8 * alone.vehicles.all[0].flown
 
 
 def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, tmp_path: Path) -> None:
     one = open_loop(tmp_path / "one", room, max_travel=11.0)
-    assert run(one).kind == "travel"
+    assert run_to_end(one).kind == "travel"
     two = open_loop(tmp_path / "two", room, max_travel=11.0, vehicles=2)
-    assert run(two).kind == "travel"
+    assert run_to_end(two).kind == "travel"
     assert len(two.visited) > len(one.visited)
     assert all(vehicle.flown <= 11.0 * (1 + 1e-9) for vehicle in two.vehicles.all)
     landed: tuple[int, ...] = ()
@@ -148,7 +131,7 @@ def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, 
 def test_it_goes_on_identically_after_a_stop_at_any_step(room: Dataset, tmp_path: Path, method: str) -> None:
     changes = {"method": method, "max_travel": 6.0, "vehicles": 2, "budget": 8}
     whole = open_loop(tmp_path / "whole", room, **changes)
-    end = run(whole)
+    end = run_to_end(whole)
     resumed = open_loop(tmp_path / "resumed", room, **changes)
     for _ in range(20):  # after a choice and after a visit, by turns
         assert resumed.choose(Monitor()) is not None
@@ -161,7 +144,7 @@ def test_it_goes_on_identically_after_a_stop_at_any_step(room: Dataset, tmp_path
         if isinstance(resumed.step(Monitor()), StopReason):
             break
     assert decided(resumed) == decided(whole)
-    assert run(resumed) == end
+    assert run_to_end(resumed) == end
 
 
 def test_a_choice_is_made_once(room: Dataset, tmp_path: Path) -> None:

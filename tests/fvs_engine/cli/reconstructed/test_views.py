@@ -1,0 +1,213 @@
+"""Ranking, planning and rendering views of a reconstruction."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from fvs_engine.cli.exit_codes import EXIT_CODES
+
+Fvs = Callable[..., Any]
+
+
+def test_ranking_without_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs("rank", first_run[0], "--top", 3, "--out", tmp_path / "ranking", "--json")
+    assert run.status == 0, run.stderr
+    shown = run.document["candidates"]
+    assert len(shown) == 3
+    everything = json.loads((tmp_path / "ranking" / "ranking.json").read_text())["candidates"]
+    assert everything[:3] == shown
+    scores = [place["score"] for place in everything if place["status"] == "ranked"]
+    assert scores == sorted(scores)
+    assert [place["rank"] for place in everything if place["status"] == "ranked"] == list(
+        range(1, len(scores) + 1)
+    )
+    with Image.open(tmp_path / "ranking" / "contact_sheet.png") as sheet:
+        assert sheet.width > 300
+
+
+@pytest.mark.parametrize(("method", "estimated"), [("estimate", True), ("fast", False)])
+def test_ranking_by_other_methods(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, method: str, estimated: bool
+) -> None:
+    """So few candidates are all exact by the fast method."""
+    run = fvs("rank", first_run[0], "--method", f"median-frequency-{method}", "--out", tmp_path, "--json")
+    assert run.status == 0, run.stderr
+    assert run.document["method"] == f"median-frequency-{method}"
+    assert {place["estimated"] for place in run.document["candidates"]} == {estimated}
+    text = fvs("rank", first_run[0], "--method", f"median-frequency-{method}", "--out", tmp_path)
+    assert ("≈" in text.stdout) is estimated
+
+
+def test_a_contact_sheet_holds_no_more_than_can_be_looked_at(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_engine.pipeline.rank.MOST_ON_SHEET", 1)
+    areas = []
+    for top in (1, 3):
+        assert fvs("rank", first_run[0], "--top", top, "--out", tmp_path / str(top)).status == 0
+        with Image.open(tmp_path / str(top) / "contact_sheet.png") as sheet:
+            areas.append(sheet.size)
+    assert areas[0] == areas[1]
+
+
+def test_ranking_of_a_file_where_one_view_sees_nothing(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, run = first_run
+    training = run.document["manifest"]["training"]
+    known = training["test_views"][0]
+    centre = np.mean([camera.projection_center() for camera in _images(out)], axis=0)
+    away = {"name": "away", "position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text(json.dumps([away, {"name": "known", "view": known}]))
+    ranked = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking", "--json")
+    assert ranked.status == 0, ranked.stderr
+    first, last = ranked.document["candidates"]
+    assert (first["name"], first["rank"], first["status"]) == ("known", 1, "ranked")
+    assert (last["name"], last["rank"], last["score"], last["status"]) == ("away", None, None, "out-of-model")
+
+    table = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking")
+    assert "known" in table.stdout
+    assert "out-of-model" in table.stdout
+
+
+def test_a_plan_of_the_next_views(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs("plan", first_run[0], "--views", 3, "--out", tmp_path / "plan", "--json")
+    assert run.status == 0, run.stderr
+    written = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    mission = run.document["mission"]
+    assert mission == written["mission"]
+    (tour,) = mission["tours"]
+    assert len(tour["stops"]) == 3
+    assert {pose["name"] for pose in written["poses"]} == {stop["name"] for stop in tour["stops"]}
+    assert len(written["targets"]) == len(mission["target_variances"])
+    assert mission["end"]["variance"] < mission["now"]["variance"]
+    assert all(0 <= term["chance"] <= 1 for term in mission["terms"])  # poses are estimated
+    assert all(0 < term["coverage"] <= 1 for term in mission["terms"])
+    assert len({term["median_frequency"] for term in mission["terms"]}) > 1
+    with Image.open(tmp_path / "plan" / "plan.png") as picture:
+        assert picture.width > 1_000
+
+    table = fvs("plan", first_run[0], "--views", 3, "--out", tmp_path / "again")
+    assert written["summary"] in table.stdout
+    assert all(stop["name"] in table.stdout for stop in tour["stops"])
+
+
+def test_a_plan_for_two_vehicles_within_a_distance(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, run = first_run
+    centres = [camera.projection_center().tolist() for camera in _images(out)]
+    starts = [",".join(map(str, centre)) for centre in (centres[0], centres[-1])]
+    targets = tmp_path / "targets.json"
+    known = run.document["manifest"]["training"]["test_views"][0]
+    targets.write_text(json.dumps([{"name": "front", "view": known}]))
+    options = ["--start", starts[0], "--start", starts[1], "--targets", targets, "--out", tmp_path / "plan"]
+    planned = fvs("plan", out, "--views", 4, *options, "--json")
+    assert planned.status == 0, planned.stderr
+    assert planned.document["targets"] == ["front"]
+    tours = planned.document["mission"]["tours"]
+    assert [tour["start"] for tour in tours] == [pytest.approx(centres[0]), pytest.approx(centres[-1])]
+    longest = max(tour["length"] for tour in tours)
+    near = fvs("plan", out, "--views", 4, *options, "--home", "--distance", 1.5 * longest, "--json")
+    assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["mission"]["tours"])
+
+
+def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, _ = first_run
+    centres = np.array([camera.projection_center() for camera in _images(out)])
+    middle, extent = centres.mean(axis=0), float(np.ptp(centres, axis=0).max())
+    volume, zone = tmp_path / "volume.json", tmp_path / "zone.json"
+    volume.write_text(
+        json.dumps({"kind": "cylinder", "base": middle.tolist(), "radius": extent, "height": extent})
+    )
+    options = ["--volume", volume, "--count", 40, "--views", 3, "--out", tmp_path / "plan", "--json"]
+    run = fvs("plan", out, *options)
+    assert run.status == 0, run.stderr
+    poses = run.document["poses"]
+    assert all(pose["name"].startswith("cylinder-") for pose in poses)
+    offsets = np.array([pose["position"] for pose in poses]) - middle
+    assert np.linalg.norm(offsets[:, :2], axis=1).max() <= extent * 1.001
+    aimed = fvs("plan", out, *options, "--aim", "nearest", "--level")
+    for pose in aimed.document["poses"]:
+        assert pose["name"].startswith("cylinder-")
+    assert aimed.document["poses"] != poses
+    assert "not middle, nearest or X,Y,Z" in fvs("plan", out, *options, "--aim", "north").stderr
+    assert "need a --volume" in fvs("plan", out, "--level").stderr
+    zone.write_text(json.dumps({"kind": "cylinder", "base": middle.tolist(), "radius": 9e3, "height": 9e3}))
+    refused = fvs("plan", out, *options, "--no-fly", zone)
+    assert refused.status == EXIT_CODES["invalid-input"]
+    zone.write_text('{"kind": "cylinder"}')
+    assert "zone.json: The volume cannot be used" in fvs("plan", out, *options, "--no-fly", zone).stderr
+    buried = fvs("plan", out, "--safety", 1e6)
+    assert "Something is in the way" in buried.stderr
+    assert "not both" in fvs("plan", out, "--volume", volume, "--candidates", volume).stderr
+
+
+def test_plans_that_cannot_be_made_say_what_to_change(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    short = fvs("plan", first_run[0], "--distance", 1e-6)
+    assert short.status == EXIT_CODES["invalid-input"]
+    assert "does not reach any candidate: the nearest is" in short.stderr
+    assert "Give at least" in short.stderr
+    assert "is not X,Y,Z" in fvs("plan", first_run[0], "--start", "1,2").stderr
+    assert "finite" in fvs("plan", first_run[0], "--start", "nan,0,0").stderr
+    assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
+
+
+def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text('[{"name": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
+    run = fvs("rank", first_run[0], "--candidates", candidates)
+    assert run.status == EXIT_CODES["invalid-input"]
+    assert "candidates.json, candidate 0, orientation_wxyz: its length is 2, not 1." in run.stderr
+
+
+def test_candidates_of_two_sizes_cannot_be_compared(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    pose = {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}
+    camera = {"width": 64, "height": 48, "fx": 70, "fy": 70, "cx": 32, "cy": 24}
+    candidates = tmp_path / "candidates.json"
+    candidates.write_text(json.dumps([{"name": "a", **pose}, {"name": "b", **pose, "camera": camera}]))
+    run = fvs("rank", first_run[0], "--candidates", candidates, "--out", tmp_path / "ranking")
+    assert run.status == EXIT_CODES["invalid-input"]
+    assert "64 × 48" in run.stderr
+    assert "width and height of their camera" in run.stderr
+
+
+def test_rendering(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    run = fvs(
+        "render", first_run[0], "--views", "path", "--frames", 3, "--out", tmp_path / "frames", "--json"
+    )
+    assert run.status == 0, run.stderr
+    files = [Path(name) for name in run.document["files"]]
+    assert [path.name for path in files] == ["00000.png", "00001.png", "00002.png"]
+    training = first_run[1].document["manifest"]["training"]
+    for path in files:
+        with Image.open(path) as image:
+            assert image.size == (training["width_px"], training["height_px"])
+            assert np.asarray(image).std() > 5
+
+
+def test_rendered_views_are_named_like_the_photographs(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    run = fvs("render", first_run[0], "--views", "all", "--out", tmp_path / "renders", "--json")
+    assert run.status == 0, run.stderr
+    files = [str(Path(name).relative_to(tmp_path / "renders")) for name in run.document["files"]]
+    assert files == [f"{name}.png" for name in first_run[1].document["manifest"]["cameras"]["registered"]]
+    assert "more%20of%20them/für%20den%20Druck.jpg.png" in files
+
+
+def _images(out: Path) -> list[Any]:
+    return list(pycolmap.Reconstruction(str(out / "undistorted" / "sparse")).images.values())
