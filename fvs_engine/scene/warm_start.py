@@ -18,7 +18,7 @@ from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
 
-_ITERATIONS = 20
+_ITERATIONS = 14
 _ITERATIONS_PER_NEW_VIEW = 6
 """Every second iteration is on a new view: each has three."""
 

@@ -132,10 +132,10 @@ class Stages:
 
     def _delete_stale(self, image_dir: Path, names: Sequence[str]) -> None:
         settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
-        # Upsampled or not, the features of one image match those of another: those that exist are kept.
+        # Features of one size match those of another: a set that grows from few to many images keeps them.
         features = {
             key: settings[key]
-            for key in ("max_image_size_px", "max_features", "camera_model", "intrinsics", "focal_prior")
+            for key in ("features_of_few", "features_of_many", "camera_model", "intrinsics", "focal_prior")
         }
         sizes = {name: (image_dir / name).stat().st_size for name in names}
         state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}

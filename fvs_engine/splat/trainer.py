@@ -31,6 +31,7 @@ from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
 from fvs_engine.splat.raster.interface import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_engine.splat.view_order import ViewOrder
 from fvs_engine.splat.views import TrainingView, scene_extent
 
 STAGE = "train"
@@ -41,26 +42,6 @@ _DIVERGED_HINT = (
     "The last checkpoint is still good. Check the cameras; if they are right, train again with "
     "another seed (--seed) or more views."
 )
-
-
-@dataclass
-class _ViewOrder:
-    """A seeded random permutation of the views per epoch; ``remaining`` is popped from the end.
-
-    View i comes ``repeats[i]`` times.
-    """
-
-    seed: int
-    epoch: int
-    remaining: list[int]
-    repeats: list[int]
-
-    def next(self) -> int:
-        if not self.remaining:
-            views = np.repeat(np.arange(len(self.repeats)), self.repeats)
-            self.remaining = np.random.default_rng([self.seed, self.epoch]).permutation(views).tolist()
-            self.epoch += 1
-        return self.remaining.pop()
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +99,7 @@ class Trainer:
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
         self._reduction = settings.reduction_at(0)
         self._targets: dict[int, _Target] = {}  # by the view's index, of the present level
-        self._order = _ViewOrder(seed, 0, [], [1] * len(views) if repeats is None else list(repeats))
+        self._order = ViewOrder(seed, 0, [], [1] * len(views) if repeats is None else list(repeats))
 
     @property
     def sh_degree(self) -> int:
@@ -274,7 +255,7 @@ class Trainer:
             trainer = cls(views, gaussians, settings, rasterizer, state["seed"], repeats)
             trainer.iteration = state["iteration"]
             trainer.extent = state["extent"]
-            trainer._order = _ViewOrder(state["seed"], state["epoch"], state["remaining"], repeats)
+            trainer._order = ViewOrder(state["seed"], state["epoch"], state["remaining"], repeats)
             trainer.optimiser.steps = state["steps"]
             trainer.optimiser.first = _named(tensors, "first.", rasterizer.device)
             trainer.optimiser.second = _named(tensors, "second.", rasterizer.device)

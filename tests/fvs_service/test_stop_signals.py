@@ -1,5 +1,7 @@
 """Signals to a process, and the processes below it: real ones, in a process of their own."""
 
+import os
+import platform
 import signal
 import subprocess
 import sys
@@ -9,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from fvs_service.serving.process_tree import descendants
+from fvs_service.serving.process_tree import command_of, descendants
 
 _GRANDCHILD = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
 _CHILD = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {_GRANDCHILD!r}]); print('up')"
@@ -130,6 +132,31 @@ def test_nothing_is_left_below_a_process_whatever_it_ignores(
     until = time.monotonic() + 30
     while Path(f"/proc/{orphan}").exists():
         assert time.monotonic() < until
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or platform.machine() != "x86_64", reason="the number of a system call"
+)
+def test_the_children_of_a_process_whose_main_thread_has_ended_are_below_it(
+    started: Callable[[str], "subprocess.Popen[str]"],
+) -> None:
+    process = started("""
+        import ctypes, subprocess, sys, threading
+
+        def keep():
+            child = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"])
+            print("ready", flush=True)
+            child.wait()
+
+        threading.Thread(target=keep).start()
+        ctypes.CDLL(None).syscall(60, 0)  # exit, of this thread alone
+    """)
+    until = time.monotonic() + 30
+    while ") Z " not in Path(f"/proc/{process.pid}/stat").read_text():
+        assert time.monotonic() < until
+    (child,) = (pid for pid in descendants(os.getpid()) if "sys.stdin.read()" in command_of(pid))
+    os.kill(child, signal.SIGKILL)
+    process.wait(30)
 
 
 def test_the_end_of_a_child_ends_the_wait(started: Callable[[str], "subprocess.Popen[str]"]) -> None:

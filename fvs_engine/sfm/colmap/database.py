@@ -186,11 +186,11 @@ def verified_pair_count(path: Path, min_matches: int) -> int:
 def verified_matches(path: Path, min_matches: int) -> dict[tuple[str, str], int]:
     """Pair of names → number of verified matches, for pairs with at least ``min_matches``."""
     names = {image_id: name for name, image_id in image_ids(path).items()}
-    verified = _verified_ids(path, min_matches)
+    verified = verified_ids(path, min_matches)
     return {(names[first], names[second]): rows for (first, second), rows in verified.items()}
 
 
-def _verified_ids(path: Path, min_matches: int) -> dict[tuple[int, int], int]:
+def verified_ids(path: Path, min_matches: int) -> dict[tuple[int, int], int]:
     """Pair of image ids, the smaller one first → number of verified matches; in the order of the ids."""
     configurations = ",".join(map(str, sorted(_VERIFIED)))
     query = (
@@ -211,7 +211,7 @@ def read_verified_pairs(
 
     ``around``: names of images; only the pairs between these and all that form a verified pair with them.
     """
-    ids = sorted(_verified_ids(path, min_matches))
+    ids = sorted(verified_ids(path, min_matches))
     if around is not None:
         names = image_ids(path)
         centre = {names[name] for name in around if name in names}

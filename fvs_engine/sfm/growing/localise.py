@@ -44,7 +44,7 @@ def localise(
     _delete_if_changed(stages.folder, image_dir, names)
     with stages.timed("features"):
         import_images(stages, image_dir, [*order, *names])
-    add_features(stages, image_dir, names)
+    add_features(stages, image_dir, names, len(order) + len(names))
     counts = feature_counts(guest_database)
     usable = [name for name in names if counts.get(name, 0) > 0]
 

@@ -12,7 +12,7 @@ from PIL import Image
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
-from fvs_engine.sfm.settings import FocalPrior, SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
 
 _SAME_FOCAL = 1.02
@@ -25,22 +25,28 @@ _MIN_FEATURES = 50
 def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
     """Write cameras, images and features into the database; images that have theirs are skipped.
 
+    ``names`` are all images of the set, whose number decides the size that features are extracted from.
+
     Raises ``ReconstructionError`` when fewer than two images have features.
     """
     add_features(stages, image_dir, names)
     _require_texture(stages, names)
 
 
-def add_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
-    """Like ``extract_features``, but all images may lack features."""
+def add_features(stages: Stages, image_dir: Path, names: Sequence[str], set_size: int = 0) -> None:
+    """Like ``extract_features``, but all images may lack features.
+
+    ``set_size``: how many images the set has, or is about to have, when they are more than ``names``.
+    """
     database = stages.folder.database
     with stages.timed("features"):
         import_images(stages, image_dir, names)
         done = set(feature_counts(database))
-        small, large = _by_size(image_dir, [name for name in names if name not in done], stages.settings)
+        settings = stages.settings.features(max(len(names), set_size))
+        small, large = _by_size(image_dir, [name for name in names if name not in done], settings)
         for some, upsampled in ((small, True), (large, False)):
             if some:
-                _extract(stages, image_dir, names, some, done, upsampled=upsampled)
+                _extract(stages, image_dir, names, some, done, settings, upsampled=upsampled)
     stages.monitor.report("features", len(names), len(names))
 
 
@@ -50,6 +56,7 @@ def _extract(
     names: Sequence[str],
     todo: Sequence[str],
     done: Collection[str],
+    settings: FeatureSettings,
     *,
     upsampled: bool,
 ) -> None:
@@ -62,9 +69,9 @@ def _extract(
             "database": str(database),
             "image_dir": str(image_dir),
             "names": list(some),
-            "max_image_size": stages.settings.max_image_size_px,
+            "max_image_size": settings.max_image_size_px,
             "upsampled": upsampled,
-            "max_features": stages.settings.max_features,
+            "max_features": settings.max_features,
             "threads": stages.settings.threads,
         },
         controls=[name for name in names if name in done],
@@ -72,7 +79,7 @@ def _extract(
     )
 
 
-def _by_size(image_dir: Path, names: Sequence[str], settings: SfmSettings) -> tuple[list[str], list[str]]:
+def _by_size(image_dir: Path, names: Sequence[str], settings: FeatureSettings) -> tuple[list[str], list[str]]:
     """The images that are upsampled for their features, and the others, each in their order."""
     small: list[str] = []
     large: list[str] = []

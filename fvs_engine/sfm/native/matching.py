@@ -2,28 +2,25 @@
 
 Each process matches with one thread. The OpenBLAS in pycolmap is built for OpenMP and is not safe in COLMAP's
 threads: two that search at the same time now and then spoil each other's matches. See
-``docs/adr/0035-matching-in-processes.md``.
+``docs/adr/0038-matching-in-processes.md``.
 """
 
-import contextlib
 import math
 import os
 import shutil
 import signal
-import sqlite3
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pycolmap
 
 from fvs_engine.child_process import kill_with_parent
-from fvs_engine.sfm.colmap.database import pair_number
+from fvs_engine.sfm.colmap.part_database import Pair, attached, write_part
 
 Report = Callable[[int], None]
-Pair = tuple[int, int]
 
 _LEAST_PAIRS = 4
 """Number of pairs below which a process of their own takes longer than it saves."""
@@ -87,23 +84,16 @@ class _Part:
 
         Images have their ids as names, which COLMAP's list of pairs can hold.
         """
-        pycolmap.Database.open(path).close()  # makes the tables
-        with _attached(path, whole) as db:
-            db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")
-            images = sorted({image_id for pair in pairs for image_id in pair})
-            db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in images])
-            for table in ("cameras", "rigs", "rig_sensors"):
-                db.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")
-            frames = f"data_id IN wanted AND sensor_type = {int(pycolmap.SensorType.CAMERA)}"
-            db.execute(f"INSERT INTO frame_data SELECT * FROM other.frame_data WHERE {frames}")
-            some = "frame_id IN (SELECT frame_id FROM frame_data)"
-            db.execute(f"INSERT INTO frames SELECT * FROM other.frames WHERE {some}")
-            named = "image_id, CAST(image_id AS TEXT), camera_id"
-            db.execute(f"INSERT INTO images SELECT {named} FROM other.images WHERE image_id IN wanted")
-            for table in ("keypoints", "descriptors"):
-                db.execute(f"INSERT INTO {table} SELECT * FROM other.{table} WHERE image_id IN wanted")
-            numbers = [(pair_number(*pair),) for pair in pairs]
-            db.executemany("INSERT INTO matches SELECT * FROM other.matches WHERE pair_id = ?", numbers)
+        images = {image_id for pair in pairs for image_id in pair}
+        write_part(
+            path,
+            whole,
+            images,
+            pairs,
+            of_images=("keypoints", "descriptors"),
+            of_pairs=("matches",),
+            named_by_id=True,
+        )
         return _Part(path, pairs)
 
     def match(self, seed: int) -> None:
@@ -124,18 +114,9 @@ class _Part:
 
     def merge_into(self, whole: Path) -> None:
         """Write matches and two-view geometries into the database of all images."""
-        with _attached(whole, self.database) as db:
+        with attached(whole, self.database) as db:
             for table in ("matches", "two_view_geometries"):
                 db.execute(f"INSERT OR REPLACE INTO {table} SELECT * FROM other.{table}")
-
-
-@contextlib.contextmanager
-def _attached(path: Path, other: Path) -> Iterator[sqlite3.Connection]:
-    """A transaction on the database ``path``, with a second one as ``other``."""
-    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db:
-        db.execute("ATTACH ? AS other", (str(other),))
-        with db:
-            yield db
 
 
 def _match_all(parts: Sequence[_Part], seed: int) -> None:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pycolmap
@@ -10,9 +11,9 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
+from fvs_engine.sfm.native.match_cache import load_all, load_around
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 Report = Callable[[int], None]
 
@@ -66,9 +67,10 @@ def register(
     pycolmap.set_random_seed(seed)
     model = pycolmap.Reconstruction(model_dir)
     old_points = set(model.point3D_ids())
+    images = {image.name for image in model.images.values()} | set(names)
     growth = _Growth(
         model,
-        _load(database, [image.name for image in model.images.values()] + names),
+        load_around(Path(database), images, names),
         _pipeline_options(refine, seed, threads),
         PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
     )
@@ -77,6 +79,7 @@ def register(
     for number in growth.register(names):
         report(number)
         if adjustments.due(model):
+            growth.use(load_all(Path(database), images))
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
             adjusted = True
@@ -100,14 +103,6 @@ def register(
         if adjusted
         else None,
     }
-
-
-def _load(database: str, names: Sequence[str]) -> pycolmap.DatabaseCache:
-    options = pycolmap.DatabaseCacheOptions()
-    options.min_num_matches = MIN_PAIR_MATCHES
-    options.image_names = set(names)
-    with pycolmap.Database.open(database) as opened:
-        return pycolmap.DatabaseCache.create(opened, options)
 
 
 def _pipeline_options(refine: bool, seed: int, threads: int | None) -> pycolmap.IncrementalPipelineOptions:
@@ -161,6 +156,12 @@ class _Growth:
                     self._rejected_now.clear()  # the model has grown: their poses may be better now
                     return True
         return False
+
+    def use(self, cache: pycolmap.DatabaseCache) -> None:
+        """Go on with other matches."""
+        self.mapper.end_reconstruction(False)
+        self._cache = cache
+        self.mapper = self._begin()
 
     def adjust_all(self) -> None:
         """Adjust all cameras and points, and align the result with the model before."""

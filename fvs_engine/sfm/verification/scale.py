@@ -191,10 +191,18 @@ def _compared(image: int, depths: Sequence[tuple[int, Array]]) -> list[DepthRati
         difference = ours - theirs
         difference = difference[np.isfinite(difference)]
         if len(difference) >= _MIN_TRACKS:
-            median = float(np.median(difference))
-            scatter = 1.4826 * float(np.median(np.abs(difference - median)))
+            median = _median(difference)
+            scatter = 1.4826 * _median(np.abs(difference - median))
             ratios.append(DepthRatio(image, first, second, len(difference), median, scatter))
     return ratios
+
+
+def _median(values: Array) -> float:
+    """The median of finite values: numpy's takes four times as long for a few hundred."""
+    half = len(values) // 2
+    if len(values) % 2 == 1:
+        return float(np.partition(values, half)[half])
+    return float(np.partition(values, (half - 1, half))[half - 1 : half + 1].mean())
 
 
 def _depths(first: Array, second: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:

@@ -13,9 +13,15 @@ _POLL_S = 0.02
 
 
 def descendants(pid: int) -> tuple[int, ...]:
-    """The ids of the processes below ``pid``, without those that have ended."""
-    parents = dict(_running())
-    return tuple(child for child in parents if child != pid and _is_above(pid, child, parents))
+    """The ids of the processes below ``pid``, without those that have ended.
+
+    A process whose main thread has ended is in the state of one that has ended, too, while its other threads
+    still end: its children are below it until then.
+    """
+    states = {child: (parent, state) for child, parent, state in _processes()}
+    parents = {child: parent for child, (parent, _) in states.items()}
+    below = (child for child in parents if child != pid and _is_above(pid, child, parents))
+    return tuple(child for child in below if states[child][1] not in "ZX")
 
 
 def command_of(pid: int) -> str:
@@ -60,15 +66,14 @@ def end_descendants(timeout_s: float) -> None:
     reap_adopted(())
 
 
-def _running() -> Iterator[tuple[int, int]]:
-    """Every process's id and its parent's."""
+def _processes() -> Iterator[tuple[int, int, str]]:
+    """Every process's id, its parent's and its state."""
     proc = Path("/proc")
     for folder in proc.iterdir() if proc.is_dir() else ():
         if folder.name.isdigit():
             with contextlib.suppress(OSError):  # the process has ended
                 state, parent, *_ = (folder / "stat").read_text().rsplit(")", 1)[1].split()
-                if state not in "ZX":
-                    yield int(folder.name), int(parent)
+                yield int(folder.name), int(parent), state
 
 
 def _is_above(ancestor: int, pid: int, parents: Mapping[int, int]) -> bool:

@@ -12,11 +12,11 @@ from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
-SETTINGS = SfmSettings(max_features=1500)
+SETTINGS = SfmSettings(features_of_few=FeatureSettings(max_features=1500))
 VISITED = ("0003.jpg", "0001.jpg", "0002.jpg")
 
 

@@ -10,7 +10,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.settings import SceneSettings
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.splat.raster import Rasterizer
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
@@ -24,7 +24,11 @@ def test_a_scene_whose_cameras_are_found_on_the_way(
 ) -> None:
     """Killed after structure from motion committed a photograph, and before the scene was saved with it."""
     dataset = open_dataset(yard_dir)
-    settings = quick_settings(poses="sfm", long_side_px=96, sfm=SfmSettings(threads=1, max_features=2000))
+    settings = quick_settings(
+        poses="sfm",
+        long_side_px=96,
+        sfm=SfmSettings(threads=1, features_of_few=FeatureSettings(max_features=2000)),
+    )
 
     def opened() -> GrowingScene:
         return GrowingScene.open(tmp_path / "scene", dataset, settings, cpu, Monitor())

@@ -24,7 +24,7 @@ from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.splat.views import TrainingView
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
@@ -289,7 +289,7 @@ ESTIMATED_SCENE = SceneSettings(
     initial_iterations=20,
     iterations_per_view=5,
     quick_share=1.0,
-    sfm=SfmSettings(threads=1, max_features=2000),
+    sfm=SfmSettings(threads=1, features_of_few=FeatureSettings(max_features=2000)),
 )
 ESTIMATED = {"scene": ESTIMATED_SCENE, "initial": 4, "budget": 5, "nearest": 1}
 

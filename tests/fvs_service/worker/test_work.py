@@ -17,6 +17,8 @@ from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 from fvs_service.worker.protocol.messages import RunJob
 from fvs_service.worker.runner import scene_jobs
 from fvs_service.worker.runner.image_files import PreparedImages
+from fvs_service.worker.runner.job_monitor import JobMonitor
+from fvs_service.worker.runner.request_queue import RequestQueue
 from fvs_service.worker.runner.scene_jobs import SceneJobs
 from granted_scenes import GrantedScenes
 
@@ -101,6 +103,10 @@ class Scene:
         raise Cancelled("It was asked to train.")
 
 
+def _monitor() -> JobMonitor:
+    return JobMonitor(lambda _stage: None, RequestQueue(1, 1))
+
+
 def _jobs(folder: Path) -> SceneJobs:
     return SceneJobs(
         folder,
@@ -140,7 +146,7 @@ def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(scene_jobs.GrowingScene, "open", opened)
     warnings: list[str] = []
-    assert _jobs(tmp_path).run(_request(trains=False), cast(Any, Monitor()), warnings.append) is None
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
     assert scene.calls == ["add", "save"]
     assert not kept.exists()
     assert warnings == ["The scene was reconstructed from scratch: the settings of the service have changed."]
@@ -158,7 +164,7 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     jobs = _jobs(tmp_path)
 
     def run(*, trains: bool) -> Any:
-        return jobs.run(_request(trains=trains), cast(Any, Monitor()), lambda _sentence: None)
+        return jobs.run(_request(trains=trains), _monitor(), lambda _sentence: None)
 
     assert run(trains=False) is None
     assert scene.calls == ["add", "save"]
@@ -191,7 +197,7 @@ def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
     monkeypatch.setattr(scene_jobs, "_leave_out", lambda *_: None)
     _jobs(tmp_path).run(
         _request(trains=True),
-        cast(Any, Monitor()),
+        _monitor(),
         warnings.append,
         publish=lambda name, outcome: published.append((name, len(cast(Any, outcome)[3]))),
     )
@@ -200,11 +206,11 @@ def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
     assert warnings == (["The first 10 images: It is doubtful."] if first else []) + ["It is doubtful."]
     if first:  # and the job was killed before it saved
         added.clear()
-        _jobs(tmp_path).run(_request(trains=True), cast(Any, Monitor()), lambda _: None)
+        _jobs(tmp_path).run(_request(trains=True), _monitor(), lambda _: None)
         assert added == [count]
     (tmp_path / "growing" / "first-model-tried").unlink(missing_ok=True)
     added.clear()
     request = _request(trains=True).model_copy(update={"snapshot_id": "snp"})
     monkeypatch.setattr(SceneJobs, "_evaluate_previous", lambda *_: None)
-    _jobs(tmp_path).run(request, cast(Any, Monitor()), lambda _: None)
+    _jobs(tmp_path).run(request, _monitor(), lambda _: None)
     assert added == [count]

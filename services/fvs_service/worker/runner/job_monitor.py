@@ -8,6 +8,9 @@ from fvs_service.worker.protocol.messages import StageProgress
 from fvs_service.worker.runner.request_queue import RequestQueue
 
 _REPORT_EVERY_S = 0.5
+_FIRST_QUESTIONS_S = 1.0
+"""Time for those who follow a scene to hear of a new model and to ask."""
+_POLL_S = 0.1
 
 
 class JobMonitor(Monitor):
@@ -27,6 +30,16 @@ class JobMonitor(Monitor):
         """See ``Monitor``; waits for requests."""
         super().check()
         self._requests.wait_until_empty()
+
+    def let_ask(self) -> None:
+        """Wait for the first questions to a model that was just published, and answer them.
+
+        Whoever waited for it asks now, and is answered sooner than beside a training that begins.
+        """
+        end = time.monotonic() + _FIRST_QUESTIONS_S
+        while time.monotonic() < end and not self._requests.wait_for_question(_POLL_S):
+            self.check()
+        self.check()
 
     def _report(self, progress: Progress) -> None:
         stage, when = self._reported

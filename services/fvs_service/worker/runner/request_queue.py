@@ -132,6 +132,11 @@ class RequestQueue:
             with self._changed:
                 self._changed.wait_for(lambda: not self._queue, _LONGEST_PAUSE_S)
 
+    def wait_for_question(self, timeout_s: float) -> bool:
+        """Wait until there is a question, but for ``timeout_s`` at most; returns whether there is one."""
+        with self._changed:
+            return bool(self._changed.wait_for(lambda: self._queue, timeout_s))
+
     @property
     def status(self) -> QueueStatus:
         """The state now."""

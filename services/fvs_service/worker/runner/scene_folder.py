@@ -3,17 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.records import Record
 from fvs_service.images.files import IMAGES
-
-
-class SceneChoice(Record):
-    """How a scene is trained: set by its first update, the same for all later ones."""
-
-    long_side_px: int
-    initial_iterations: int
-    iterations_per_image: int
-    max_gaussians: int
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError, TrainingError
-from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -27,7 +26,6 @@ from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
@@ -37,8 +35,7 @@ from fvs_engine.splat.views import TrainingView
 from fvs_service.images.files import file_name
 from fvs_service.images.model import Image, Registration
 from fvs_service.jobs.first_model import FIRST_IMAGES, has_first_model
-from fvs_service.jobs.model import JobKind, JobRequest
-from fvs_service.scenes.model import CameraPrior
+from fvs_service.jobs.model import JobKind
 from fvs_service.settings import WorkerSettings
 from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
@@ -51,7 +48,8 @@ from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.pose_priors import pose_priors
 from fvs_service.worker.runner.quality import measure, psnr_db, spread
-from fvs_service.worker.runner.scene_folder import SceneChoice, SceneFolder
+from fvs_service.worker.runner.scene_choice import choose, read_choice
+from fvs_service.worker.runner.scene_folder import SceneFolder
 
 _SAVE_EVERY_S = 30.0
 _FIRST_TRIED = "first-model-tried"
@@ -122,7 +120,7 @@ class SceneJobs:
                 f"The scene has {len(images)} usable images, and a model needs two or more.",
                 hint="Send more images that overlap; start with eight or more.",
             )
-        scene = self._open_scene(request, monitor, warn)
+        scene = self._open_scene(request, len(images), monitor, warn)
         # Whoever includes a quarantined image again wants it tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
@@ -147,6 +145,7 @@ class SceneJobs:
                 quick = scene.train("quick", monitor)
                 monitor.report("quick snapshot", 0, 1)
                 publish("quick", outcome(quick, "quick"))
+                monitor.let_ask()
             full = scene.train("full", monitor)
         discard_images(self._folder.images, images)
         monitor.report("snapshot", 0, 1)
@@ -217,8 +216,8 @@ class SceneJobs:
         _leave_out(prepared.rejected, request, warn, quarantine)
         return prepared.files
 
-    def _open_scene(self, request: RunJob, monitor: Monitor, warn: Warn) -> GrowingScene:
-        choice = self._choose(request.request)
+    def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> GrowingScene:
+        choice = choose(self._folder, request.request, self._settings, images)
         if self._scene is None:
             settings = SceneSettings(
                 long_side_px=choice.long_side_px,
@@ -226,7 +225,7 @@ class SceneJobs:
                 iterations_per_view=choice.iterations_per_image,
                 warm_starts=True,
                 training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
-                sfm=self._sfm(request.camera),
+                sfm=choice.sfm(request.camera, self._settings.threads),
             )
             try:
                 self._scene = self._growing(settings, monitor)
@@ -239,30 +238,6 @@ class SceneJobs:
     def _growing(self, settings: SceneSettings, monitor: Monitor) -> GrowingScene:
         dataset = Dataset("scene", self._folder.images, (), arriving=True)
         return GrowingScene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
-
-    def _choose(self, request: JobRequest) -> SceneChoice:
-        """The settings of the first update; raises ``InvalidInputError`` when a later request has others."""
-        try:
-            kept = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            settings = self._settings
-            kept = SceneChoice(
-                long_side_px=request.long_side_px or settings.long_side_px,
-                initial_iterations=request.iterations or settings.initial_iterations,
-                iterations_per_image=settings.iterations_per_image,
-                max_gaussians=settings.max_gaussians,
-            )
-            write_text_atomically(self._folder.choice, kept.model_dump_json(indent=1))
-        for name, wanted, used in (
-            ("long_side_px", request.long_side_px, kept.long_side_px),
-            ("iterations", request.iterations, kept.initial_iterations),
-        ):
-            if wanted is not None and wanted != used:
-                raise InvalidInputError(
-                    f"The scene's first update set {name} to {used}, and the model keeps it.",
-                    hint=f"Omit {name}. Fine jobs and new scenes can have other values.",
-                )
-        return kept
 
     def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
         placed = self._images(request, monitor, warn, quarantine)
@@ -338,12 +313,7 @@ class SceneJobs:
 
     def _usual_side(self) -> int:
         """The image size that the scene's updates train with."""
-        choice = SceneChoice.model_validate_json(self._folder.choice.read_text(encoding="utf-8"))
-        return choice.long_side_px
-
-    def _sfm(self, camera: CameraPrior | None) -> SfmSettings:
-        prior = None if camera is None else FocalPrior.model_validate(camera.model_dump())
-        return SfmSettings(threads=self._settings.threads, focal_prior=prior)
+        return read_choice(self._folder).long_side_px
 
     def _outcome(
         self,

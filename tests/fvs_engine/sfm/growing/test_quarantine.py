@@ -9,10 +9,11 @@ from PIL import Image
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
-SETTINGS = SfmSettings(threads=1, upsample_below_px=1_000_000)  # only upsampling crashes on the image
+# Only upsampling crashes on the image.
+SETTINGS = SfmSettings(threads=1, features_of_few=FeatureSettings(upsample_below_px=1_000_000))
 NAMES = [f"{i:04d}.jpg" for i in range(5)]
 DEADLY = "0001-deadly.png"
 

@@ -11,7 +11,7 @@ from fvs_engine.choices import CameraModel
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import image_cameras
 from fvs_engine.sfm.matching.features import add_features, import_images
-from fvs_engine.sfm.settings import FocalPrior, SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
@@ -97,9 +97,36 @@ def test_only_small_images_are_upsampled_for_their_features(
         return native_over(stages, job, names, arguments, **options)
 
     monkeypatch.setattr(Stages, "native_over", observed)
-    settings = SfmSettings(upsample_below_px=150, max_image_size_px=reduced_to_px)
+    few = FeatureSettings(max_image_size_px=reduced_to_px, upsample_below_px=150)
+    settings = SfmSettings(features_of_few=few)
     stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
     stages.folder.root.mkdir()
     add_features(stages, tmp_path, ["large.png", "small.png"])
     assert {name for name, was in upsampled.items() if was} == small
     assert upsampled.keys() == {"large.png", "small.png"}
+
+
+@pytest.mark.parametrize(("count", "set_size", "few"), [(3, 0, True), (4, 0, False), (1, 4, False)])
+def test_images_of_a_large_set_are_reduced_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, set_size: int, few: bool
+):
+    names = [f"{number}.png" for number in range(count)]
+    for name in names:
+        save(tmp_path / name, size=(200, 150))
+    asked: list[Mapping[str, Any]] = []
+    native_over = Stages.native_over
+
+    def observed(stages: Stages, job: str, names: list[str], arguments: Any, **options: Any) -> Any:
+        if job == "extract":
+            asked.append(arguments(names))
+        return native_over(stages, job, names, arguments, **options)
+
+    monkeypatch.setattr(Stages, "native_over", observed)
+    settings = SfmSettings(exhaustive_up_to=3)
+    stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
+    stages.folder.root.mkdir()
+    add_features(stages, tmp_path, names, set_size)
+    expected = settings.features_of_few if few else settings.features_of_many
+    assert [(one["max_image_size"], one["max_features"]) for one in asked] == [
+        (expected.max_image_size_px, expected.max_features)
+    ]

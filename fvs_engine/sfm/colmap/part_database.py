@@ -1,0 +1,63 @@
+"""A database with a part of another's images and pairs: COLMAP reads and writes databases as a whole."""
+
+import contextlib
+import sqlite3
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import pycolmap
+
+from fvs_engine.sfm.colmap.database import pair_number
+
+Pair = tuple[int, int]
+ImageTable = Literal["keypoints", "descriptors"]
+PairTable = Literal["matches", "two_view_geometries"]
+
+
+def write_part(
+    path: Path,
+    whole: Path,
+    images: Collection[int],
+    pairs: Collection[Pair],
+    *,
+    of_images: Sequence[ImageTable],
+    of_pairs: Sequence[PairTable],
+    named_by_id: bool = False,
+) -> None:
+    """Write the images with these ids and the pairs of ids, as far as ``whole`` has them, to a new database.
+
+    ``of_images`` and ``of_pairs`` are the tables that are copied, beside images and cameras. ``named_by_id``:
+    names become the ids, which have no white space.
+    """
+    pycolmap.Database.open(path).close()  # makes the tables
+    with attached(path, whole) as db:
+        db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")
+        db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in images])
+        for table in ("cameras", "rigs", "rig_sensors"):
+            db.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")
+        frames = f"data_id IN wanted AND sensor_type = {int(pycolmap.SensorType.CAMERA)}"
+        db.execute(f"INSERT INTO frame_data SELECT * FROM other.frame_data WHERE {frames}")
+        some = "frame_id IN (SELECT frame_id FROM frame_data)"
+        db.execute(f"INSERT INTO frames SELECT * FROM other.frames WHERE {some}")
+        name = "CAST(image_id AS TEXT)" if named_by_id else "name"
+        named = f"image_id, {name}, camera_id"
+        db.execute(f"INSERT INTO images SELECT {named} FROM other.images WHERE image_id IN wanted")
+        for image_table in of_images:
+            db.execute(
+                f"INSERT INTO {image_table} SELECT * FROM other.{image_table} WHERE image_id IN wanted"
+            )
+        numbers = [(pair_number(*pair),) for pair in pairs]
+        for pair_table in of_pairs:
+            db.executemany(
+                f"INSERT INTO {pair_table} SELECT * FROM other.{pair_table} WHERE pair_id = ?", numbers
+            )
+
+
+@contextlib.contextmanager
+def attached(path: Path, other: Path) -> Iterator[sqlite3.Connection]:
+    """A transaction on the database ``path``, with a second one as ``other``."""
+    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db:
+        db.execute("ATTACH ? AS other", (str(other),))
+        with db:
+            yield db

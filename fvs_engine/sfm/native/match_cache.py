@@ -1,0 +1,42 @@
+"""The verified matches that COLMAP's incremental mapper works on."""
+
+import tempfile
+from collections.abc import Collection
+from pathlib import Path
+
+import pycolmap
+
+from fvs_engine.sfm.colmap.database import image_ids, verified_ids
+from fvs_engine.sfm.colmap.part_database import write_part
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+
+
+def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
+    """The images ``names`` and all verified matches between them."""
+    options = pycolmap.DatabaseCacheOptions()
+    options.min_num_matches = MIN_PAIR_MATCHES
+    options.image_names = set(names)
+    # A model may have images without any match that is loaded.
+    options.load_all_images = True
+    with pycolmap.Database.open(database) as opened:
+        return pycolmap.DatabaseCache.create(opened, options)
+
+
+def load_around(database: Path, names: Collection[str], new: Collection[str]) -> pycolmap.DatabaseCache:
+    """The images ``names``, and the verified matches between ``new`` ones and those that they match.
+
+    COLMAP reads the matches of all images, however few are of use to a new one, and its mapper goes through
+    all that were read: with 200 images that takes longer than to register one of them.
+    """
+    ids = image_ids(database)
+    pairs = verified_ids(database, MIN_PAIR_MATCHES)
+    centre = {ids[name] for name in new if name in ids}
+    near = centre.union(*(pair for pair in pairs if not centre.isdisjoint(pair)))
+    inside = [pair for pair in pairs if near.issuperset(pair)]
+    with tempfile.TemporaryDirectory(prefix="fvs-matches-", dir=database.parent) as folder:
+        part = Path(folder) / "part.db"
+        images = [ids[name] for name in names if name in ids]
+        write_part(
+            part, database, images, inside, of_images=("keypoints",), of_pairs=("two_view_geometries",)
+        )
+        return load_all(part, names)

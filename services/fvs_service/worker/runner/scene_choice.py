@@ -1,0 +1,63 @@
+"""How a scene is reconstructed and trained: chosen by its first update, the same for all later ones."""
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.records import Record
+from fvs_engine.sfm.settings import FocalPrior, SfmSettings
+from fvs_service.jobs.first_model import has_first_model
+from fvs_service.jobs.model import JobRequest
+from fvs_service.scenes.model import CameraPrior
+from fvs_service.settings import WorkerSettings
+from fvs_service.worker.runner.scene_folder import SceneFolder
+
+
+class SceneChoice(Record):
+    """What the first update of a scene chose."""
+
+    long_side_px: int
+    initial_iterations: int
+    iterations_per_image: int
+    max_gaussians: int
+    many_images: bool = False
+    """Whether it began with many images: then the first ones have the features of a large set, too."""
+
+    def sfm(self, camera: CameraPrior | None, threads: int | None) -> SfmSettings:
+        """The settings of structure from motion."""
+        prior = None if camera is None else FocalPrior.model_validate(camera.model_dump())
+        settings = SfmSettings(threads=threads, focal_prior=prior)
+        if self.many_images:
+            settings = settings.model_copy(update={"features_of_few": settings.features_of_many})
+        return settings
+
+
+def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, images: int) -> SceneChoice:
+    """The choice of the scene's first update; this one, of ``images``, makes it if it is the first.
+
+    Raises ``InvalidInputError`` when a later request wants another one.
+    """
+    try:
+        kept = read_choice(folder)
+    except FileNotFoundError:
+        kept = SceneChoice(
+            long_side_px=request.long_side_px or settings.long_side_px,
+            initial_iterations=request.iterations or settings.initial_iterations,
+            iterations_per_image=settings.iterations_per_image,
+            max_gaussians=settings.max_gaussians,
+            many_images=has_first_model(first=True, images=images),
+        )
+        write_text_atomically(folder.choice, kept.model_dump_json(indent=1))
+    for name, wanted, used in (
+        ("long_side_px", request.long_side_px, kept.long_side_px),
+        ("iterations", request.iterations, kept.initial_iterations),
+    ):
+        if wanted is not None and wanted != used:
+            raise InvalidInputError(
+                f"The scene's first update set {name} to {used}, and the model keeps it.",
+                hint=f"Omit {name}. Fine jobs and new scenes can have other values.",
+            )
+    return kept
+
+
+def read_choice(folder: SceneFolder) -> SceneChoice:
+    """The choice of the scene's first update; raises ``FileNotFoundError`` before it."""
+    return SceneChoice.model_validate_json(folder.choice.read_text(encoding="utf-8"))

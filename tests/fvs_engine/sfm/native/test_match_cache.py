@@ -1,0 +1,24 @@
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.colmap.database import image_ids, verified_matches
+from fvs_engine.sfm.native.match_cache import load_all, load_around
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+
+
+def test_a_new_image_gets_the_matches_of_those_that_it_matches(
+    kermit_sfm: SfmResult, kermit_names: list[str]
+) -> None:
+    database = kermit_sfm.model_dir.parent / "database.db"
+    ids, new = image_ids(database), kermit_names[-1]
+    pairs = {tuple(ids[name] for name in pair) for pair in verified_matches(database, MIN_PAIR_MATCHES)}
+    near = {ids[new]} | {image for pair in pairs for image in pair if ids[new] in pair}
+    inside = {pair for pair in pairs if near.issuperset(pair)}
+    assert 0 < len(inside) < len(pairs)
+
+    whole = load_all(database, kermit_names).correspondence_graph
+    cache = load_around(database, kermit_names, [new])
+    graph = cache.correspondence_graph
+    assert {cache.image(i).name for i in cache.images} == set(kermit_names)
+    assert graph.num_image_pairs() == len(inside)
+    for pair in inside:
+        assert graph.num_matches_between_images(*pair) == whole.num_matches_between_images(*pair)
+    assert [path.name for path in database.parent.glob("fvs-matches-*")] == []
