@@ -1,6 +1,5 @@
 """The verified matches that COLMAP's incremental mapper works on."""
 
-import tempfile
 from collections.abc import Collection
 from pathlib import Path
 
@@ -33,10 +32,13 @@ def load_around(database: Path, names: Collection[str], new: Collection[str]) ->
     centre = {ids[name] for name in new if name in ids}
     near = centre.union(*(pair for pair in pairs if not centre.isdisjoint(pair)))
     inside = [pair for pair in pairs if near.issuperset(pair)]
-    with tempfile.TemporaryDirectory(prefix="fvs-matches-", dir=database.parent) as folder:
-        part = Path(folder) / "part.db"
+    part = database.with_name("around.db")
+    try:
+        part.unlink(missing_ok=True)  # of a run that was killed
         images = [ids[name] for name in names if name in ids]
         write_part(
             part, database, images, inside, of_images=("keypoints",), of_pairs=("two_view_geometries",)
         )
         return load_all(part, names)
+    finally:
+        part.unlink(missing_ok=True)
