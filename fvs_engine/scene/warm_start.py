@@ -1,7 +1,8 @@
 """Warm starts: a quick model that goes on from the last full one instead of being trained anew.
 
 A full model depends on its views alone, so a quick one that goes on from it depends on the views of both, and
-on nothing that came before. Source of the numbers: ``docs/adr/0030-warm-starts.md``.
+on nothing that came before. Source of the numbers: ``docs/adr/0030-warm-starts.md`` and
+``docs/adr/0044-features-of-many-images.md``.
 """
 
 from collections.abc import Sequence

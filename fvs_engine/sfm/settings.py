@@ -113,7 +113,7 @@ class FeatureSettings(Record):
     """Larger images are reduced to this long side."""
 
     upsample_below_px: int = Field(default=1400, ge=0)
-    """Images whose long side is then shorter are upsampled twofold.
+    """Images whose long side is shorter, after that reduction, are upsampled twofold.
 
     It finds the small features, which small images need, and takes three quarters of the time.
     """
@@ -131,7 +131,7 @@ class SfmSettings(Record):
     features_of_many: FeatureSettings = FeatureSettings(
         max_image_size_px=1200, upsample_below_px=1100, max_features=3072
     )
-    """For larger sets, where more images see each point: as exact, in less time (ADR 44)."""
+    """For larger sets, where more images see each point; what it costs in accuracy: ADR 44."""
 
     camera_model: CameraModel = "SIMPLE_RADIAL"
     intrinsics: KnownIntrinsics | None = None

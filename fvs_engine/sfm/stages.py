@@ -15,7 +15,13 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError, NoImagesError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.colmap.database import image_ids, remove_images, require_sound_database
+from fvs_engine.sfm.colmap.database import (
+    delete_database,
+    image_ids,
+    remove_images,
+    require_sound_database,
+)
+from fvs_engine.sfm.colmap.part_database import matches_around
 from fvs_engine.sfm.culprit import Item, run_or_accuse
 from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
@@ -90,6 +96,7 @@ class SfmFolder:
         gone = list(names)
         remove_images(self.database, gone)
         remove_images(self.witness, gone)
+        delete_database(matches_around(self.database))
 
     def partial(self, final: Path) -> Path:
         """Where ``final`` is written until it is whole."""
@@ -107,8 +114,12 @@ class Stages:
         self.warnings: list[str] = []
         self.pairs_matched = 0
 
-    def open(self, image_dir: Path, image_names: Sequence[str], min_images: int) -> list[str]:
+    def open(
+        self, image_dir: Path, image_names: Sequence[str], min_images: int, *, growing: bool = False
+    ) -> list[str]:
         """Check the input and the folder; returns the image names.
+
+        Features are extracted anew when the set has become large or small, unless it is ``growing``.
 
         Results of other images or settings are deleted as far as they depend on them: when images are
         added, features and matches are kept; when only the gate changes, the mappers' models are kept, too.
@@ -127,17 +138,18 @@ class Stages:
             )
         self.folder.root.mkdir(parents=True, exist_ok=True)
         require_sound_database(self.folder.database)
-        self._delete_stale(image_dir, names)
+        self._delete_stale(image_dir, names, growing)
         return names
 
-    def _delete_stale(self, image_dir: Path, names: Sequence[str]) -> None:
+    def _delete_stale(self, image_dir: Path, names: Sequence[str], growing: bool) -> None:
         settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
-        # Features of one size match those of another: a set that grows from few to many images keeps them.
+        # Features of one kind match those of the other: a set that grows from few to many images keeps them.
         features = {
             key: settings[key]
             for key in ("features_of_few", "features_of_many", "camera_model", "intrinsics", "focal_prior")
         }
         sizes = {name: (image_dir / name).stat().st_size for name in names}
+        kind = _digest(self.settings.features(len(names)).model_dump())
         state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
         mapping = {key: value for key, value in settings.items() if key not in _NOT_MAPPING}
         state["models"] = _digest([mapping, names])
@@ -145,6 +157,8 @@ class Stages:
         with contextlib.suppress(OSError, ValueError):
             before = json.loads(self.folder.state.read_text(encoding="utf-8"))
         changed = any(before.get("images", {}).get(name, size) != size for name, size in sizes.items())
+        state["kind"] = before.get("kind", kind) if growing else kind
+        changed |= before.get("kind", kind) != state["kind"]
         if before.get("features") != state["features"] or changed:
             delete_database(self.folder.database)
             delete_database(self.folder.witness)
@@ -228,9 +242,3 @@ def rename_over(source: Path, target: Path) -> None:
 
 def _digest(value: object) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
-
-
-def delete_database(database: Path) -> None:
-    """Remove a database with its journal."""
-    for suffix in ("", "-wal", "-shm"):
-        Path(f"{database}{suffix}").unlink(missing_ok=True)

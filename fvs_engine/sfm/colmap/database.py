@@ -266,6 +266,12 @@ def gps_positions(path: Path) -> dict[int, NDArray[np.float64]]:
     return dict(zip(geodetic, np.asarray(east_north_up), strict=True))
 
 
+def delete_database(path: Path) -> None:
+    """Remove a database with its journal."""
+    for suffix in ("", "-wal", "-shm"):
+        Path(f"{path}{suffix}").unlink(missing_ok=True)
+
+
 def publish(temporary: Path, final: Path) -> None:
     """Rename a finished database, without the journal files of its temporary name."""
     with contextlib.closing(sqlite3.connect(temporary)) as connection:

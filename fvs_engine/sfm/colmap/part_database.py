@@ -15,6 +15,11 @@ ImageTable = Literal["keypoints", "descriptors"]
 PairTable = Literal["matches", "two_view_geometries"]
 
 
+def matches_around(database: Path) -> Path:
+    """The part of a growing reconstruction's ``database`` that an image is registered with, meanwhile."""
+    return database.with_name("around.db")
+
+
 def write_part(
     path: Path,
     whole: Path,
@@ -31,7 +36,7 @@ def write_part(
     names become the ids, which have no white space.
     """
     pycolmap.Database.open(path).close()  # makes the tables
-    with attached(path, whole) as db:
+    with attached(path, whole, durable=False) as db:
         db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")
         db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in images])
         for table in ("cameras", "rigs", "rig_sensors"):
@@ -54,10 +59,28 @@ def write_part(
             )
 
 
+def differing_features(path: Path, other: Path) -> list[str]:
+    """The names of the images whose features in the database ``path`` are not those in ``other``."""
+    if not path.exists():
+        return []
+    query = (
+        "SELECT images.name FROM images JOIN keypoints USING (image_id) JOIN other.images AS theirs "
+        "ON theirs.name = images.name JOIN other.keypoints AS their_keypoints "
+        "ON their_keypoints.image_id = theirs.image_id WHERE keypoints.data IS NOT their_keypoints.data"
+    )
+    with attached(path, other) as db:
+        return [name for (name,) in db.execute(query)]
+
+
 @contextlib.contextmanager
-def attached(path: Path, other: Path) -> Iterator[sqlite3.Connection]:
-    """A transaction on the database ``path``, with a second one as ``other``."""
+def attached(path: Path, other: Path, *, durable: bool = True) -> Iterator[sqlite3.Connection]:
+    """A transaction on the database ``path``, with a second one as ``other``.
+
+    One that is not ``durable`` may be damaged when the machine, not the process, stops at once.
+    """
     with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db:
+        if not durable:
+            db.execute("PRAGMA synchronous = OFF")
         db.execute("ATTACH ? AS other", (str(other),))
         with db:
             yield db

@@ -11,13 +11,15 @@ import pycolmap
 
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.colmap.database import feature_counts, require_sound_database
+from fvs_engine.sfm.colmap.database import delete_database, feature_counts, require_sound_database
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap
+from fvs_engine.sfm.colmap.part_database import differing_features
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.matching.features import add_features, camera_groups, import_images
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.stages import SfmFolder, Stages, delete_database
+from fvs_engine.sfm.settings import FeatureSettings
+from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.views import AnyView, View
 
 
@@ -41,10 +43,12 @@ def localise(
     stages.folder.root.mkdir(parents=True, exist_ok=True)
     guest_database = stages.folder.database
     require_sound_database(guest_database)
-    _delete_if_changed(stages.folder, image_dir, names)
+    features = stages.settings.features(len(order))
+    _delete_if_changed(stages.folder, image_dir, names, features)
+    stages.folder.remove_images(differing_features(guest_database, database))
     with stages.timed("features"):
         import_images(stages, image_dir, [*order, *names])
-    add_features(stages, image_dir, names, len(order) + len(names))
+    add_features(stages, image_dir, names, features)
     counts = feature_counts(guest_database)
     usable = [name for name in names if counts.get(name, 0) > 0]
 
@@ -84,17 +88,21 @@ def localise(
     return {name: _view(name, localised[name]) for name in names if name in localised}
 
 
-def _delete_if_changed(folder: SfmFolder, image_dir: Path, names: Sequence[str]) -> None:
-    """Delete the database when it has features of another image by one of these names."""
-    known: dict[str, int] = {}
+def _delete_if_changed(
+    folder: SfmFolder, image_dir: Path, names: Sequence[str], features: FeatureSettings
+) -> None:
+    """Delete the database when it has other features, or those of another image by one of these names."""
+    known: dict[str, Any] = {}
     with contextlib.suppress(OSError, ValueError):
         known = json.loads(folder.state.read_text(encoding="utf-8"))
+    wanted = features.model_dump(mode="json")
+    before = known.get("images", {})
     sizes = {name: (image_dir / name).stat().st_size for name in names}
-    if any(known.get(name, size) != size for name, size in sizes.items()):
+    if known.get("features") != wanted or any(before.get(name, size) != size for name, size in sizes.items()):
         delete_database(folder.database)
         folder.quarantine.release(names)
-        known = {}
-    write_text_atomically(folder.state, json.dumps(known | sizes))
+        before = {}
+    write_text_atomically(folder.state, json.dumps({"features": wanted, "images": before | sizes}))
 
 
 def _view(name: str, answer: Mapping[str, Any]) -> AnyView:

@@ -59,6 +59,9 @@ class GrowingReconstruction:
     When the new images are many compared with the registered ones, all are mapped together, as if none had
     been registered.
 
+    An image keeps the features that it got when it was added: those of a small set when the set became large
+    since, also where a kill came between.
+
     Every change is committed as a whole (``state``). With ``settings.threads`` 1 the result depends on the
     images, their order and the seed only, also after kills.
     """

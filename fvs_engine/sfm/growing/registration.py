@@ -188,7 +188,9 @@ def _map_all(
     stages: Stages, image_dir: Path, state: GrowthState, priors: PosePriors
 ) -> tuple[list[str], ModelEvidence, list[MappedScene]]:
     """The images' names, the evidence on them, and the mappers' models."""
-    names = stages.open(image_dir, list(state.images), 2)  # deletes the mappers' models of fewer images
+    names = stages.open(
+        image_dir, list(state.images), 2, growing=True
+    )  # deletes the mappers' models of fewer images
     evidence = read_model_evidence(stages, priors, image_dir)
     return names, evidence, map_images(stages, image_dir, len(names), evidence)
 

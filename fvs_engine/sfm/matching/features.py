@@ -33,16 +33,18 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
     _require_texture(stages, names)
 
 
-def add_features(stages: Stages, image_dir: Path, names: Sequence[str], set_size: int = 0) -> None:
+def add_features(
+    stages: Stages, image_dir: Path, names: Sequence[str], settings: FeatureSettings | None = None
+) -> None:
     """Like ``extract_features``, but all images may lack features.
 
-    ``set_size``: how many images the set has, or is about to have, when they are more than ``names``.
+    ``settings`` are by default those for a set of these images.
     """
     database = stages.folder.database
     with stages.timed("features"):
         import_images(stages, image_dir, names)
         done = set(feature_counts(database))
-        settings = stages.settings.features(max(len(names), set_size))
+        settings = settings or stages.settings.features(len(names))
         small, large = _by_size(image_dir, [name for name in names if name not in done], settings)
         for some, upsampled in ((small, True), (large, False)):
             if some:

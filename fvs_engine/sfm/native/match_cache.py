@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pycolmap
 
-from fvs_engine.sfm.colmap.database import image_ids, verified_ids
-from fvs_engine.sfm.colmap.part_database import write_part
+from fvs_engine.sfm.colmap.database import delete_database, image_ids, verified_ids
+from fvs_engine.sfm.colmap.part_database import matches_around, write_part
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 
@@ -17,6 +17,7 @@ def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
     options.image_names = set(names)
     # A model may have images without any match that is loaded.
     options.load_all_images = True
+    options.ignore_watermarks = True  # as everything else does that reads verified matches
     with pycolmap.Database.open(database) as opened:
         return pycolmap.DatabaseCache.create(opened, options)
 
@@ -32,13 +33,13 @@ def load_around(database: Path, names: Collection[str], new: Collection[str]) ->
     centre = {ids[name] for name in new if name in ids}
     near = centre.union(*(pair for pair in pairs if not centre.isdisjoint(pair)))
     inside = [pair for pair in pairs if near.issuperset(pair)]
-    part = database.with_name("around.db")
+    part = matches_around(database)
+    delete_database(part)  # of a run that was killed
     try:
-        part.unlink(missing_ok=True)  # of a run that was killed
         images = [ids[name] for name in names if name in ids]
         write_part(
             part, database, images, inside, of_images=("keypoints",), of_pairs=("two_view_geometries",)
         )
         return load_all(part, names)
     finally:
-        part.unlink(missing_ok=True)
+        delete_database(part)

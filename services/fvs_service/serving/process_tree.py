@@ -15,13 +15,15 @@ _POLL_S = 0.02
 def descendants(pid: int) -> tuple[int, ...]:
     """The ids of the processes below ``pid``, without those that have ended.
 
-    A process whose main thread has ended is in the state of one that has ended, too, while its other threads
-    still end: its children are below it until then.
+    One has ended when its last thread has: until then it may have children, whatever the state of its first.
     """
-    states = {child: (parent, state) for child, parent, state in _processes()}
-    parents = {child: parent for child, (parent, _) in states.items()}
-    below = (child for child in parents if child != pid and _is_above(pid, child, parents))
-    return tuple(child for child in below if states[child][1] not in "ZX")
+    processes = tuple(_processes())
+    parents = {child: parent for child, parent, _ in processes}
+    return tuple(
+        child
+        for child, _, running in processes
+        if running and child != pid and _is_above(pid, child, parents)
+    )
 
 
 def command_of(pid: int) -> str:
@@ -66,17 +68,20 @@ def end_descendants(timeout_s: float) -> None:
     reap_adopted(())
 
 
-def _processes() -> Iterator[tuple[int, int, str]]:
-    """Every process's id, its parent's and its state."""
+def _processes() -> Iterator[tuple[int, int, bool]]:
+    """Every process's id, its parent's, and whether a thread of it runs."""
     proc = Path("/proc")
     for folder in proc.iterdir() if proc.is_dir() else ():
         if folder.name.isdigit():
             with contextlib.suppress(OSError):  # the process has ended
                 state, parent, *_ = (folder / "stat").read_text().rsplit(")", 1)[1].split()
-                yield int(folder.name), int(parent), state
+                running = state not in "ZX" or len(list((folder / "task").iterdir())) > 1
+                yield int(folder.name), int(parent), running
 
 
 def _is_above(ancestor: int, pid: int, parents: Mapping[int, int]) -> bool:
-    while pid != ancestor and pid in parents:
+    seen = set()  # ids that are given again while they are read may make a ring
+    while pid != ancestor and pid in parents and pid not in seen:
+        seen.add(pid)
         pid = parents[pid]
     return pid == ancestor

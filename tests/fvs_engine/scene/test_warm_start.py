@@ -70,7 +70,7 @@ def test_a_quick_model_goes_on_from_the_last_full_one_and_learns_the_new_view(
     assert not went_on(cold, full)
     assert all(torch.equal(before[name], tensor) for name, tensor in full.gaussians.tensors().items())
     new = [view for view in scene.views if view.name == "5.png"]
-    assert quality_db(warm, new, cpu) > quality_db(full, new, cpu) + 0.5
+    assert quality_db(warm, new, cpu) > quality_db(full, new, cpu) + 0.5  # measured: 0.74
     assert quality_db(warm, scene.views, cpu) > quality_db(cold, scene.views, cpu) + 1
 
 

@@ -25,3 +25,10 @@ def test_single_views_are_in_a_random_order_that_changes_with_epoch_and_seed() -
 def test_a_part_of_an_epoch_has_a_repeated_view_as_often_as_the_whole(seed: int) -> None:
     part = order([49, *[1] * 49], 14, seed)
     assert 6 <= part.count(0) <= 8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_several_repeated_views_are_spread_each(seed: int) -> None:
+    part = order([20, 20, *[1] * 40], 20, seed)
+    assert 4 <= part.count(0) <= 6
+    assert 4 <= part.count(1) <= 6

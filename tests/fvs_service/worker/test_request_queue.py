@@ -95,7 +95,7 @@ def test_training_waits_for_a_question(asking: Asking) -> None:
 
 def test_a_new_model_answers_its_first_question_before_training_goes_on(asking: Asking) -> None:
     monitor, went_on = JobMonitor(lambda _stage: None, asking.queue), threading.Event()
-    thread = threading.Thread(target=lambda: (monitor.let_ask(), went_on.set()))
+    thread = threading.Thread(target=lambda: (monitor.wait_for_first_questions(), went_on.set()))
     thread.start()
     time.sleep(0.2)  # somebody hears of the model
     asking.ask("a")
@@ -107,7 +107,7 @@ def test_a_new_model_answers_its_first_question_before_training_goes_on(asking: 
 
 def test_a_model_that_nobody_asks_delays_training_a_moment(asking: Asking) -> None:
     began = time.monotonic()
-    JobMonitor(lambda _stage: None, asking.queue).let_ask()
+    JobMonitor(lambda _stage: None, asking.queue).wait_for_first_questions()
     assert 0.9 < time.monotonic() - began < SOON_S
 
 
@@ -115,7 +115,7 @@ def test_a_stopped_job_waits_for_no_question(asking: Asking) -> None:
     monitor = JobMonitor(lambda _stage: None, asking.queue)
     monitor.cancel()
     with pytest.raises(Cancelled):
-        monitor.let_ask()
+        monitor.wait_for_first_questions()
 
 
 def test_questions_without_end_do_not_stop_training(asking: Asking) -> None:

@@ -46,7 +46,7 @@ def write_artifacts(
             # Without the time of the file, equal models make equal archives.
             entry = zipfile.ZipInfo(f"sparse/0/{name}.bin")
             entry.compress_type = zipfile.ZIP_DEFLATED
-            # The fastest level takes a quarter of the default's time, for 8 % more bytes.
+            # The default level takes four times as long for 7 % fewer bytes (50 images of fox).
             archive.writestr(entry, (colmap / f"{name}.bin").read_bytes(), compresslevel=1)
     return (GAUSSIANS, COMPRESSED, CAMERAS, METRICS, COLMAP)
 

@@ -9,7 +9,7 @@ from fvs_service.worker.runner.request_queue import RequestQueue
 
 _REPORT_EVERY_S = 0.5
 _FIRST_QUESTIONS_S = 1.0
-"""Time for those who follow a scene to hear of a new model and to ask."""
+"""Time for the worker to commit a new model, and for those who follow the scene to hear of it and to ask."""
 _POLL_S = 0.1
 
 
@@ -31,10 +31,10 @@ class JobMonitor(Monitor):
         super().check()
         self._requests.wait_until_empty()
 
-    def let_ask(self) -> None:
-        """Wait for the first questions to a model that was just published, and answer them.
+    def wait_for_first_questions(self) -> None:
+        """Wait a second for rankings by a model that was just published, and until they are answered.
 
-        Whoever waited for it asks now, and is answered sooner than beside a training that begins.
+        Whoever waited for the model asks now, and is answered sooner than beside a training that begins.
         """
         end = time.monotonic() + _FIRST_QUESTIONS_S
         while time.monotonic() < end and not self._requests.wait_for_question(_POLL_S):

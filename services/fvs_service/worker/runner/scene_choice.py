@@ -45,7 +45,8 @@ def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, i
             max_gaussians=settings.max_gaussians,
             many_images=has_first_model(first=True, images=images),
         )
-        write_text_atomically(folder.choice, kept.model_dump_json(indent=1))
+        # Workers of the version before read what has no default.
+        write_text_atomically(folder.choice, kept.model_dump_json(indent=1, exclude_defaults=True))
     for name, wanted, used in (
         ("long_side_px", request.long_side_px, kept.long_side_px),
         ("iterations", request.iterations, kept.initial_iterations),

@@ -145,7 +145,8 @@ class SceneJobs:
                 quick = scene.train("quick", monitor)
                 monitor.report("quick snapshot", 0, 1)
                 publish("quick", outcome(quick, "quick"))
-                monitor.let_ask()
+                if self._rasterizer.device.type == "cpu":  # a GPU has other scenes to train
+                    monitor.wait_for_first_questions()
             full = scene.train("full", monitor)
         discard_images(self._folder.images, images)
         monitor.report("snapshot", 0, 1)

@@ -106,9 +106,9 @@ def test_only_small_images_are_upsampled_for_their_features(
     assert upsampled.keys() == {"large.png", "small.png"}
 
 
-@pytest.mark.parametrize(("count", "set_size", "few"), [(3, 0, True), (4, 0, False), (1, 4, False)])
+@pytest.mark.parametrize(("count", "given", "few"), [(3, False, True), (4, False, False), (4, True, True)])
 def test_images_of_a_large_set_are_reduced_more(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, set_size: int, few: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, given: bool, few: bool
 ):
     names = [f"{number}.png" for number in range(count)]
     for name in names:
@@ -125,7 +125,7 @@ def test_images_of_a_large_set_are_reduced_more(
     settings = SfmSettings(exhaustive_up_to=3)
     stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
     stages.folder.root.mkdir()
-    add_features(stages, tmp_path, names, set_size)
+    add_features(stages, tmp_path, names, settings.features_of_few if given else None)
     expected = settings.features_of_few if few else settings.features_of_many
     assert [(one["max_image_size"], one["max_features"]) for one in asked] == [
         (expected.max_image_size_px, expected.max_features)

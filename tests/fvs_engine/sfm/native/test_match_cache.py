@@ -1,3 +1,6 @@
+import shutil
+from pathlib import Path
+
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_ids, verified_matches
 from fvs_engine.sfm.native.match_cache import load_all, load_around
@@ -5,9 +8,10 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 
 def test_a_new_image_gets_the_matches_of_those_that_it_matches(
-    kermit_sfm: SfmResult, kermit_names: list[str]
+    kermit_sfm: SfmResult, kermit_names: list[str], tmp_path: Path
 ) -> None:
-    database = kermit_sfm.model_dir.parent / "database.db"
+    database = tmp_path / "database.db"
+    shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", database)
     ids, new = image_ids(database), kermit_names[-1]
     pairs = {tuple(ids[name] for name in pair) for pair in verified_matches(database, MIN_PAIR_MATCHES)}
     near = {ids[new]} | {image for pair in pairs for image in pair if ids[new] in pair}
@@ -15,11 +19,12 @@ def test_a_new_image_gets_the_matches_of_those_that_it_matches(
     assert 0 < len(inside) < len(pairs)
 
     whole = load_all(database, kermit_names).correspondence_graph
-    database.with_name("around.db").write_bytes(b"of a run that was killed")
+    for suffix in ("", "-wal", "-shm"):
+        tmp_path.joinpath(f"around.db{suffix}").write_bytes(b"of a run that was killed")
     cache = load_around(database, kermit_names, [new])
     graph = cache.correspondence_graph
     assert {cache.image(i).name for i in cache.images} == set(kermit_names)
     assert graph.num_image_pairs() == len(inside)
     for pair in inside:
         assert graph.num_matches_between_images(*pair) == whole.num_matches_between_images(*pair)
-    assert not database.with_name("around.db").exists()
+    assert not list(tmp_path.glob("around.db*"))
