@@ -19,7 +19,9 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
     verified_matches,
 )
+from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
+from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
@@ -156,7 +158,8 @@ class GrowingReconstruction:
         re-map, its mapping stages. A call after ``Cancelled`` or a kill resumes, also with other names.
 
         ``priors``: pose priors, those of earlier images included; by default the GPS positions in
-        their EXIF. They move no camera, but poses and models that contradict them are rejected. ``known``:
+        their EXIF. Poses and models that contradict them are rejected; where they agree with the model, they
+        keep it from drifting, and images that match nothing are matched where they should be. ``known``:
         the views from which the result counts its changes, by default those before the call. A caller that
         was killed after a commit has older ones.
 
@@ -271,6 +274,7 @@ class GrowingReconstruction:
         stages = Stages(self._folder.sfm, self._settings, monitor)
         current, following = self._folder.model(self.generation), self._folder.next_model
         usable = self._extract_features(stages)
+        take_back_guided_pairs(stages.folder.database, self.registered)
         priors, frozen = usable_priors(given, stages.folder.database)
         if len(self._state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(self.registered)):
             match_features(stages, usable, given)
@@ -292,7 +296,9 @@ class GrowingReconstruction:
         rejected = self._state.rejected | decided.without_pairs
         state = self._state.model_copy(update={"rejected": rejected})
         change = register(stages, self._image_dir, state, candidates, priors, current, following)
-        changed, warnings = change.changed, (*news, *stages.warnings, *change.warnings)
+        change = guide(stages, self._image_dir, change, usable, priors, current, self._folder)
+        warnings = still_true((*news, *stages.warnings, *change.warnings), change.state)
+        changed = change.changed
         matching = self._count_matching_unregistered(change.state)
         reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
         if reason is not None:

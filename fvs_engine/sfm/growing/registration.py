@@ -1,8 +1,9 @@
 """One update of a growing reconstruction: images registered in the current model, and a re-map when due."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pycolmap
 
@@ -49,10 +50,12 @@ def register(
     priors: PosePriors,
     model_dir: Path,
     out_dir: Path,
+    guided: Mapping[str, Sequence[str]] | None = None,
 ) -> ModelChange:
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A pose that ``priors`` contradict, or, where there are none, the witness, is rejected, too.
+    A pose that ``priors`` contradict, or, where there are none, the witness, is rejected, too. ``guided``:
+    images to be matched first where they should be by their priors → the registered ones they should overlap.
     """
     if not names:
         return ModelChange(state)
@@ -62,9 +65,10 @@ def register(
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):
         answer = stages.native_over(
-            "register",
+            "register" if guided is None else "register_guided",
             names,
             lambda some: {
+                **_neighbours(guided, some),
                 "database": str(stages.folder.database),
                 "image_dir": str(image_dir),
                 "model_dir": str(model_dir),
@@ -83,6 +87,8 @@ def register(
             on_event=lambda done: stages.monitor.report("registration", min(done, len(names)), len(names)),
         )
     stages.monitor.report("registration", len(names), len(names))
+    if answer is None:  # nothing could be guided
+        return ModelChange(state)
     posed = set(answer["posed"])
     lost = [name for name in state.registered if name not in posed]
     warnings = [
@@ -110,6 +116,13 @@ def register(
         match_support=support,
         warnings=tuple(warnings),
     )
+
+
+def _neighbours(guided: Mapping[str, Sequence[str]] | None, names: Sequence[str]) -> dict[str, Any]:
+    """The argument of the native job that says where ``names`` are to be matched."""
+    if guided is None:
+        return {}
+    return {"neighbours": {name: list(guided[name]) for name in names if name in guided}}
 
 
 def reason_to_remap(

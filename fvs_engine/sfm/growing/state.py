@@ -125,6 +125,11 @@ class GrowthFolder:
         """The folder of a model that is not committed yet."""
         return self.root / ".model.partial"
 
+    @property
+    def guided_model(self) -> Path:
+        """The folder of a model with images that were registered by guided matches."""
+        return self.root / ".model.guided"
+
     def model(self, generation: int) -> Path:
         """The COLMAP model of a generation."""
         return self.root / f"model-{generation:06d}"
@@ -173,7 +178,7 @@ class GrowthFolder:
 
     def _remove_all_but(self, generation: int) -> None:
         current = self.model(generation)
-        for folder in [*self.root.glob("model-*"), self.next_model]:
+        for folder in [*self.root.glob("model-*"), self.next_model, self.guided_model]:
             if folder != current:
                 shutil.rmtree(folder, ignore_errors=True)
 

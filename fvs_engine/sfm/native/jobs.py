@@ -225,12 +225,14 @@ def find_job(name: str) -> Callable[..., Any]:
     if name in JOBS:
         return JOBS[name]
     from fvs_engine.sfm.native.aliked import extract_aliked, match_aliked
+    from fvs_engine.sfm.native.guided import register_guided
     from fvs_engine.sfm.native.localisation import copy_features, localise
     from fvs_engine.sfm.native.registration import register
     from fvs_engine.sfm.native.veto import veto
 
     others: Mapping[str, Callable[..., Any]] = {
         "register": register,
+        "register_guided": register_guided,
         "localise": localise,
         "copy_features": copy_features,
         "veto": veto,

@@ -13,6 +13,7 @@ from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around
 from fvs_engine.sfm.native.pose_check import PoseCheck
+from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
@@ -54,10 +55,12 @@ def register(
     adjusted_points: int,
     seed: int,
     threads: int | None,
+    two_view_points: bool = False,
 ) -> dict[str, Any]:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database.
+    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database. ``two_view_points``: new
+    points may be those that only two images show.
 
     Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
     those whose distance to their neighbours nothing confirms (``unscaled``), all ``posed`` names, those
@@ -71,7 +74,7 @@ def register(
     growth = _Growth(
         model,
         load_around(Path(database), images, names),
-        _pipeline_options(refine, seed, threads),
+        _pipeline_options(refine, seed, threads, two_view_points),
         PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
@@ -87,7 +90,7 @@ def register(
     growth.reject_contradicted()
     posed = {image.name: image.image_id for image in model.images.values() if image.has_pose}
     registered = [name for name in growth.registered if name in posed]
-    _color(model, image_dir, old_points, {posed[name] for name in registered})
+    color_points(model, image_dir, old_points, {posed[name] for name in registered})
     model.update_point_3d_errors()
     model.write_binary(out_dir)
     loose = growth.check.loosely_linked(model) if registered else frozenset()
@@ -105,8 +108,11 @@ def register(
     }
 
 
-def _pipeline_options(refine: bool, seed: int, threads: int | None) -> pycolmap.IncrementalPipelineOptions:
+def _pipeline_options(
+    refine: bool, seed: int, threads: int | None, two_view_points: bool
+) -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
+    options.triangulation.ignore_two_view_tracks = not two_view_points
     options.random_seed = seed
     options.num_threads = -1 if threads is None else threads
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
@@ -164,7 +170,7 @@ class _Growth:
         self.mapper = self._begin()
 
     def adjust_all(self) -> None:
-        """Adjust all cameras and points, and align the result with the model before."""
+        """Adjust all cameras and points, also to priors, and align the result with the model before."""
         before = camera_poses(self.model)
         options = self._options
         self.mapper.iterative_global_refinement(
@@ -175,6 +181,8 @@ class _Growth:
             options.get_triangulation(),
             False,
         )
+        adjustment, seed = options.get_global_bundle_adjustment(), options.random_seed
+        adjust_with_priors(self.model, self.check.priors, adjustment, seed)
         self.mapper.filter_frames(options.get_mapper())
         try:
             move(self.model, align_poses(camera_poses(self.model), before))
@@ -235,10 +243,10 @@ class _Growth:
         return mapper
 
 
-def _color(
+def color_points(
     model: pycolmap.Reconstruction, image_dir: str, old_points: Collection[int], new: Collection[int]
 ) -> None:
-    """Colour the new points, each from a ``new`` image that shows it, else from the first image that does.
+    """Colour points other than ``old_points``, each from a ``new`` image that shows it, else from the first.
 
     To read an image takes 30 ms, and nearly all new points are in new images.
     """

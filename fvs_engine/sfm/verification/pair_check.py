@@ -118,7 +118,7 @@ def fitting(
 ) -> NDArray[np.bool_]:
     """Which of the pair's matches [M] fit the poses of its two images; ``positions`` are ``normalised``."""
     relative = second.cam_from_world() * first.cam_from_world().inverse()
-    return _supported(
+    return supported(
         positions[pair.first][pair.matches[:, 0]],
         positions[pair.second][pair.matches[:, 1]],
         relative.rotation.matrix(),
@@ -144,7 +144,7 @@ def angle_deg(rotation: Array) -> float:
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1.0) / 2.0)))
 
 
-def _supported(
+def supported(
     first: Array, second: Array, rotation: Array, translation: Array, max_error: float
 ) -> NDArray[np.bool_]:
     """Which matches of rays [M, 2] lie near their epipolar lines (Sampson) and in front of both cameras."""

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.verification.evidence import cycle_consistency
-from fvs_engine.sfm.verification.pair_check import PairCheck, _supported, angle_deg
+from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, supported
 
 
 def views_of(
@@ -23,11 +23,11 @@ def test_right_poses_explain_all_matches_and_wrong_ones_few(seed: int):
     rotation = Rotation.from_euler("y", generator.uniform(-0.2, 0.2)).as_matrix()
     translation = np.array([1.0, generator.uniform(-0.5, 0.5), generator.uniform(-0.5, 0.5)])
     first, second = views_of(points, rotation, translation)
-    assert _supported(first, second, rotation, translation, 0.003).all()
+    assert supported(first, second, rotation, translation, 0.003).all()
     # The mirrored baseline has the same epipolar lines; only depth betrays it.
-    assert not _supported(first, second, rotation, -translation, 0.003).any()
+    assert not supported(first, second, rotation, -translation, 0.003).any()
     turned = Rotation.from_euler("x", 0.15).as_matrix() @ rotation
-    assert _supported(first, second, turned, translation, 0.003).mean() < 0.3
+    assert supported(first, second, turned, translation, 0.003).mean() < 0.3
 
 
 @given(st.floats(0.0, 180.0), st.integers(0, 1000))

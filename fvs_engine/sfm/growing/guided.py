@@ -1,0 +1,55 @@
+"""Registration by guided matches, of images that ordinary matches leave without a pose."""
+
+import dataclasses
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.growing.overlap import predicted_neighbours
+from fvs_engine.sfm.growing.registration import ModelChange, register
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.stages import Stages, rename_over
+
+_ROUNDS = 3
+
+
+def guide(
+    stages: Stages,
+    image_dir: Path,
+    change: ModelChange,
+    usable: Sequence[str],
+    priors: PosePriors,
+    model_dir: Path,
+    folder: GrowthFolder,
+) -> ModelChange:
+    """Register those of the ``usable`` images that ``change`` left without a pose and that have priors.
+
+    The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
+    written to the latter. The image added last is matched first; those that are registered show the way
+    to others.
+    """
+    for _ in range(_ROUNDS):
+        left = [name for name in change.state.unregistered if name in priors.by_name and name in set(usable)]
+        model_dir = folder.next_model if change.changed else model_dir
+        neighbours = predicted_neighbours(left[::-1], priors, read_colmap(model_dir)) if left else {}
+        if not neighbours:
+            break
+        guided = register(
+            stages, image_dir, change.state, left, priors, model_dir, folder.guided_model, neighbours
+        )
+        if not guided.changed:
+            shutil.rmtree(folder.guided_model, ignore_errors=True)
+            break
+        rename_over(folder.guided_model, folder.next_model)
+        support = change.match_support if guided.match_support is None else guided.match_support
+        warnings = (*change.warnings, *guided.warnings)
+        change = dataclasses.replace(guided, match_support=support, warnings=warnings)
+    return change
+
+
+def still_true(warnings: Sequence[str], state: GrowthState) -> tuple[str, ...]:
+    """The ``warnings`` without those that an image is not registered which is by now."""
+    lines = tuple(f"{name} is not registered: " for name in state.registered)
+    return tuple(warning for warning in warnings if not warning.startswith(lines))

@@ -1,0 +1,191 @@
+"""The native job that registers images by matches that their expected poses guide."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.colmap.database import image_cameras, image_ids
+from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, write_guided_pairs
+from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
+from fvs_engine.sfm.native.guided_matching import TIGHT, GuidedPose, guided_pose
+from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
+from fvs_engine.sfm.native.prior_pose import ExpectedPose
+from fvs_engine.sfm.native.registration import color_points, register
+from fvs_engine.sfm.native.two_view_points import add_two_view_points
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, supported
+from fvs_engine.sfm.verification.veto import PriorFrame, believed_frame
+
+Report = Callable[[int], None]
+
+_MOST_LOOKED_AT, _MOST_GUIDED = 12, 4
+"""Images of one call whose known points are read, and that are matched: 0.1 and up to 0.4 s each."""
+
+_FITTING = TIGHT / 2
+"""Distance from their epipolar lines up to which ordinary matches fit a guided pose, in focal lengths."""
+
+
+def register_guided(
+    report: Report, *, neighbours: dict[str, list[str]], **registration: Any
+) -> dict[str, Any] | None:
+    """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
+
+    ``neighbours``: unregistered images → the registered ones that should show the same. What these show is
+    known from points in only two images as well, which ordinary registration leaves out: at the border of a
+    model there are hardly any others. None when no image has a guided pose that can be believed. Pairs of
+    images that are not registered then are taken back.
+    """
+    database = registration["database"]
+    model = pycolmap.Reconstruction(registration["model_dir"])
+    priors = PosePriors.model_validate(registration["priors"])
+    poses = camera_poses(model)
+    frame = believed_frame(priors, poses)
+    if frame is None:
+        return None
+    take_back_guided_pairs(Path(database), poses)  # of a call that crashed
+    points = set(model.point3D_ids())
+    add_two_view_points(
+        model, Path(database), sorted({other for some in neighbours.values() for other in some})
+    )
+    expected = _expected_poses(list(neighbours), priors, frame, poses)
+    found = _guided_geometries(model, database, neighbours, expected)
+    if not found:
+        return None
+    color_points(model, registration["image_dir"], points, ())
+    write_guided_pairs(Path(database), found)
+    with tempfile.TemporaryDirectory() as folder:
+        model.write_binary(folder)
+        grown = registration["adjusted_points"] + model.num_points3D() - len(points)
+        answer = register(
+            report,
+            **registration | {"model_dir": folder, "adjusted_points": grown, "two_view_points": True},
+        )
+    take_back_guided_pairs(Path(database), answer["posed"])
+    return answer
+
+
+def _expected_poses(
+    names: Sequence[str], priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
+) -> dict[str, ExpectedPose]:
+    """Those of the images to look at: the first, and then those nearest to a registered camera."""
+    expected = {
+        name: pose
+        for name in names
+        if name in priors.by_name
+        and (pose := ExpectedPose.of(priors.by_name[name], priors, frame, poses)) is not None
+    }
+    centres = np.stack([pose.translation for pose in poses.values()])
+    away = {
+        name: float(np.linalg.norm(centres - pose.centre, axis=1).min()) for name, pose in expected.items()
+    }
+    ordered = sorted(expected, key=lambda name: (name != names[0], away[name]))
+    return {name: expected[name] for name in ordered[:_MOST_LOOKED_AT]}
+
+
+def _guided_geometries(
+    model: pycolmap.Reconstruction,
+    database: str,
+    neighbours: Mapping[str, Sequence[str]],
+    expected: Mapping[str, ExpectedPose],
+) -> dict[Pair, pycolmap.TwoViewGeometry]:
+    """The two-view geometries that guided matches give, by pairs of image ids, the smaller one first."""
+    ids, cameras = image_ids(Path(database)), image_cameras(Path(database))
+    # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
+    estimated = {image.camera_id for image in model.images.values() if image.has_pose}
+    geometries: dict[Pair, pycolmap.TwoViewGeometry] = {}
+    tried = 0
+    with closing(pycolmap.Database.open(database)) as opened:
+        for name, pose in expected.items():
+            if cameras[name] not in estimated or tried == _MOST_GUIDED:
+                continue
+            camera = model.camera(cameras[name])
+            images = [model.find_image_with_name(other) for other in neighbours[name]]
+            known = KnownPoints.read(model, opened, images)
+            features = Features.read(opened, ids[name])
+            guided = guided_pose(known, features, camera, pose)
+            tried += guided is not None
+            if guided is not None and guided.believed:
+                for image in images:
+                    matches = _matches(opened, ids[name], image, camera, features, known, guided)
+                    if len(matches) >= MIN_PAIR_MATCHES:
+                        pair, geometry = _geometry(ids[name], camera, guided, image, matches)
+                        geometries[pair] = geometry
+    return geometries
+
+
+def _matches(
+    database: pycolmap.Database,
+    image_id: int,
+    other: pycolmap.Image,
+    camera: pycolmap.Camera,
+    features: Features,
+    known: KnownPoints,
+    guided: GuidedPose,
+) -> Indices:
+    """Matches [M, 2] of an image with a registered one: guided ones, verified ones, and others that fit.
+
+    Verified ones stay even when they do not fit, as evidence against the pose, unless a guided one has one of
+    their features.
+    """
+    here = known.image == other.image_id
+    shown = dict(zip(known.point[here].tolist(), known.feature[here].tolist(), strict=True))
+    guided_ones = [
+        (feature, shown[point])
+        for point, feature in zip(guided.points.tolist(), guided.features.tolist(), strict=True)
+        if point in shown
+    ]
+    found = [np.array(guided_ones, dtype=np.int64).reshape(-1, 2)]
+    if database.exists_two_view_geometry(image_id, other.image_id):
+        verified = database.read_two_view_geometry(image_id, other.image_id)
+        found.append(np.asarray(verified.inlier_matches, dtype=np.int64).reshape(-1, 2))
+    if database.exists_matches(image_id, other.image_id):
+        matched = np.asarray(database.read_matches(image_id, other.image_id), dtype=np.int64).reshape(-1, 2)
+        theirs = np.asarray(database.read_keypoints(other.image_id), dtype=np.float64)[:, :2]
+        relative = other.cam_from_world() * rigid_to_pycolmap(guided.camera_from_model.inverse())
+        fits = supported(
+            np.asarray(camera.cam_from_img(features.pixels[matched[:, 0]])).reshape(-1, 2),
+            np.asarray(camera_of(other).cam_from_img(theirs[matched[:, 1]])).reshape(-1, 2),
+            relative.rotation.matrix(),
+            np.asarray(relative.translation),
+            _FITTING,
+        )
+        found.append(matched[fits])
+    return _one_to_one(np.concatenate(found))
+
+
+def _one_to_one(matches: Indices) -> Indices:
+    """The ``matches`` [M, 2] that share no feature with one before them."""
+    used: tuple[set[int], set[int]] = (set(), set())
+    kept = []
+    for first, second in matches.tolist():
+        if first not in used[0] and second not in used[1]:
+            used[0].add(first)
+            used[1].add(second)
+            kept.append((first, second))
+    return np.array(kept, dtype=np.int64).reshape(-1, 2)
+
+
+def _geometry(
+    image_id: int, camera: pycolmap.Camera, guided: GuidedPose, other: pycolmap.Image, matches: Indices
+) -> tuple[Pair, pycolmap.TwoViewGeometry]:
+    """The pair, and its two-view geometry by the guided pose."""
+    guided_from_model = rigid_to_pycolmap(guided.camera_from_model)
+    second_from_first = other.cam_from_world() * guided_from_model.inverse()
+    first, second = (np.linalg.inv(each.calibration_matrix()) for each in (camera, camera_of(other)))
+    pair = image_id, other.image_id
+    if pair[0] > pair[1]:
+        second_from_first, matches, pair = second_from_first.inverse(), matches[:, ::-1], pair[::-1]
+        first, second = second, first
+    essential = pycolmap.essential_matrix_from_pose(second_from_first)
+    geometry = pycolmap.TwoViewGeometry()
+    geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+    geometry.inlier_matches = np.ascontiguousarray(matches, dtype=np.uint32)
+    geometry.cam2_from_cam1 = second_from_first
+    geometry.E, geometry.F = essential, second.T @ essential @ first
+    return pair, geometry

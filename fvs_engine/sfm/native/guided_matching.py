@@ -1,0 +1,263 @@
+"""Matches of an image with the points that its expected pose should see, each within a window.
+
+The windows follow from the standard deviations of the expected pose and the depth of the points. At 5° they
+are wide, so that look-alikes in them are many: the turn of the camera that most matches agree on is found
+first, then the windows shrink. A feature that shows a point must also have about the size and orientation
+that the pose gives it. How much the matches say is seen from windows beside the right ones, where all are
+chance.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints
+from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, refine
+
+_SIGMAS = 3.0
+"""Half the width of a window in standard deviations."""
+
+_OBSERVATIONS, _MAX_ANGLE_DEG = 2, 45.0
+"""Of each point, from the nearest directions; from farther ones SIFT features do not match."""
+
+_MOST_POINTS = 1_500
+
+_MAX_TURN_DEG, _MAX_OCTAVES = 45.0, 1.2
+"""How much the orientation and the size of a feature may differ from those expected."""
+
+_FIRST_RATIO, _RATIO = 0.85, 0.9
+"""Of the angles to the nearest and the second nearest descriptor, in wide and in narrow windows."""
+
+_MAX_DESCRIPTOR_DEG = 22.0
+"""Angle between descriptors: true matches are mostly below it, those of chance above."""
+
+_MIN_MATCHES = 8
+_HYPOTHESES = 4
+"""Turns of the camera that are followed."""
+
+_SHRINKING = (0.04, 0.02, 0.01, 0.01)
+"""Radii of the windows, in focal lengths, from pose to pose."""
+
+_MOST_APART = 0.3
+"""Angle in rad between directions that agree, however near the points are."""
+
+_NOISES = 5.0
+"""Standard deviations of the matches' pixels in the radius of a window."""
+
+TIGHT = _SHRINKING[-1]
+"""Radius of the last windows, in focal lengths."""
+
+_BESIDE = np.array([[0.08, 0.0], [-0.08, 0.0], [0.0, 0.08], [0.0, -0.08], [0.06, 0.06], [-0.06, 0.06]])
+"""Where windows are put to count the matches of chance, in focal lengths."""
+
+_LEAST_MATCHES, _LEAST_RATIO = 30, 3.0
+"""Matches of a pose, and their ratio to those of chance, from which on it is believed."""
+
+_MOST_SIGMAS = 4.5
+"""Distance from the expected pose, in standard deviations, up to which it is believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class GuidedPose:
+    """A pose that matches support: ``points`` [M] of the known ones, shown by the ``features`` [M].
+
+    ``by_chance``: the most matches that windows beside the right ones gave. ``sigmas``: the distance of
+    position or orientation from those expected, in standard deviations.
+    """
+
+    camera_from_model: RigidTransform
+    points: Indices
+    features: Indices
+    by_chance: int
+    sigmas: float
+
+    @property
+    def believed(self) -> bool:
+        """Whether there are many more matches than chance gives, and the pose is about the expected one."""
+        enough = len(self.points) >= max(_LEAST_MATCHES, _LEAST_RATIO * self.by_chance)
+        return enough and self.sigmas <= _MOST_SIGMAS
+
+
+def guided_pose(
+    known: KnownPoints, features: Features, camera: pycolmap.Camera, expected: ExpectedPose
+) -> GuidedPose | None:
+    """The pose near the ``expected`` one that most matches support; None when there are hardly any."""
+    candidates = _Candidates.within_windows(known, features, camera, expected)
+    if candidates is None:
+        return None
+    found = [pose for start in candidates.starts() if (pose := candidates.follow(start)) is not None]
+    return max(found, key=lambda pose: (pose.believed, len(pose.points)), default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Pairs of a known ``point`` and a ``feature`` in its window, ordered by point and ``angle`` [rad]."""
+
+    known: KnownPoints
+    pixels: Array
+    camera: pycolmap.Camera
+    expected: ExpectedPose
+    point: Indices
+    feature: Indices
+    angle: NDArray[np.float32]
+    windows: Array
+    """Radius [P] of each point's window in px."""
+
+    @staticmethod
+    def within_windows(
+        known: KnownPoints, features: Features, camera: pycolmap.Camera, expected: ExpectedPose
+    ) -> "_Candidates | None":
+        focal = float(camera.mean_focal_length())
+        chosen = known.seen_from(expected.centre, _OBSERVATIONS, _MAX_ANGLE_DEG)
+        pixels, depth = project(camera, expected.camera_from_model, known.xyz)
+        turn = expected.orientation_sigma
+        windows = focal * _SIGMAS * np.hypot(expected.position_sigma / np.maximum(depth, 1e-9), turn)
+        margin = focal * _SIGMAS * turn
+        inside = (depth > 0) & (pixels > -margin).all(axis=1)
+        inside &= (pixels[:, 0] < camera.width + margin) & (pixels[:, 1] < camera.height + margin)
+        points = np.unique(known.point[chosen[inside[known.point[chosen]]]])
+        if len(points) < _MIN_MATCHES:
+            return None
+        wanted = np.zeros(len(known.xyz), dtype=bool)
+        wanted[points[:: -(-len(points) // _MOST_POINTS)]] = True
+        chosen = chosen[wanted[known.point[chosen]]]
+        cosines = known.descriptors[chosen] @ features.descriptors.T
+        # Descriptors that are farther apart do not even compete.
+        alike = np.cos(np.radians(_MAX_DESCRIPTOR_DEG) / min(_FIRST_RATIO, _RATIO))
+        observation, feature = np.nonzero(cosines > alike)
+        angle = np.arccos(np.minimum(cosines[observation, feature], 1.0))
+        # Beside the windows, too: that is where the matches of chance are counted.
+        reach = windows[known.point[chosen]] + focal * float(np.abs(_BESIDE).max())
+        apart = pixels[known.point[chosen[observation]]] - features.pixels[feature]
+        axes = _axes_px(known, chosen, camera, expected.camera_from_model)
+        good = (apart**2).sum(axis=1) < reach[observation] ** 2
+        good &= _alike(axes[observation], features.axes[feature])
+        point, feature, angle = known.point[chosen[observation[good]]], feature[good], angle[good]
+        order = np.lexsort((angle, feature, point))
+        point, feature, angle = point[order], feature[order], angle[order]
+        first = np.r_[True, (point[1:] != point[:-1]) | (feature[1:] != feature[:-1])][: len(point)]
+        point, feature, angle = point[first], feature[first], angle[first]
+        order = np.lexsort((angle, point))
+        return _Candidates(
+            known, features.pixels, camera, expected, point[order], feature[order], angle[order], windows
+        )
+
+    def match(
+        self, pose: RigidTransform, radii: Array | float, ratio: float, beside: Array | None = None
+    ) -> tuple[Indices, Indices]:
+        """Points and features, nearest to each other within windows of ``radii`` px about the projections.
+
+        ``beside`` moves the windows, in px. The nearest must beat the second nearest by ``ratio``.
+        """
+        pixels, depth = project(self.camera, pose, self.known.xyz)
+        if beside is not None:
+            pixels = pixels + beside
+        distance = ((pixels[self.point] - self.pixels[self.feature]) ** 2).sum(axis=1)
+        limits = np.broadcast_to(np.asarray(radii, dtype=np.float64), len(depth))
+        near = (distance < limits[self.point] ** 2) & (depth[self.point] > 0)
+        point, feature, angle = self.point[near], self.feature[near], self.angle[near]
+        if len(point) == 0:
+            return point, feature
+        first = np.r_[True, point[1:] != point[:-1]]
+        following = np.r_[angle[1:], np.float32(np.inf)]
+        following[np.r_[first[1:], True]] = np.inf
+        best_of_feature = np.full(len(self.pixels), np.inf, dtype=angle.dtype)
+        np.minimum.at(best_of_feature, feature, angle)
+        good = first & (angle < ratio * following) & (angle <= best_of_feature[feature])
+        good &= angle < np.radians(_MAX_DESCRIPTOR_DEG)
+        return point[good], feature[good]
+
+    def starts(self) -> Iterator[tuple[RigidTransform, Indices, Indices]]:
+        """Poses turned so that most matches within the windows agree, and these; those with most first."""
+        point, feature = self.match(self.expected.camera_from_model, self.windows, _FIRST_RATIO)
+        if len(point) < _MIN_MATCHES:
+            return
+        expected, rotation = self.expected, self.expected.camera_from_model.rotation
+        towards = _unit((self.known.xyz[point] - expected.centre) @ rotation.T)
+        shown = np.asarray(self.camera.cam_from_img(self.pixels[feature])).reshape(-1, 2)
+        shown = _unit(np.c_[shown, np.ones(len(shown))])
+        turns = _turns(towards, shown)
+        away = np.median(np.linalg.norm(self.known.xyz[point] - expected.centre, axis=1))
+        limit = np.cos(min(_SHRINKING[0] + 1.5 * expected.position_sigma / away, _MOST_APART))
+        agree = np.einsum("hij,pj,pi->hp", turns, towards, shown) > limit
+        tried: list[Array] = []
+        for best in np.argsort(-agree.sum(axis=1), kind="stable"):
+            # The cosine of a turn's angle is (trace − 1) / 2.
+            if any(0.5 * (np.trace(turns[best] @ other.T) - 1.0) > limit for other in tried):
+                continue
+            tried.append(turns[best])
+            yield expected.turned(turns[best]), point[agree[best]], feature[agree[best]]
+            if len(tried) == _HYPOTHESES:
+                return
+
+    def follow(self, start: tuple[RigidTransform, Indices, Indices]) -> GuidedPose | None:
+        """The pose at which windows that shrink arrive from a start."""
+        pose, point, feature = start
+        focal = float(self.camera.mean_focal_length())
+        noise = _SHRINKING[0] / _NOISES
+        for radius in _SHRINKING:
+            pixels = self.pixels[feature]
+            pose = refine(pose, self.known.xyz[point], pixels, self.camera, noise * focal, self.expected)
+            point, feature = self.match(pose, radius * focal, _RATIO)
+            noise = radius / _NOISES
+            if len(point) < _MIN_MATCHES:
+                return None
+        pose = refine(
+            pose, self.known.xyz[point], self.pixels[feature], self.camera, noise * focal, self.expected
+        )
+        point, feature = self.match(pose, TIGHT * focal, _RATIO)
+        chance = [len(self.match(pose, TIGHT * focal, _RATIO, focal * beside)[0]) for beside in _BESIDE]
+        return GuidedPose(pose, point, feature, max(chance), self.expected.sigmas_of(pose))
+
+
+def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:
+    """Where a camera shows points [P, 3], in px [P, 2], and their depths [P]; those behind it nowhere."""
+    local = camera_from_model.apply(points)
+    pixels = np.full((len(points), 2), np.inf)
+    ahead = local[:, 2] > 1e-9
+    if ahead.any():
+        pixels[ahead] = np.asarray(camera.img_from_cam(local[ahead]))
+    return pixels, local[:, 2]
+
+
+def _axes_px(
+    known: KnownPoints, chosen: Indices, camera: pycolmap.Camera, camera_from_model: RigidTransform
+) -> Array:
+    """The axes [O, 2] in px that observations would have in another camera, without lens distortion."""
+    at = camera_from_model.apply(known.xyz[known.point[chosen]])
+    along = known.axes[chosen] @ camera_from_model.rotation.T
+    depth = np.maximum(at[:, 2:], 1e-9)
+    flat = (along[:, :2] - along[:, 2:] * at[:, :2] / depth) / depth
+    length = np.linalg.norm(known.axes[chosen], axis=1, keepdims=True) / depth
+    return np.asarray(camera.mean_focal_length() * flat / _lengths(flat) * length)
+
+
+def _alike(expected: Array, axes: Array) -> NDArray[np.bool_]:
+    """Which ``axes`` [N, 2] have about the direction and length expected."""
+    lengths = _lengths(expected)[:, 0], _lengths(axes)[:, 0]
+    cosines = (expected * axes).sum(axis=1) / (lengths[0] * lengths[1])
+    octaves = np.abs(np.log2(lengths[1] / lengths[0]))
+    return np.asarray((cosines > np.cos(np.radians(_MAX_TURN_DEG))) & (octaves < _MAX_OCTAVES))
+
+
+def _turns(first: Array, second: Array) -> Array:
+    """The least rotations [N, 3, 3] that turn the directions ``first`` [N, 3] into ``second``."""
+    across = np.cross(first, second)
+    cosine = np.maximum((first * second).sum(axis=1), -0.999)
+    cross = np.zeros((len(first), 3, 3))
+    x, y, z = across.T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross -= np.swapaxes(cross, 1, 2)
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine)[:, None, None])
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / _lengths(vectors))
+
+
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))

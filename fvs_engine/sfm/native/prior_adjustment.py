@@ -1,0 +1,56 @@
+"""Bundle adjustment with the position priors of the images as robust residuals, against drift."""
+
+import numpy as np
+import pycolmap
+
+from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.verification.positions import misplaced
+from fvs_engine.sfm.verification.veto import believed_frame
+
+_LEAST_SIGMA_SHARE = 0.005
+"""Of the cameras' distance from their middle: no prior counts as more accurate than that."""
+
+
+def adjust_with_priors(
+    model: pycolmap.Reconstruction,
+    priors: PosePriors,
+    options: pycolmap.BundleAdjustmentOptions,
+    seed: int,
+) -> bool:
+    """Adjust cameras and points to the images and to the position priors, if these are believed.
+
+    Priors far from their cameras are left out, and those that do not fit afterwards count less. The model is
+    in the frame of the priors then. Returns whether anything was adjusted.
+    """
+    poses = camera_poses(model)
+    frame = believed_frame(priors, poses)
+    if frame is None:
+        return False
+    wrong = misplaced(priors, {name: pose.translation for name, pose in poses.items()})
+    to_world = frame.world_from_model
+    model.transform(
+        pycolmap.Sim3d(to_world.scale, pycolmap.Rotation3d(to_world.rotation), to_world.translation)
+    )
+    config = pycolmap.BundleAdjustmentConfig()
+    images = [model.image(image_id) for image_id in model.reg_image_ids()]
+    for image in images:
+        config.add_image(image.image_id)
+    known = [image for image in images if image.name in priors.by_name and image.name not in wrong]
+    world = priors.positions([image.name for image in known])
+    least = _LEAST_SIGMA_SHARE * float(np.sqrt(((world - world.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    positions = []
+    for image in known:
+        prior = priors.by_name[image.name]
+        position = pycolmap.PosePrior()
+        position.pose_prior_id, position.corr_data_id = image.image_id, image.data_id
+        position.position = np.array(prior.position)
+        position.position_covariance = max(prior.position_sigma, least) ** 2 * np.eye(3)
+        position.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
+        positions.append(position)
+    robust = pycolmap.PosePriorBundleAdjustmentOptions()
+    robust.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    robust.alignment_ransac.random_seed = seed
+    pycolmap.create_pose_prior_bundle_adjuster(options, robust, config, positions, model).solve()
+    model.update_point_3d_errors()
+    return True

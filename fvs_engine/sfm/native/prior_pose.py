@@ -1,0 +1,155 @@
+"""The pose of an image from points that it sees and its expected pose, which both have errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.rotations import matrix_from_rotation_vector
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.verification.veto import PriorFrame
+
+Array = NDArray[np.float64]
+
+_LEAST_POSITION_SHARE = 0.005
+"""Of the cameras' distance from their middle: a model is no more accurate than that."""
+
+_LEAST_ORIENTATION_DEG = 1.0
+
+_DOUBTED_SIGMAS = 3.0
+"""Standard deviations from which on a point or a prior counts less and less."""
+
+_ITERATIONS = 12
+_DAMPING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPose:
+    """Where a camera should be in the model, by its prior; sigmas of each coordinate, and about each axis.
+
+    The position's is in the model's unit, that of the orientation in rad.
+    """
+
+    camera_from_model: RigidTransform
+    position_sigma: float
+    orientation_sigma: float
+
+    @staticmethod
+    def of(
+        prior: PosePrior, priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
+    ) -> "ExpectedPose | None":
+        """The expected pose in the model of ``poses`` (model_from_camera); None without an orientation.
+
+        An error of the alignment moves what lies outside the aligned positions most.
+        """
+        world_from_camera = prior.world_from_camera
+        if world_from_camera is None or not frame.oriented:
+            return None
+        names = sorted(poses.keys() & priors.by_name.keys())
+        world = priors.positions(names)
+        away = ((world - world.mean(axis=0)) ** 2).sum()
+        outside = ((np.array(prior.position) - world.mean(axis=0)) ** 2).sum() / away
+        sigma = prior.position_sigma * np.sqrt(1.0 + 1.0 / len(names) + outside)
+        least = _LEAST_POSITION_SHARE * np.sqrt(away / len(names))
+        model_from_world = frame.world_from_model.inverse()
+        return ExpectedPose(
+            model_from_world.move_camera(world_from_camera).inverse(),
+            float(max(sigma, least)) * model_from_world.scale,
+            float(np.radians(max(prior.orientation_sigma_deg, _LEAST_ORIENTATION_DEG))),
+        )
+
+    @property
+    def centre(self) -> Array:
+        """The expected camera centre [3]."""
+        return self.camera_from_model.inverse().translation
+
+    def sigmas_of(self, camera_from_model: RigidTransform) -> float:
+        """How far a pose is from this one, in standard deviations: in position or orientation."""
+        shift = np.linalg.norm(camera_from_model.inverse().translation - self.centre)
+        turn = rotation_vector(camera_from_model.rotation @ self.camera_from_model.rotation.T)
+        turned = np.linalg.norm(turn) / self.orientation_sigma
+        return float(max(shift / self.position_sigma, turned))
+
+    def turned(self, rotation: Array) -> RigidTransform:
+        """camera_from_model of the camera that is turned by a rotation [3, 3] where it stands."""
+        turned = rotation @ self.camera_from_model.rotation
+        return RigidTransform(turned, -turned @ self.centre)
+
+
+def refine(
+    camera_from_model: RigidTransform,
+    points: Array,
+    pixels: Array,
+    camera: pycolmap.Camera,
+    noise_px: float,
+    expected: ExpectedPose | None,
+) -> RigidTransform:
+    """The pose near ``camera_from_model`` with the least errors: of the points [N, 3], and of the prior.
+
+    ``pixels`` [N, 2] are where the image shows the points, each coordinate with the standard deviation
+    ``noise_px``. Points and priors that are off by more than three standard deviations count less and less
+    (Cauchy's loss).
+    """
+    focal = float(camera.mean_focal_length())
+    seen = np.asarray(camera.cam_from_img(pixels)).reshape(-1, 2)
+    rotation, centre = camera_from_model.rotation, camera_from_model.inverse().translation
+    for _ in range(_ITERATIONS):
+        local = (points - centre) @ rotation.T
+        ahead = local[:, 2] > 1e-9
+        x, y, z = local[ahead].T
+        unit = focal / noise_px
+        errors = unit * (np.stack([x / z, y / z], axis=1) - seen[ahead])
+        weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
+        zero = np.zeros_like(z)
+        by_local = (unit / z)[:, None, None] * np.stack(
+            [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)], axis=1
+        )
+        by_turn = -np.einsum("nij,njk->nik", by_local, _cross(local[ahead]))
+        by_shift = -by_local @ rotation
+        slopes = np.concatenate([by_turn, by_shift], axis=2)
+        normal = np.einsum("n,nij,nik->jk", weights, slopes, slopes)
+        gradient = np.einsum("n,nij,ni->j", weights, slopes, errors)
+        if expected is not None:
+            turned = rotation_vector(rotation @ expected.camera_from_model.rotation.T)
+            turn_error = turned / expected.orientation_sigma
+            shift_error = (centre - expected.centre) / expected.position_sigma
+            for error, sigma, part in (
+                (turn_error, expected.orientation_sigma, slice(0, 3)),
+                (shift_error, expected.position_sigma, slice(3, 6)),
+            ):
+                weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
+                normal[part, part] += weight / sigma**2 * np.eye(3)
+                gradient[part] += weight / sigma * error
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = -np.linalg.solve(normal / np.outer(scale, scale) + _DAMPING * np.eye(6), gradient / scale)
+        step /= scale
+        rotation = matrix_from_rotation_vector(step[:3]) @ rotation
+        centre = centre + step[3:]
+        if float(np.linalg.norm(scale * step)) < 1e-3:
+            break
+    return RigidTransform(rotation, -rotation @ centre)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """The rotation vector [3] of a rotation [3, 3] of less than half a turn."""
+    skew = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    sine = 0.5 * float(np.linalg.norm(skew))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(rotation) - 1.0)))
+    return np.asarray(skew * (0.5 if sine < 1e-12 else 0.5 * angle / sine))
+
+
+def _cross(vectors: Array) -> Array:
+    """The matrices [N, 3, 3] of the cross products with ``vectors`` [N, 3]."""
+    matrices = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
+    return matrices - np.swapaxes(matrices, 1, 2)
