@@ -8,7 +8,7 @@ from typing import Literal
 
 import pycolmap
 
-from fvs_engine.sfm.colmap.database import pair_number
+from fvs_engine.sfm.colmap.database import delete_database, pair_number
 
 Pair = tuple[int, int]
 ImageTable = Literal["keypoints", "descriptors"]
@@ -35,6 +35,7 @@ def write_part(
     ``of_images`` and ``of_pairs`` are the tables that are copied, beside images and cameras. ``named_by_id``:
     names become the ids, which have no white space.
     """
+    delete_database(path)  # of a run that was killed
     pycolmap.Database.open(path).close()  # makes the tables
     with attached(path, whole, durable=False) as db:
         db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")

@@ -34,7 +34,6 @@ def load_around(database: Path, names: Collection[str], new: Collection[str]) ->
     near = centre.union(*(pair for pair in pairs if not centre.isdisjoint(pair)))
     inside = [pair for pair in pairs if near.issuperset(pair)]
     part = matches_around(database)
-    delete_database(part)  # of a run that was killed
     try:
         images = [ids[name] for name in names if name in ids]
         write_part(

@@ -18,6 +18,7 @@ from pathlib import Path
 import pycolmap
 
 from fvs_engine.child_process import kill_with_parent
+from fvs_engine.sfm.colmap.database import delete_database
 from fvs_engine.sfm.colmap.part_database import Pair, attached, write_part
 
 Report = Callable[[int], None]
@@ -49,18 +50,20 @@ def match(
     pairs = sorted((min(pair), max(pair)) for pair in (tuple(map(int, line.split())) for line in lines))
     most = threads or len(os.sched_getaffinity(0))
     folder = Path(parts_dir)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(exist_ok=True)
     try:
         for start in range(0, len(pairs), most * batch):
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
             some = pairs[start : start + most * batch]
+            # Names of their own: whoever counts what is matched may open a part that is just deleted.
             parts = [
-                _Part.of(Path(database), folder / f"{number}.db", share)
+                _Part.of(Path(database), folder / f"{start}-{number}.db", share)
                 for number, share in enumerate(_shares(some, most))
             ]
             _match_all(parts, seed)
             for part in parts:
                 part.merge_into(Path(database))
+                delete_database(part.database)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -14,6 +14,7 @@ import pytest
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.matching import match
+from fvs_engine.sfm.native import matching as native_matching
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
@@ -111,3 +112,20 @@ except RuntimeError:
 """
     job = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60, check=False)
     assert job.returncode == -number
+
+
+@pytest.mark.usefixtures("native_here")
+def test_a_folder_of_parts_that_cannot_be_removed_stops_nothing(
+    unmatched: Stages, kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    """Whoever counts the matches of a part that is being removed leaves SQLite's files in its folder."""
+    names = [name for name in kermit_names if name != "kermit001.jpg"][:4]
+    monkeypatch.setattr(native_matching.shutil, "rmtree", lambda *_, **__: None)
+    monkeypatch.setattr(match, "_BATCH", 2)
+    unmatched.folder.parts.mkdir()
+    unmatched.folder.parts.joinpath("0-0.db").write_bytes(b"of a run that was killed")
+    single = Stages(unmatched.folder, SfmSettings(threads=1), Monitor())
+    pairs = [(first, second) for first in names for second in names if first < second]
+    match.match_pairs(single, pairs)
+    assert len(rows(unmatched.folder.database, GEOMETRIES)) == len(pairs)
+    assert list(unmatched.folder.parts.glob("*.db*")) == []
