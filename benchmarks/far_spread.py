@@ -63,10 +63,10 @@ def priors_of(data: Path, scene: Scene, seed: int) -> PosePriors | None:
 
 def subset(scene: Scene, count: int, draw: random.Random) -> list[str]:
     """Far-spread images of a random part of the scene; any, where it is not known which are."""
-    pool = sorted(draw.sample(sorted(scene.centres), round(0.75 * len(scene.centres))))
-    if np.isnan(scene.centres[pool[0]]).any():
+    if np.isnan(next(iter(scene.centres.values()))).any():
+        pool = sorted(draw.sample(sorted(scene.centres), round(0.75 * len(scene.centres))))
         return draw.sample(pool, min(count, len(pool)))
-    return scene.farthest(pool, [draw.choice(pool)], min(count, round(0.8 * len(pool))))
+    return scene.far_spread(count, draw)
 
 
 def from_scratch(scene: Scene, names: Sequence[str], folder: Path) -> Outcome:

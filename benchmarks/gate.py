@@ -1,6 +1,6 @@
 """Calibration of the gate on right and wrong models: its errors, thresholds and receiver characteristics.
 
-    python benchmarks/gate.py DATA --cache FOLDER [--scenes fox bonsai castle-P19 fountain-P11]
+    python benchmarks/gate.py DATA --cache FOLDER [--scenes fox bonsai castle-P19 fountain-P11 yard-four ...]
         [--subsets near10far5 ...] [--mapped-only] [--json gate.json]
 
 Both mappers' models of subsets of each scene (``gate_models``), and models spoilt from them, are examined
@@ -22,6 +22,7 @@ import numpy as np
 import pycolmap
 from gate_models import Centres, Scene, map_subset, mapped, mirrored, prepare, spoilt
 from measurement import report
+from yards import YARDS, yard
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
@@ -39,7 +40,8 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.scale import MAX_DEPTH_ERROR, Scale, depth_ratios
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
-SCENES = ("fox", "bonsai", "castle-P19", "fountain-P11")
+PHOTOGRAPHED = ("fox", "bonsai", "castle-P19", "fountain-P11")
+SCENES = (*PHOTOGRAPHED, *YARDS)
 WRONG_SHARE = 0.1
 SHARES = np.arange(0.005, 0.0501, 0.0025)
 """Candidates for the threshold of loosely linked images."""
@@ -345,9 +347,8 @@ def main() -> None:
     arguments = parser.parse_args()
     cases = []
     for name in arguments.scenes:
-        cases += examine(
-            Scene.read(arguments.data, name), arguments.cache, arguments.subsets, arguments.mapped_only
-        )
+        scene = yard(name, arguments.cache) if name in YARDS else Scene.read(arguments.data, name)
+        cases += examine(scene, arguments.cache, arguments.subsets, arguments.mapped_only)
     report("Models", [asdict(case) for case in cases], arguments.json)
     report("Verdicts", summary(cases))
     report(f"Threshold of loose links, now {MIN_LINK_SHARE}", characteristics(cases))

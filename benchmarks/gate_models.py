@@ -35,7 +35,8 @@ SETTINGS = SfmSettings(threads=1)
 _MOST = 55
 """Images of a scene that are used: the first ten, and those that are farthest from one another."""
 _FEWEST = 20
-"""Scenes with fewer images give runs of neighbours and the whole, no far-spread sets."""
+"""Scenes with fewer images give the whole, runs of neighbours, and the sets of ``far_spread.py``."""
+_SPREAD_SETS = 10
 _SHIFT = 0.3
 """Of the spread of the cameras."""
 _STRETCH = 1.3
@@ -79,16 +80,25 @@ class Scene:
             chosen.append(others[int(np.argmax(gaps))])
         return chosen
 
+    def far_spread(self, count: int, draw: random.Random) -> list[str]:
+        """Far-spread images of a random three quarters of the scene, at most four fifths of these."""
+        pool = sorted(draw.sample(sorted(self.centres), round(0.75 * len(self.centres))))
+        return self.farthest(pool, [draw.choice(pool)], min(count, round(0.8 * len(pool))))
+
     def subsets(self) -> dict[str, list[str]]:
         """Name → images: neighbours, neighbours and far ones, far ones, any."""
         pool = self.pool()
         if len(pool) < _FEWEST:
             starts = range(0, len(pool) - 7, 2)
-            return {"all": pool} | {f"run8_{k}": pool[k : k + 8] for k in starts}
+            return (
+                {"all": pool}
+                | {f"run8_{k}": pool[k : k + 8] for k in starts}
+                | {f"spread_{k}": self.far_spread(15, random.Random(f"0 {k}")) for k in range(_SPREAD_SETS)}
+            )
         middle = np.mean([self.centres[name] for name in pool], axis=0)
         central = min(pool, key=lambda name: float(np.linalg.norm(self.centres[name] - middle)))
         found = {f"near10far{k}": self.farthest(pool, pool[:10], 10 + k) for k in (5, 10)}
-        found |= {f"far{k}": self.farthest(pool, [central], k) for k in (12, 16, 20)}
+        found |= {f"far{k}": self.farthest(pool, [central], k) for k in (12, 16, 20)} | {"all": pool}
         for seed in range(4):
             draw = random.Random(seed)
             found[f"random15_{seed}"] = sorted(draw.sample(pool, 15))

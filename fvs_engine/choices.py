@@ -47,3 +47,6 @@ ViewGroup = Literal["held-out", "training", "all", "path"]
 
 Firmware = Literal["ardupilot", "px4"]
 """Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks, see ``fvs_engine.simulate.mavlink.firmware``."""
+
+LookAlike = Literal["four", "two", "windows"]
+"""Walls of a simulated courtyard that look alike, see ``fvs_engine.simulate.facades``."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvs_engine.choices import LookAlike
 from fvs_engine.cli.options import MAX_SEED, JsonOption
 
 if TYPE_CHECKING:
@@ -27,6 +28,17 @@ def simulate(
     from_above: Annotated[
         bool, typer.Option("--survey", help="Photograph houses from above, in rows, instead.")
     ] = False,
+    look_alike: Annotated[
+        LookAlike | None,
+        typer.Option(
+            metavar="WALLS",
+            help="Walls that look alike: all four, two opposite ones, or rows of one window.",
+            show_default="none",
+        ),
+    ] = None,
+    outwards: Annotated[
+        bool, typer.Option("--outwards", help="Look from the middle at the walls, not across the courtyard.")
+    ] = False,
     exposure: Annotated[
         float, typer.Option(min=-20.0, max=20.0, metavar="EV", help="Exposure; +1 is twice as bright.")
     ] = 0.0,
@@ -38,7 +50,8 @@ def simulate(
 ) -> None:
     """Photograph a synthetic courtyard from an orbit: DIR/images, true poses in DIR/transforms.json.
 
-    With --survey, a settlement from 30 m above, in parallel rows.
+    With --survey, a settlement from 30 m above, in parallel rows. With --look-alike, a courtyard whose walls
+    are mistaken for one another.
     """
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
@@ -50,14 +63,18 @@ def simulate(
             param_hint="--size",
         )
 
-    if from_above and (radius is not None or turns is not None):
+    if from_above and (radius is not None or turns is not None or look_alike is not None or outwards):
         raise typer.BadParameter(
-            "A survey has no orbit: leave out --radius and --turns.", param_hint="--survey"
+            "A survey has no orbit: leave out --radius, --turns, --look-alike and --outwards.",
+            param_hint="--survey",
         )
+    if outwards and radius is not None:
+        raise typer.BadParameter("The radius is of the orbit: leave it out.", param_hint="--outwards")
 
     def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
         from fvs_engine.simulate import SimulatedCamera, write_photographs
-        from fvs_engine.simulate.tours import orbit, survey
+        from fvs_engine.simulate.facades import lookalike_courtyard
+        from fvs_engine.simulate.tours import look_around, orbit, survey
         from fvs_engine.simulate.world import courtyard, settlement
 
         width, height = int(shape[1]), int(shape[2])
@@ -65,7 +82,11 @@ def simulate(
         if from_above:
             world, poses = settlement(seed), survey(images, seed=seed)
         else:
-            world, poses = courtyard(seed), orbit(images, radius or 3.0, turns=turns or 1.0)
+            world = courtyard(seed) if look_alike is None else lookalike_courtyard(look_alike, seed)
+            if outwards:
+                poses = look_around(images, turns=turns or 1.0)
+            else:
+                poses = orbit(images, radius or 3.0, turns=turns or 1.0)
         return tuple(write_photographs(out, world, camera, poses, monitor, seed=seed))
 
     report.show_files(run_job(job, machine=as_json), machine=as_json)

@@ -1,8 +1,9 @@
 """Simulated photographs of synthetic scenes."""
 
 from fvs_engine.simulate.camera import SimulatedCamera
+from fvs_engine.simulate.facades import lookalike_courtyard
 from fvs_engine.simulate.photographs import write_photographs
-from fvs_engine.simulate.tours import orbit, survey
+from fvs_engine.simulate.tours import look_around, orbit, survey
 from fvs_engine.simulate.world import Rectangle, World, courtyard, settlement
 
 __all__ = [
@@ -10,6 +11,8 @@ __all__ = [
     "SimulatedCamera",
     "World",
     "courtyard",
+    "look_around",
+    "lookalike_courtyard",
     "orbit",
     "settlement",
     "survey",

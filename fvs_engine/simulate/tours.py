@@ -24,6 +24,23 @@ def orbit(
     return poses
 
 
+def look_around(
+    count: int, radius_m: float = 1.2, height_m: float = 1.3, turns: float = 1.0
+) -> list[RigidTransform]:
+    """``count`` world_from_camera poses on circles around the origin that look level away from it.
+
+    The height sways as that of ``orbit``. Raises ``InvalidInputError`` for less than one pose or no radius.
+    """
+    if count < 1 or radius_m <= 0:
+        raise InvalidInputError("A tour needs at least one pose and a radius.")
+    poses = []
+    for angle in 2.0 * np.pi * turns * np.arange(count) / count:
+        outwards = np.array([np.cos(angle), np.sin(angle), 0.0])
+        centre = radius_m * outwards + [0.0, 0.0, height_m * (1.0 + 0.2 * np.sin(3.0 * angle))]
+        poses.append(look_at(centre, centre + outwards, [0.0, 0.0, 1.0]))
+    return poses
+
+
 def survey(
     count: int, height_m: float = 30.0, along_m: float = 7.0, across_m: float = 8.0, seed: int = 0
 ) -> list[RigidTransform]:

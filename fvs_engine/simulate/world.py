@@ -52,15 +52,15 @@ def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World
     """
     generator = np.random.default_rng(seed)
     w = half_width_m
-    rectangles = [_textured([-w, -w, 0], [2 * w, 0, 0], [0, 2 * w, 0], GROUND_TEXEL_M, generator)]
+    rectangles = [textured([-w, -w, 0], [2 * w, 0, 0], [0, 2 * w, 0], GROUND_TEXEL_M, generator)]
     corners = np.array([[-w, -w, 0], [w, -w, 0], [w, w, 0], [-w, w, 0]])
     for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        rectangles.append(_textured(corner, after - corner, [0, 0, 2.5], GROUND_TEXEL_M, generator))
+        rectangles.append(textured(corner, after - corner, [0, 0, 2.5], GROUND_TEXEL_M, generator))
     for _ in range(boxes):
         angle, distance = generator.uniform(0, 2 * np.pi), 1.8 * np.sqrt(generator.random())
         centre = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
         size = np.array([*generator.uniform(0.25, 0.8, 2), generator.uniform(0.3, 1.6)])
-        rectangles += _box(centre, size, generator.uniform(0, np.pi), generator)
+        rectangles += box(centre, size, generator.uniform(0, np.pi), generator)
     return World(tuple(rectangles))
 
 
@@ -69,15 +69,15 @@ def settlement(seed: int = 0, length_m: float = 180.0, width_m: float = 120.0, h
     generator = np.random.default_rng(seed)
     half = 0.5 * np.array([length_m, width_m, 0.0])
     sides = ([length_m, 0, 0], [0, width_m, 0])
-    rectangles = [_textured(-half, *sides, SETTLEMENT_TEXEL_M, generator)]
+    rectangles = [textured(-half, *sides, SETTLEMENT_TEXEL_M, generator)]
     for _ in range(houses):
         foot = generator.uniform(-half, half)
         size = np.array([*generator.uniform(5.0, 14.0, 2), generator.uniform(3.0, 9.0)])
-        rectangles += _box(foot, size, generator.uniform(0, np.pi), generator, SETTLEMENT_TEXEL_M)
+        rectangles += box(foot, size, generator.uniform(0, np.pi), generator, SETTLEMENT_TEXEL_M)
     return World(tuple(rectangles))
 
 
-def _box(
+def box(
     foot: Array, size: Array, turn: float, generator: np.random.Generator, texel_m: float = BOX_TEXEL_M
 ) -> list[Rectangle]:
     """Four sides and a lid of a box on the ground, ``foot`` [3] the middle of its base."""
@@ -92,12 +92,13 @@ def _box(
         (corner + x, y, z),
         (corner + z, x, y),
     )
-    return [_textured(*face, texel_m, generator) for face in faces]
+    return [textured(*face, texel_m, generator) for face in faces]
 
 
-def _textured(
+def textured(
     corner: ArrayLike, side_u: ArrayLike, side_v: ArrayLike, texel_m: float, generator: np.random.Generator
 ) -> Rectangle:
+    """A rectangle with a texture of its own, of texels of ``texel_m``."""
     u, v = np.asarray(side_u, dtype=np.float64), np.asarray(side_v, dtype=np.float64)
     columns, rows = (max(8, round(float(np.linalg.norm(side)) / texel_m)) for side in (u, v))
     tint = generator.uniform(0.15, 0.6, 3)

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -29,6 +30,24 @@ def test_a_survey_looks_down_from_thirty_metres(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, [*options, "--turns", "2"])
     assert result.exit_code == 2
     assert "no orbit" in result.output
+
+
+def test_a_courtyard_that_looks_alike_is_another_one_seen_from_its_middle(tmp_path: Path) -> None:
+    options = ["--images", "1", "--size", "96x64"]
+    plain, four = tmp_path / "plain", tmp_path / "four"
+    alike = ["--look-alike", "four", "--outwards"]
+    for arguments in ([str(plain), *options], [str(four), *options, *alike]):
+        result = CliRunner().invoke(app, ["simulate", *arguments])
+        assert result.exit_code == 0, result.output
+    photographs = [(folder / "images/0000.jpg").read_bytes() for folder in (plain, four)]
+    assert photographs[0] != photographs[1]
+    truth = json.loads((four / "transforms.json").read_text())
+    axis, centre = np.array(truth["frames"][0]["transform_matrix"])[:3, 2:].T
+    assert axis[:2] @ centre[:2] < 0  # OpenGL cameras look along -z
+    for wrong in (["--survey"], ["--radius", "3"]):
+        result = CliRunner().invoke(app, ["simulate", str(tmp_path / "no"), *alike, *wrong])
+        assert result.exit_code == 2
+        assert "leave" in result.output
 
 
 @pytest.mark.parametrize("size", ["640", "0x480", "640x480x3", "99999x10", "-5x10"])
