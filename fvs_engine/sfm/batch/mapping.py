@@ -81,13 +81,15 @@ class ModelEvidence:
 class MappedScene:
     """A mapper's largest model with the evidence for it, and the images of its smaller models.
 
-    ``left_out``: the images that were removed from the model because the evidence contradicts their poses.
+    Images that were removed from the model: ``left_out``, because the evidence contradicts their poses, and
+    ``unheld``, because hardly any point holds these.
     """
 
     model: pycolmap.Reconstruction
     candidate: Candidate
     other_components: tuple[tuple[str, ...], ...]
     left_out: tuple[str, ...] = ()
+    unheld: tuple[str, ...] = ()
 
     @staticmethod
     def of_models(
@@ -95,11 +97,14 @@ class MappedScene:
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that every pair, the witness or their position prior contradicts are removed when they are few.
+        Images that hardly any point holds are removed when they are few, and so are those that every pair,
+        the witness or their position prior contradicts.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
+        unheld = _unheld(largest)
+        leave_out(largest, unheld)
         evidence = evidence_of.of(largest, monitor)
         contradicted = [] if evidence is None else _prunable(largest, evidence)
         if contradicted:
@@ -112,7 +117,9 @@ class MappedScene:
             if image.has_pose
         }
         others = tuple(registered_names(model) for model in models[1:])
-        return MappedScene(largest, Candidate(mapper, centres, evidence), others, tuple(contradicted))
+        return MappedScene(
+            largest, Candidate(mapper, centres, evidence), others, tuple(contradicted), tuple(unheld)
+        )
 
 
 def read_model_evidence(
@@ -217,6 +224,16 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
         image = model.find_image_with_name(name)
         if image is not None and image.has_pose:
             model.deregister_frame(image.frame_id)
+
+
+def _unheld(model: pycolmap.Reconstruction) -> list[str]:
+    """The images that see fewer points than a verified pair has matches, if they are few.
+
+    The global mapper averages rotations and leaves poses that its triangulation did not bear out (ADR 42).
+    """
+    posed = [image for image in model.images.values() if image.has_pose]
+    unheld = sorted(image.name for image in posed if image.num_points3D < MIN_PAIR_MATCHES)
+    return unheld if can_be_left_out(len(unheld), len(posed)) else []
 
 
 def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:

@@ -364,3 +364,19 @@ def test_a_model_with_spoilt_poses_is_rejected_although_all_images_are_registere
     assert model.num_reg_images() == 11
     decision, found = judge_model(model, kermit_sfm.model_dir.parent)
     assert decision.chosen is None, found
+
+
+@pytest.mark.parametrize(("images", "left_out"), [(1, 1), (5, 0)])
+def test_images_that_hardly_any_point_holds_are_left_out_if_they_are_few(
+    kermit_sfm: SfmResult, images: int, left_out: int
+):
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    bare = sorted(model.images.values(), key=lambda image: image.name)[-images:]
+    for image in bare:
+        for index in [k for k, point in enumerate(image.points2D) if point.has_point3D()][14:]:
+            if image.points2D[index].has_point3D():  # the track may be gone with its second observation
+                model.delete_observation(image.image_id, index)
+    scene = examined(model, kermit_sfm.model_dir.parent)
+    assert scene.unheld == tuple(image.name for image in bare[:left_out])
+    assert len(scene.candidate.centres) == 11 - left_out
+    assert scene.left_out == ()
