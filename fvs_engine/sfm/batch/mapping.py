@@ -41,6 +41,9 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_priors
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
+_UNHELD_SHARE = 0.1
+"""Share of the median number of points, below which an image sees far fewer than others."""
+
 
 @dataclass(frozen=True, eq=False)
 class ModelEvidence:
@@ -227,13 +230,16 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
 
 
 def _unheld(model: pycolmap.Reconstruction) -> list[str]:
-    """The images that see fewer points than a verified pair has matches, if they are few.
+    """The images that see fewer points than a verified pair has matches, and far fewer than others; if few.
 
     The global mapper averages rotations and leaves poses that its triangulation did not bear out (ADR 42).
     """
-    posed = [image for image in model.images.values() if image.has_pose]
-    unheld = sorted(image.name for image in posed if image.num_points3D < MIN_PAIR_MATCHES)
-    return unheld if can_be_left_out(len(unheld), len(posed)) else []
+    seen = {image.name: image.num_points3D for image in model.images.values() if image.has_pose}
+    if not seen:
+        return []
+    least = min(MIN_PAIR_MATCHES, _UNHELD_SHARE * float(np.median(list(seen.values()))))
+    unheld = sorted(name for name, points in seen.items() if points < least)
+    return unheld if can_be_left_out(len(unheld), len(seen)) else []
 
 
 def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
