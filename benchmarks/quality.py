@@ -1,9 +1,10 @@
 """Quality and cost of training: PSNR and SSIM of held-out photographs, Gaussians, speed and peak memory.
 
     python benchmarks/quality.py --model DATA/bonsai/reference --images DATA/bonsai/images \
-        --iterations 7000 --sh-degree 3 --long-side 800 --json results/quality.json
+        --preset fine --iterations 7000 --long-side 800 --json results/quality.json
 
-Every eighth view by name is held out. With ``--checkpoint FILE`` the run is saved every 500 iterations and
+Every eighth view by name is held out. Without ``--preset``, the 3DGS paper's settings are those of all
+iterations, at full size. With ``--checkpoint FILE`` the run is saved every 500 iterations and
 goes on from there when it is started again.
 """
 
@@ -23,7 +24,7 @@ from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.settings import TrainingSettings, coarse_to_fine
+from fvs_engine.splat.settings import PRESETS, TrainingSettings
 from fvs_engine.splat.trainer import Trainer
 
 STRIDE = 500
@@ -32,13 +33,9 @@ STRIDE = 500
 def main() -> None:
     arguments = _parse()
     scene = load_scene(arguments.model, arguments.images, arguments.long_side)
-    settings = TrainingSettings.model_validate(
-        {
-            "sh_degree": arguments.sh_degree,
-            "max_gaussians": arguments.max_gaussians,
-            "levels": coarse_to_fine(arguments.iterations) if arguments.coarse_to_fine else (),
-        }
-    ).with_iterations(arguments.iterations)
+    preset = PRESETS[arguments.preset] if arguments.preset else TrainingSettings()
+    limits = {"sh_degree": arguments.sh_degree, "max_gaussians": arguments.max_gaussians}
+    settings = preset.model_copy(update=limits).with_iterations(arguments.iterations)
     rasterizer = create_rasterizer(arguments.backend)
     checkpoint: Path | None = arguments.checkpoint
     if checkpoint is not None and checkpoint.exists():
@@ -59,7 +56,7 @@ def main() -> None:
         "scene": arguments.model.parent.name,
         "size_px": f"{scene.views[0].camera.width}×{scene.views[0].camera.height}",
         "iterations": trainer.iteration,
-        "coarse_to_fine": arguments.coarse_to_fine,
+        "preset": arguments.preset or "",
         "sh_degree": settings.sh_degree,
         "psnr_db": psnr_db,
         "ssim": similarity,
@@ -97,7 +94,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--model", type=Path, required=True, help="folder of a COLMAP model")
     parser.add_argument("--images", type=Path, required=True, help="folder of its photographs")
     parser.add_argument("--iterations", type=int, default=7_000)
-    parser.add_argument("--coarse-to-fine", action="store_true", help="begin on reduced images")
+    parser.add_argument("--preset", choices=tuple(PRESETS), help="its rates, levels and densification")
     parser.add_argument("--sh-degree", type=int, default=3)
     parser.add_argument("--long-side", type=int, default=800)
     parser.add_argument("--max-gaussians", type=int, default=1_000_000)

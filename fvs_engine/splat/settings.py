@@ -23,6 +23,11 @@ class LearningRates(Record):
     sh_dc: float = Field(default=2.5e-3, gt=0)
     sh_rest: float = Field(default=2.5e-3 / 20, gt=0)
 
+    def times(self, factor: float) -> "LearningRates":
+        """The same rates of the positions, and ``factor`` times all others."""
+        others = {name: factor * rate for name, rate in self if not name.startswith("means_")}
+        return self.model_copy(update=others)
+
 
 class Densification(Record):
     """Rules by which Gaussians are added and removed; every interval is in iterations.
@@ -46,10 +51,14 @@ class Densification(Record):
 
 
 class Level(Record):
-    """Training on reduced images up to ``until_iteration``: both sides are divided by ``reduction``."""
+    """Training on reduced images up to ``until_iteration``: both sides are divided by ``reduction``.
+
+    Up to then a model grows to ``growth`` times ``max_gaussians`` Gaussians at most.
+    """
 
     until_iteration: int = Field(gt=0)
     reduction: int = Field(gt=1)
+    growth: float = Field(default=1.0, gt=0, le=1)
 
 
 def coarse_to_fine(iterations: int, *, to_half_size: bool = False) -> tuple[Level, ...]:
@@ -94,24 +103,29 @@ class TrainingSettings(Record):
         return self
 
     def with_iterations(self, iterations: int) -> "TrainingSettings":
-        """The same settings for a run of another length: the schedule shrinks with it, but never grows.
+        """The same settings for a run of another length: levels and densification keep their shares of it.
 
-        Densification keeps its share of the run (half of it, by the paper's numbers), and the
-        spherical harmonics reach their degree within the first half.
+        The spherical harmonics reach their degree within the first half. Opacities are reset as often.
         """
-        paper = Densification()
-        densification = self.densification.model_copy(
+        rules = self.densification
+        densification = rules.model_copy(
             update={
-                "first_iteration": min(paper.first_iteration, iterations // 10),
-                "last_iteration": min(paper.last_iteration, iterations // 2),
+                "first_iteration": min(Densification().first_iteration, iterations // 10),
+                "last_iteration": rules.last_iteration * iterations // self.iterations,
             }
         )
+        levels = {
+            max(1, round(level.until_iteration * iterations / self.iterations)): level
+            for level in self.levels
+        }
         return self.model_copy(
             update={
                 "iterations": iterations,
                 "sh_degree_interval": min(1_000, max(1, iterations // (2 * max(1, self.sh_degree)))),
                 "densification": densification,
-                "levels": coarse_to_fine(iterations) if self.levels else (),
+                "levels": tuple(
+                    level.model_copy(update={"until_iteration": until}) for until, level in levels.items()
+                ),
             }
         )
 
@@ -122,6 +136,11 @@ class TrainingSettings(Record):
     def reduction_at(self, iteration: int) -> int:
         """What both sides of the images are divided by at this iteration."""
         return next((level.reduction for level in self.levels if iteration < level.until_iteration), 1)
+
+    def max_gaussians_at(self, iteration: int) -> int:
+        """How many Gaussians a model may grow to at this iteration."""
+        growth = next((level.growth for level in self.levels if iteration < level.until_iteration), 1.0)
+        return max(1, round(growth * self.max_gaussians))
 
     def work_until(self, iteration: int) -> float:
         """The cost of the iterations before ``iteration``, in full-size iterations.
@@ -138,11 +157,28 @@ class TrainingSettings(Record):
 
 PRESETS: dict[Quality, TrainingSettings] = {
     "coarse": TrainingSettings(
-        sh_degree=0, max_gaussians=300_000, levels=coarse_to_fine(2_000)
-    ).with_iterations(2_000),
-    "fine": TrainingSettings(sh_degree=3),
+        iterations=2_000,
+        sh_degree=0,
+        max_gaussians=300_000,
+        densification=Densification(first_iteration=200, last_iteration=1_000),
+        levels=coarse_to_fine(2_000),
+    ),
+    "fine": TrainingSettings(
+        sh_degree=3,
+        learning_rates=LearningRates().times(2),
+        densification=Densification(last_iteration=21_000, opacity_reset_interval=15_000),
+        levels=(
+            Level(until_iteration=9_000, reduction=4, growth=0.25),
+            Level(until_iteration=18_000, reduction=2, growth=0.5),
+        ),
+    ),
 }
-"""``coarse`` ranks candidates while the vehicle flies; ``fine`` is the model that is kept (the paper's)."""
+"""``coarse`` ranks candidates while the vehicle flies; ``fine`` is the model that is kept (ADR 41).
+
+The Gaussians of ``fine`` multiply as its images grow: three tenths of the iterations are at a quarter of the
+size with a quarter of the Gaussians, three at half of both. Opacities are reset once, after half of the
+30,000 iterations; shorter runs of fewer than 21,600 go without, for lack of time to recover.
+"""
 
 _FLOAT_BYTES = 4
 _COPIES = 4

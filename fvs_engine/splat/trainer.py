@@ -187,7 +187,7 @@ class Trainer:
             self.statistics,
             rules,
             extent=self.extent,
-            max_gaussians=self.settings.max_gaussians,
+            max_gaussians=self.settings.max_gaussians_at(self.iteration),
             prune_large=self.iteration > rules.opacity_reset_interval,
             generator=generator,
         )

@@ -12,7 +12,7 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat import views
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.selection import create_rasterizer
-from fvs_engine.splat.settings import Level, TrainingSettings
+from fvs_engine.splat.settings import Densification, Level, TrainingSettings
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 
@@ -45,6 +45,27 @@ def test_images_grow_with_the_levels(
     Trainer(scene_views, start(0), SETTINGS, Watching()).train(12, Monitor(reports.append))
     assert sizes == [(12, 10)] * 4 + [(24, 20)] * 4 + [(48, 40)] * 4
     assert [report.share for report in reports[3::4]] == pytest.approx([1 / 7, 3 / 7, 1.0])
+
+
+def test_the_model_grows_with_the_levels(
+    scene_views: tuple[TrainingView, ...], start: Callable[[int], Gaussians]
+) -> None:
+    settings = TrainingSettings(
+        iterations=120,
+        sh_degree=0,
+        max_gaussians=160,
+        densification=Densification(first_iteration=5, last_iteration=100, interval=10),
+        levels=(
+            Level(until_iteration=41, reduction=4, growth=0.5),
+            Level(until_iteration=81, reduction=2, growth=0.75),
+        ),
+    )
+    trainer = Trainer(scene_views, start(0), settings, create_rasterizer("cpu"))
+    sizes = []
+    for until in (41, 81, 120):
+        trainer.train(until, Monitor())
+        sizes.append(len(trainer.gaussians))
+    assert sizes[0] <= 80 < sizes[1] <= 120 < sizes[2] <= 160
 
 
 @pytest.mark.parametrize("stop", [2, 4, 6, 8])
