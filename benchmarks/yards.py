@@ -29,7 +29,7 @@ YARDS: Mapping[str, Yard] = {
     for alike in ("four", "two", "windows")
     for suffix, tour in (("", orbit), ("-around", look_around))
 }
-"""Inwards, across the boxes in the middle to the wall behind; and *around*: outwards, at the walls alone."""
+"""Orbits that look inwards, and, with the suffix *around*, tours that look outwards at the walls alone."""
 
 
 def yard(name: str, cache: Path) -> Scene:

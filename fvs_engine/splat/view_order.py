@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass
 class ViewOrder:
-    """A seeded random order of the views per epoch; ``remaining`` is popped from the end.
+    """A random order of the views in each epoch, by the seed; ``remaining`` is popped from the end.
 
     View i comes ``repeats[i]`` times, spread over the epoch: a short run that covers only a part of it has
     each view about as often as the whole epoch promises.

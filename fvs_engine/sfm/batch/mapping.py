@@ -230,7 +230,7 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
 
 
 def _unheld(model: pycolmap.Reconstruction) -> list[str]:
-    """The images that see fewer points than a verified pair has matches, and far fewer than others; if few.
+    """The images whose poses hardly any point supports, unless they are many.
 
     The global mapper averages rotations and leaves poses that its triangulation did not bear out (ADR 42).
     """

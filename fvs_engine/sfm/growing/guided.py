@@ -24,7 +24,7 @@ def guide(
     model_dir: Path,
     folder: GrowthFolder,
 ) -> ModelChange:
-    """Register those of the ``usable`` images that ``change`` left without a pose and that have priors.
+    """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
     written to the latter. The image added last is matched first; those that are registered show the way

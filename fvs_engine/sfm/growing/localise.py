@@ -91,7 +91,7 @@ def localise(
 def _delete_if_changed(
     folder: SfmFolder, image_dir: Path, names: Sequence[str], features: FeatureSettings
 ) -> None:
-    """Delete the database when it has other features, or those of another image by one of these names."""
+    """Delete the database if its features are of other settings, or of other files by these names."""
     known: dict[str, Any] = {}
     with contextlib.suppress(OSError, ValueError):
         known = json.loads(folder.state.read_text(encoding="utf-8"))

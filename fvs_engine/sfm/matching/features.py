@@ -36,7 +36,7 @@ def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> N
 def add_features(
     stages: Stages, image_dir: Path, names: Sequence[str], settings: FeatureSettings | None = None
 ) -> None:
-    """Like ``extract_features``, but all images may lack features.
+    """Extract features as ``extract_features`` does, but accept sets in which no image has any.
 
     ``settings`` are by default those for a set of these images.
     """

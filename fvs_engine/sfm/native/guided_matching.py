@@ -27,7 +27,7 @@ _OBSERVATIONS, _MAX_ANGLE_DEG = 2, 45.0
 _MOST_POINTS = 1_500
 
 _MAX_TURN_DEG, _MAX_OCTAVES = 45.0, 1.2
-"""How much the orientation and the size of a feature may differ from those expected."""
+"""Tolerances of the orientation and the size of a feature, compared with those expected."""
 
 _FIRST_RATIO, _RATIO = 0.85, 0.9
 """Of the angles to the nearest and the second nearest descriptor, in wide and in narrow windows."""
