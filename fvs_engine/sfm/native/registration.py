@@ -82,7 +82,8 @@ def register(
     for number in growth.register(names):
         report(number)
         if adjustments.due(model):
-            growth.use(load_all(Path(database), images))
+            if not adjusted:
+                growth.use(load_all(Path(database), images))
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
             adjusted = True
