@@ -41,7 +41,7 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_priors
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
-_UNHELD_SHARE = 0.1
+_FEW_POINTS_SHARE = 0.1
 """Share of the median number of points, below which an image sees far fewer than others."""
 
 
@@ -85,14 +85,14 @@ class MappedScene:
     """A mapper's largest model with the evidence for it, and the images of its smaller models.
 
     Images that were removed from the model: ``left_out``, because the evidence contradicts their poses, and
-    ``unheld``, because hardly any point holds these.
+    ``with_few_points``, because they see hardly any point.
     """
 
     model: pycolmap.Reconstruction
     candidate: Candidate
     other_components: tuple[tuple[str, ...], ...]
     left_out: tuple[str, ...] = ()
-    unheld: tuple[str, ...] = ()
+    with_few_points: tuple[str, ...] = ()
 
     @staticmethod
     def of_models(
@@ -100,14 +100,14 @@ class MappedScene:
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that hardly any point holds are removed when they are few, and so are those that every pair,
+        Images that see hardly any point are removed when they are few, and so are those that every pair,
         the witness or their position prior contradicts.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
         largest = models[0]
-        unheld = _unheld(largest)
-        leave_out(largest, unheld)
+        with_few_points = _with_few_points(largest)
+        leave_out(largest, with_few_points)
         evidence = evidence_of.of(largest, monitor)
         contradicted = [] if evidence is None else _prunable(largest, evidence)
         if contradicted:
@@ -121,7 +121,7 @@ class MappedScene:
         }
         others = tuple(registered_names(model) for model in models[1:])
         return MappedScene(
-            largest, Candidate(mapper, centres, evidence), others, tuple(contradicted), tuple(unheld)
+            largest, Candidate(mapper, centres, evidence), others, tuple(contradicted), tuple(with_few_points)
         )
 
 
@@ -229,17 +229,17 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
             model.deregister_frame(image.frame_id)
 
 
-def _unheld(model: pycolmap.Reconstruction) -> list[str]:
-    """The images whose poses hardly any point supports, unless they are many.
+def _with_few_points(model: pycolmap.Reconstruction) -> list[str]:
+    """The images that see hardly any point, unless they are many.
 
     The global mapper averages rotations and leaves poses that its triangulation did not bear out (ADR 42).
     """
     seen = {image.name: image.num_points3D for image in model.images.values() if image.has_pose}
     if not seen:
         return []
-    least = min(MIN_PAIR_MATCHES, _UNHELD_SHARE * float(np.median(list(seen.values()))))
-    unheld = sorted(name for name, points in seen.items() if points < least)
-    return unheld if can_be_left_out(len(unheld), len(seen)) else []
+    least = min(MIN_PAIR_MATCHES, _FEW_POINTS_SHARE * float(np.median(list(seen.values()))))
+    with_few_points = sorted(name for name, points in seen.items() if points < least)
+    return with_few_points if can_be_left_out(len(with_few_points), len(seen)) else []
 
 
 def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:

@@ -210,10 +210,10 @@ def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
             f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
             "they are left out of it."
         )
-    if chosen.unheld:
+    if chosen.with_few_points:
         warnings.append(
-            f"{listed(chosen.unheld)} see hardly any point of the model and are left out of it: photograph "
-            "what lies between them and the others."
+            f"{listed(chosen.with_few_points)} see hardly any point of the model and are left out of it: "
+            "photograph what lies between them and the others."
         )
     evidence = chosen.candidate.evidence
     if weak := [] if evidence is None else unsupported_images(evidence):

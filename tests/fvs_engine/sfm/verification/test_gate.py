@@ -377,6 +377,6 @@ def test_images_that_hardly_any_point_holds_are_left_out_if_they_are_few(
             if image.points2D[index].has_point3D():  # the track may be gone with its second observation
                 model.delete_observation(image.image_id, index)
     scene = examined(model, kermit_sfm.model_dir.parent)
-    assert scene.unheld == tuple(image.name for image in bare[:left_out])
+    assert scene.with_few_points == tuple(image.name for image in bare[:left_out])
     assert len(scene.candidate.centres) == 11 - left_out
     assert scene.left_out == ()
