@@ -20,18 +20,11 @@ HALF_SIZE_FROM_PX = 800
 _MORE_AT_HALF_SIZE = 1.25
 """Factor of the iterations of such a model, which cost less (ADR 26)."""
 
-_PAPER = LearningRates()
-
 SCENE_TRAINING = TrainingSettings(
     iterations=30_000,
     sh_degree=0,
     max_gaussians=100_000,
-    learning_rates=LearningRates(
-        log_scales=2 * _PAPER.log_scales,
-        quaternions_wxyz=2 * _PAPER.quaternions_wxyz,
-        opacity_logits=2 * _PAPER.opacity_logits,
-        sh_dc=2 * _PAPER.sh_dc,
-    ),
+    learning_rates=LearningRates().times(2),
     densification=Densification(first_iteration=100, interval=100, opacity_reset_interval=1_000_000),
 )
 """Training of a scene's models, which are short: ``SceneSettings.training_of`` completes it.
