@@ -25,7 +25,7 @@ ENOUGH = 62.0
 """Familiar points of a view that is registered in nine of ten cases."""
 _LEAST, _SHARE_OF_MOST = 30.0, 0.6
 """In scenes of few points views nearly as familiar as any are enough; below 30 none was registered."""
-_HALF, _SLOPE = 38.0, 2.4
+EVEN_CHANCE, SLOPE = 38.0, 2.4
 """Of the logistic curve: familiar points with an even chance; its steepness per unit of their logarithm."""
 _MOST_POINTS = 4_000
 _MOST_PRODUCTS = 20_000_000
@@ -90,7 +90,7 @@ class Familiarity:
 
     def probability(self) -> Array:
         """Of being registered now, for every candidate [n]."""
-        return np.asarray(1.0 / (1.0 + (_HALF / np.maximum(self.counts, 1e-9)) ** _SLOPE))
+        return np.asarray(1.0 / (1.0 + (EVEN_CHANCE / np.maximum(self.counts, 1e-9)) ** SLOPE))
 
     def _uncached_bridge(self, index: int) -> Mask:
         """Which candidates [n] are familiar enough once the candidate ``index`` was registered."""
