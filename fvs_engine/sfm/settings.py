@@ -96,7 +96,7 @@ class GrowthSettings(Record):
     adjust_every: float = Field(default=0.1, gt=0)
     """Global bundle adjustment follows when the number of images or points has grown by this share."""
 
-    remap_every: float = Field(default=0.25, gt=0)
+    remap_every: float = Field(default=0.1, gt=0)
     """Minimum growth of the number of images between two re-maps, as a share."""
 
     max_support_loss: float = Field(default=0.03, gt=0)
