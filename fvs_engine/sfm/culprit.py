@@ -13,10 +13,10 @@ from fvs_engine.errors import NativeJobError
 Item = TypeVar("Item")
 
 _MOST_TOGETHER = 8
-"""Maximum size of a group, crashing the job only together, of which each item is left out in turn."""
+"""Maximum size of a group that crashes the job only together for which each item is left out in turn."""
 _CRASHES = 2
 _KILLS = 3
-"""Further runs that the culprit must crash: more when its process may have been killed from outside."""
+"""Further runs that the culprit must crash; more when its process may have been killed from outside."""
 _CONTROLS = 2
 _SEARCH_S = 600.0
 _SEARCH_SHARE = 4.0

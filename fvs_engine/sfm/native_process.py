@@ -111,7 +111,7 @@ class _Child:
         self._end: Callable[[], object] = lambda: None
 
     def begin(self, order: str, log: IO[str]) -> None:
-        """Begin a job; what a new process prints before its first job goes to ``log``."""
+        """Begin a job; the output of a new process before its first job goes to ``log``."""
         if self._process is not None and self._process.poll() is None:
             write(self._process, order + "\n")
             return

@@ -1,6 +1,6 @@
-"""Pose priors: where images were taken, and which way the camera looked, before structure from motion.
+"""Pose priors: camera poses expected before structure from motion.
 
-Sources are GPS and gimbals, a planner's targets, a dataset. They are noisy, and may be wrong altogether;
+Sources are GPS and gimbals, a planner's targets, a dataset. They are noisy, and may be entirely wrong;
 ``verification`` compares them with a model.
 """
 

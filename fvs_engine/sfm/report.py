@@ -11,7 +11,7 @@ GIVEN = "given"
 
 
 class WitnessEvidence(Record):
-    """Evidence of matches of other features, of which no model was made."""
+    """Evidence from matches of other features, which no mapper used."""
 
     pairs: int
     """Verified pairs whose two images are both in the model."""
@@ -27,7 +27,7 @@ class WitnessEvidence(Record):
     """Images of which most matches with the rest of the model contradict their poses."""
 
     silent_on_images: tuple[str, ...]
-    """Images that hardly a match joins with the rest of the model."""
+    """Images that hardly any matches connect with the rest of the model."""
 
 
 class Evidence(Record):
@@ -49,7 +49,7 @@ class Evidence(Record):
     """Share of the independent translation directions (weighted) within 15° of the model's."""
 
     cycle_consistency: float | None
-    """Share of image triplets whose independent relative rotations close to 5°: how well its pairs agree."""
+    """Share of image triplets whose independent relative rotations close within 5°."""
 
     unsupported_images: tuple[str, ...]
     """Images that no chain of explained pairs connects with the rest of the model."""
@@ -61,7 +61,7 @@ class Evidence(Record):
     """Images whose distance to the rest the depths of features seen in three images contradict."""
 
     unscaled_images: tuple[str, ...]
-    """Images whose distance to the rest is not fixed: hardly a feature is seen in three images across."""
+    """Images whose distance to the rest is not determined: hardly any features are seen in three images."""
 
     unlikely_focal_lengths_px: tuple[float, ...]
     """Refined focal lengths that no usual lens has, or that are far from EXIF's."""
@@ -76,7 +76,7 @@ class Evidence(Record):
     """Share of the pairs (weighted by matches) whose own baselines fit the position priors."""
 
     witness: WitnessEvidence | None
-    """None where the witness was not asked: it is not installed, or position priors confirm the model."""
+    """None where the witness was not used: it is not installed, or position priors confirm the model."""
 
 
 class CandidateReport(Record):

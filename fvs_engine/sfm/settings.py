@@ -82,7 +82,7 @@ class GrowthSettings(Record):
     """Number of images on either side in capture order (sorted names) that a new one is matched with."""
 
     neighbours_recent: int = Field(default=2, ge=0)
-    """Number of last added images, taken nearby by a moving vehicle, that a new one is matched with."""
+    """Number of images added last, taken nearby by a moving vehicle, that a new one is matched with."""
 
     neighbours_by_similarity: int = Field(default=10, ge=1)
     """Number of most similar images that a new one is matched with."""
@@ -131,7 +131,7 @@ class SfmSettings(Record):
     features_of_many: FeatureSettings = FeatureSettings(
         max_image_size_px=1200, upsample_below_px=1100, max_features=3072
     )
-    """For larger sets, where more images see each point; what it costs in accuracy: ADR 44."""
+    """For larger sets, where more images see each point; ADR 44 has the cost in accuracy."""
 
     camera_model: CameraModel = "SIMPLE_RADIAL"
     intrinsics: KnownIntrinsics | None = None

@@ -44,7 +44,7 @@ class SfmFolder:
 
     @property
     def parts(self) -> Path:
-        """Databases of the processes that match images, while they do."""
+        """Temporary databases of the processes that match images."""
         return self.root / "parts"
 
     @property
@@ -64,7 +64,7 @@ class SfmFolder:
 
     @property
     def report(self) -> Path:
-        """Written last: when it exists, everything does."""
+        """The report, written last: when it exists, the result is complete."""
         return self.root / "report.json"
 
     @property
@@ -234,7 +234,7 @@ def fresh_folder(folder: Path) -> Path:
 
 
 def rename_over(source: Path, target: Path) -> None:
-    """Rename ``source`` to ``target``, which may exist; not flushed, for what can be computed again."""
+    """Rename ``source`` to ``target``, which may exist; not flushed: the contents can be recomputed."""
     if target.exists():
         shutil.rmtree(target)
     source.replace(target)

@@ -33,7 +33,7 @@ def sample(features: Tensor, positions: Tensor) -> Tensor:
     Positions are x, y in px, (0, 0) the centre of the first pixel; outside the image the values are zero.
     """
     height, width = features.shape[-2:]
-    # One pixel in a row or column has no extent that positions could be shares of.
+    # An image of one row or column has no extent to divide by.
     extent = positions.new_tensor([max(width - 1, 1), max(height - 1, 1)])
     shares = 2.0 * positions / extent - 1.0
     return functional.grid_sample(features, shares, mode="bilinear", padding_mode="zeros", align_corners=True)

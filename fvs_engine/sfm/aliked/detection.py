@@ -1,4 +1,4 @@
-"""Differentiable key point detection: peaks of the score map, to a part of a pixel.
+"""Differentiable key point detection: peaks of the score map, with subpixel accuracy.
 
 Source: Zhao et al., "ALIKE: Accurate and Lightweight Keypoint Detection and Descriptor Extraction", IEEE
 Transactions on Multimedia 2022, section III-B.
@@ -9,19 +9,19 @@ from torch import Tensor
 from torch.nn import functional
 
 RADIUS = 2
-"""Key points are peaks within this number of pixels."""
+"""Radius of non-maximum suppression in px."""
 
 _TEMPERATURE = 0.1
 """Temperature of the soft maximum around a peak."""
 
 _ROUNDS = 2
-"""Number of further passes of non-maximum suppression beside the peaks that were found."""
+"""Further passes of non-maximum suppression, which find peaks near suppressed ones."""
 
 
 def detect(scores: Tensor, least: float, most: int) -> Tensor:
     """Positions [K, 2] (x, y in px, the first pixel's centre at (0, 0)) of the peaks of ``scores`` [H, W].
 
-    They are at least ``least``, and the ``most`` highest, the highest first.
+    Only peaks above ``least``, at most ``most`` of them, the highest first.
     """
     height, width = scores.shape
     peaks = torch.where(_peaks(scores), scores, 0.0)
@@ -36,7 +36,7 @@ def detect(scores: Tensor, least: float, most: int) -> Tensor:
 
 
 def _peaks(scores: Tensor) -> Tensor:
-    """Which pixels [H, W] are the highest around, after those near a higher peak are left out."""
+    """Mask [H, W] of the local maxima, also of those that remain when pixels near peaks are suppressed."""
     peaks = scores == _highest(scores)
     for _ in range(_ROUNDS):
         near = _highest(peaks.to(scores.dtype)) > 0
@@ -46,7 +46,7 @@ def _peaks(scores: Tensor) -> Tensor:
 
 
 def _highest(values: Tensor) -> Tensor:
-    """The highest value [H, W] within the radius of each pixel."""
+    """The maximum [H, W] within ``RADIUS`` of each pixel."""
     side = 2 * RADIUS + 1
     return functional.max_pool2d(values[None, None], side, stride=1, padding=RADIUS)[0, 0]
 

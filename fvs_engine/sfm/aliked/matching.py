@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 _RATIO = 0.90
-"""A match is nearer than this share of the distance to the second nearest descriptor."""
+"""Maximum ratio of the distances to the nearest and the second nearest descriptor."""
 
 
 def match(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Indices [M, 2] of mutually nearest unit descriptors [K, D] whose second nearest are clearly farther."""
+    """Indices [M, 2] of mutual nearest neighbours among unit descriptors [K, D] that pass the ratio test."""
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), dtype=np.uint32)
     cosines = first @ second.T
@@ -19,7 +19,7 @@ def match(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np
 
 
 def _nearest(cosines: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The column with the largest cosine of each row; -1 where the next is about as near."""
+    """The column with the largest cosine in each row; -1 where the ratio test fails."""
     rows, columns = np.arange(len(cosines)), cosines.argmax(axis=1)
     others = cosines.copy()
     others[rows, columns] = -1.0

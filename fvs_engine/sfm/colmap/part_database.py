@@ -16,7 +16,7 @@ PairTable = Literal["matches", "two_view_geometries"]
 
 
 def matches_around(database: Path) -> Path:
-    """The part of a growing reconstruction's ``database`` that an image is registered with, meanwhile."""
+    """Path of the temporary part of a growing reconstruction's ``database`` for registering an image."""
     return database.with_name("around.db")
 
 

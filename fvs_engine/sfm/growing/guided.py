@@ -27,8 +27,8 @@ def guide(
     """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
-    written to the latter. The image added last is matched first; those that are registered show the way
-    to others.
+    written to the latter. The image added last is matched first; newly registered images help to register
+    others.
     """
     for _ in range(_ROUNDS):
         left = [name for name in change.state.unregistered if name in priors.by_name and name in set(usable)]
@@ -50,6 +50,6 @@ def guide(
 
 
 def still_true(warnings: Sequence[str], state: GrowthState) -> tuple[str, ...]:
-    """The ``warnings`` without those that an image is not registered which is by now."""
+    """The ``warnings`` without those about images that have been registered since."""
     lines = tuple(f"{name} is not registered: " for name in state.registered)
     return tuple(warning for warning in warnings if not warning.startswith(lines))

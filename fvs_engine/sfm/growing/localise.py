@@ -57,7 +57,7 @@ def localise(
         names = [name for name in neighbours if name not in here]
         if names:
             arguments = {"source": str(database), "target": str(guest_database), "names": names}
-            stages.native("copy_features", arguments)  # copies rows: no image can kill it
+            stages.native("copy_features", arguments)  # copies rows only: no image can crash it
 
     chosen = match_with_neighbours(stages, usable, order, current.centres(), retrieval, fetch)
     groups = camera_groups(image_dir, [*order, *usable], stages.settings.focal_prior)

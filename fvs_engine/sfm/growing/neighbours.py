@@ -45,7 +45,7 @@ class ImageRetrieval:
         return cls(words if len(words) > 0 else None, read)
 
     def prepare(self, names: Sequence[str]) -> None:
-        """Describe images, so that the next search need not."""
+        """Compute descriptors of images ahead of the next search."""
         if self._words is not None:
             for name in names:
                 self._vector(name)
@@ -75,10 +75,11 @@ def match_with_neighbours(
 ) -> dict[str, list[str]]:
     """Match each of ``images`` with its neighbours among ``earlier`` (in the order of adding).
 
-    First those that ``predicted`` names for it (by overlap, the most likely first) and some that are similar.
-    For images that it leaves out, and those of which none of these matches: the neighbours that capture
-    order and similarity suggest, and then those with cameras near those that matched best. ``fetch`` is
-    called with the images whose features are needed next. Returns each image's neighbours.
+    Images in ``predicted`` are matched first with their predicted neighbours (by overlap, the most likely
+    first) and some similar images. Others, and those that match none of these, are matched with the
+    neighbours that capture order and similarity suggest, and then with those whose cameras are near the best
+    matches. ``fetch`` is called with the images whose features are needed next. Returns each image's
+    neighbours.
     """
     growth = stages.settings.growth
     expected = {name: predicted[name] for name in images if name in predicted} if predicted else {}

@@ -13,13 +13,13 @@ from fvs_engine.sfm.verification.veto import believed_frame
 Array = NDArray[np.float64]
 
 _BY_OVERLAP = 8
-"""Registered images that one with a pose prior is matched with for their overlap."""
+"""Number of registered images, by overlap, that an image with a pose prior is matched with."""
 
 _RAYS_DEG = 20.0
-"""Angle between the rays to a point at which features match a third as often as from one place."""
+"""Angle between the rays to a point at which features match a third as often as from the same place."""
 
 _MARGIN = 0.1
-"""Share of the frame beyond its borders that a prior may be off by."""
+"""Margin around the frame, as a share of its size, that allows for errors of the prior."""
 
 _MOST_POINTS = 5_000
 
@@ -49,9 +49,9 @@ def predicted_neighbours(
 def most_overlapping(
     model_from_camera: RigidTransform, camera: Camera, current: Reconstruction, count: int
 ) -> list[str]:
-    """The ``count`` registered images that share most sparse points with a camera, the first with the most.
+    """The ``count`` registered images that share most sparse points with a camera, in descending order.
 
-    A point counts by exp(−(a / 20°)²), a the angle between the rays of the two cameras. Nothing is hidden:
+    A point counts by exp(−(a / 20°)²), a the angle between the rays of the two cameras. Occlusion is ignored:
     there are no surfaces yet.
     """
     points = current.points.xyz[:: max(1, len(current.points) // _MOST_POINTS)]
@@ -69,7 +69,7 @@ def most_overlapping(
 
 
 def _in_frame(points: Array, camera_from_model: RigidTransform, camera: Camera) -> NDArray[np.bool_]:
-    """Which points [P, 3] are in the frame, or nearly; lens distortion is left out."""
+    """Which points [P, 3] are in the frame, or nearly; lens distortion is ignored."""
     x, y, z = camera_from_model.apply(points).T
     depth = np.maximum(z, 1e-12)
     right, down = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy

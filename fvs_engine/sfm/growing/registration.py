@@ -55,7 +55,7 @@ def register(
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
     A pose that ``priors`` contradict, or, where there are none, the witness, is rejected, too. ``guided``:
-    images to be matched first where they should be by their priors → the registered ones they should overlap.
+    images to match first, guided by their priors → the registered images they should overlap.
     """
     if not names:
         return ModelChange(state)
@@ -119,7 +119,7 @@ def register(
 
 
 def _neighbours(guided: Mapping[str, Sequence[str]] | None, names: Sequence[str]) -> dict[str, Any]:
-    """The argument of the native job that says where ``names`` are to be matched."""
+    """The neighbours of ``names``, as an argument of the native job."""
     if guided is None:
         return {}
     return {"neighbours": {name: list(guided[name]) for name in names if name in guided}}

@@ -43,7 +43,7 @@ class GrowthState(Record):
     """Unregistered images whose estimated pose their matches or prior contradict → the reason."""
 
     priors_ignored: tuple[str, ...] = ()
-    """What the last update said of pose priors that are not used; said again only when it changes."""
+    """The last update's warnings about unused pose priors; they are repeated only when they change."""
 
     generation: int = 0
     bootstrap_images: int = 0

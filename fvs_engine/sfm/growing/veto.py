@@ -23,7 +23,7 @@ _CONTRADICTED = (
 
 @dataclass(frozen=True)
 class Veto:
-    """``priors`` to go on with, none when the images contradict them; ``ignored``: warnings of unused ones.
+    """``priors`` to use, none when the images contradict them; ``ignored``: warnings of unused ones.
 
     ``without_pairs``: images that have no verified pair left → the reason.
     """
@@ -36,7 +36,7 @@ class Veto:
 def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> Veto:
     """Take away the verified pairs of ``names``, unregistered images, that ``priors`` contradict.
 
-    That is undone, for all pairs, when the priors agree with the model in ``model_dir`` no longer.
+    That is undone, for all pairs, when the priors no longer agree with the model in ``model_dir``.
     """
     if not priors.by_name:
         match_pairs(stages, restore_pairs(stages.folder.database))
@@ -48,7 +48,7 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
         "priors": priors.model_dump(mode="json"),
     }
     with stages.timed("veto"):
-        answer = stages.native("veto", arguments)  # only numbers: no image can kill it
+        answer = stages.native("veto", arguments)  # computes with numbers only: no image can crash it
     if not answer["believed"]:
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer["contradicted_support"]

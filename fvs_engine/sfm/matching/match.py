@@ -97,7 +97,7 @@ def _select(stages: Stages, names: Sequence[str], given: PosePriors | None) -> l
 
 
 def _count_matched(folder: SfmFolder) -> int:
-    """The number of pairs that are matched now, also while the job is at work."""
+    """The number of pairs matched so far, also while the job runs."""
     databases = (folder.database, *folder.parts.glob("*.db"))
     return sum(count_rows(path, "two_view_geometries") for path in databases)
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 Pair = tuple[int, int]
 
 _IN_ORDER = 8
-"""Number of following images that each one is matched with; further ones at distances 2^k after that."""
+"""Number of next images that each one is matched with, followed by images at distances 2^k."""
 
 _IN_SPACE = 12
 """Number of nearest images by position prior that each one is matched with."""

@@ -14,10 +14,10 @@ from scipy.cluster.vq import kmeans2, vq
 
 _WORDS = 64
 _SAMPLE = 20_000
-"""Local descriptors that the vocabulary is computed from."""
+"""Number of local descriptors that the vocabulary is computed from."""
 
 _PER_IMAGE = 1_000
-"""Descriptors that describe an image; the database lists the largest features first."""
+"""Number of local descriptors per image; the database lists the largest features first."""
 
 
 def global_descriptors(
@@ -43,7 +43,7 @@ def compute_vocabulary(local: Sequence[NDArray[np.float32]], seed: int) -> NDArr
         return None
     sample = pool[generator.choice(len(pool), size=min(_SAMPLE, len(pool)), replace=False)]
     with warnings.catch_warnings():
-        # An empty cluster keeps its word, which is harmless.
+        # An empty cluster keeps its initial word, which is harmless.
         warnings.filterwarnings("ignore", message="One of the clusters is empty")
         words, _ = kmeans2(sample, _WORDS, iter=10, minit="points", seed=generator, missing="warn")
     return np.asarray(words, dtype=np.float32)

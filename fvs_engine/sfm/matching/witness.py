@@ -1,8 +1,8 @@
-"""The witness: matches of ALIKED's features, which check a model of SIFT's before it is believed.
+"""The witness: matches of ALIKED's features, which check a model of SIFT features before it is accepted.
 
-Learned features fail on other images than SIFT's do: a view that repeated structure has misplaced, in
-agreement with all of its SIFT matches, hardly ever agrees with these. Mixed with SIFT's, they would inherit
-its false pairs, so no model is made of them.
+Learned features fail on other images than SIFT: a view that repeated structure has misplaced, in agreement
+with all of its SIFT matches, hardly ever agrees with these. Mixed with SIFT features they would inherit their
+false pairs, so no model is made from them.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,7 +17,7 @@ from fvs_engine.sfm.verification.witness import WitnessMatches
 def ask_witness(
     stages: Stages, image_dir: Path, names: Collection[str] | None = None
 ) -> WitnessMatches | None:
-    """The witness's matches of the pairs that SIFT's features were matched in; None without its weights.
+    """The witness's matches of the pairs that SIFT features were matched in; None without its weights.
 
     Only pairs with one of ``names``, if given, are matched; what its database has is not computed again.
     Progress is that of the stage ``evidence``.

@@ -1,1 +1,1 @@
-"""All that runs in the SfM child process; its parent passes job names and JSON and imports none of it."""
+"""Code of the SfM child process: the parent passes job names and JSON, and never imports it."""

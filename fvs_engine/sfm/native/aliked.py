@@ -1,7 +1,6 @@
 """The native jobs of ALIKED: features of images, and verified matches between them.
 
-They are in a database of their own, with the ids of the images in SIFT's: the pairs of one never mix with
-those of the other.
+They are stored in a separate database, with the image ids of the SIFT database: pairs of the two never mix.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +35,7 @@ def extract_aliked(
     threads: int | None,
 ) -> None:
     """Write features of images of ``database`` into ``target``; reports how many images have theirs."""
-    # In the fork alone: the server stays small, and torch's threads would not survive the fork.
+    # Imported in the fork only: the server stays small, and torch's threads would not survive the fork.
     import torch
 
     from fvs_engine.sfm.aliked.features import extract
@@ -70,7 +69,7 @@ def _write(
     database.write_descriptors(
         image.image_id, pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.UNDEFINED, stored)
     )
-    database.write_keypoints(image.image_id, features.keypoints)  # last: whoever has them has everything
+    database.write_keypoints(image.image_id, features.keypoints)  # last: an image that has them is complete
 
 
 def match_aliked(report: Report, *, database: str, pairs: Sequence[tuple[str, str]], seed: int) -> None:

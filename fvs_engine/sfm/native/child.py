@@ -1,11 +1,11 @@
 """The SfM child process: runs jobs one after another, each in a fork of itself.
 
-A fork needs none of the half second in which pycolmap is imported, and leaves nothing behind: no memory, no
-state of a library. Orders are lines of JSON on standard input: ``job`` and ``arguments`` (see ``jobs``),
-``folder``, the current one, and ``log``, a file for what libraries print. Answers are lines of JSON on
-standard output: any number of ``event``, a ``result`` or ``error``, and ``ended``, the fork's exit status,
-or minus the signal that killed it; or ``no_process``, the reason why there is no fork. The argument is the
-id of the process that this one ends with.
+A fork saves the half second that importing pycolmap takes, and leaves nothing behind: no memory, no library
+state. Orders are lines of JSON on standard input: ``job`` and ``arguments`` (see ``jobs``), ``folder``, the
+current one, and ``log``, a file for what libraries print. Answers are lines of JSON on standard output: any
+number of ``event``, a ``result`` or ``error``, and ``ended``, the fork's exit status, or minus the signal
+that killed it; or ``no_process``, the reason why there is no fork. The argument is the id of the parent
+process, with which this one ends.
 """
 
 import json

@@ -25,10 +25,10 @@ from fvs_engine.sfm.verification.veto import PriorFrame, believed_frame
 Report = Callable[[int], None]
 
 _MOST_LOOKED_AT, _MOST_GUIDED = 12, 4
-"""Images of one call whose known points are read, and that are matched: 0.1 and up to 0.4 s each."""
+"""Images per call whose known points are read (0.1 s each), and that are matched (up to 0.4 s each)."""
 
 _FITTING = TIGHT / 2
-"""Distance from their epipolar lines up to which ordinary matches fit a guided pose, in focal lengths."""
+"""Maximum distance of ordinary matches from the epipolar lines of a guided pose, in focal lengths."""
 
 
 def register_guided(
@@ -36,10 +36,10 @@ def register_guided(
 ) -> dict[str, Any] | None:
     """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
 
-    ``neighbours``: unregistered images → the registered ones that should show the same. What these show is
-    known from points in only two images as well, which ordinary registration leaves out: at the border of a
-    model there are hardly any others. None when no image has a guided pose that can be believed. Pairs of
-    images that are not registered then are taken back.
+    ``neighbours``: unregistered images → the registered ones that they should overlap. Points in only two
+    images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
+    any others. None when no image has a guided pose that can be believed. Pairs of images that are not
+    registered then are taken back.
     """
     database = registration["database"]
     model = pycolmap.Reconstruction(registration["model_dir"])
@@ -73,7 +73,7 @@ def register_guided(
 def _expected_poses(
     names: Sequence[str], priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
 ) -> dict[str, ExpectedPose]:
-    """Those of the images to look at: the first, and then those nearest to a registered camera."""
+    """Expected poses of the images to match: the first, and then those nearest to a registered camera."""
     expected = {
         name: pose
         for name in names
@@ -160,7 +160,7 @@ def _matches(
 
 
 def _one_to_one(matches: Indices) -> Indices:
-    """The ``matches`` [M, 2] that share no feature with one before them."""
+    """The ``matches`` [M, 2] that share no feature with an earlier one."""
     used: tuple[set[int], set[int]] = (set(), set())
     kept = []
     for first, second in matches.tolist():

@@ -1,10 +1,10 @@
-"""Matches of an image with the points that its expected pose should see, each within a window.
+"""Guided matching: an image's features against the points that its expected pose should see.
 
-The windows follow from the standard deviations of the expected pose and the depth of the points. At 5° they
-are wide, so that look-alikes in them are many: the turn of the camera that most matches agree on is found
-first, then the windows shrink. A feature that shows a point must also have about the size and orientation
-that the pose gives it. How much the matches say is seen from windows beside the right ones, where all are
-chance.
+A match is searched within a window around the projected point. Its size follows from the standard deviations
+of the expected pose and the depth of the point. At 5° windows are wide and contain many look-alikes: the
+camera rotation that most matches agree on is found first, then the windows shrink. A feature must also have
+about the size and orientation that the pose predicts. The significance of the matches is estimated from
+displaced windows, in which every match is a chance match.
 """
 
 from collections.abc import Iterator
@@ -19,54 +19,54 @@ from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints
 from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, refine
 
 _SIGMAS = 3.0
-"""Half the width of a window in standard deviations."""
+"""Half the width of a window, in standard deviations."""
 
 _OBSERVATIONS, _MAX_ANGLE_DEG = 2, 45.0
-"""Of each point, from the nearest directions; from farther ones SIFT features do not match."""
+"""Observations per point, from the nearest directions; beyond that angle SIFT features do not match."""
 
 _MOST_POINTS = 1_500
 
 _MAX_TURN_DEG, _MAX_OCTAVES = 45.0, 1.2
-"""Tolerances of the orientation and the size of a feature, compared with those expected."""
+"""Tolerances of a feature's orientation and size, relative to those expected."""
 
 _FIRST_RATIO, _RATIO = 0.85, 0.9
-"""Of the angles to the nearest and the second nearest descriptor, in wide and in narrow windows."""
+"""Maximum ratios of the angles to the nearest and second nearest descriptor, in wide and narrow windows."""
 
 _MAX_DESCRIPTOR_DEG = 22.0
-"""Angle between descriptors: true matches are mostly below it, those of chance above."""
+"""Angle between descriptors: most true matches are below it, most chance matches above."""
 
 _MIN_MATCHES = 8
 _HYPOTHESES = 4
-"""Turns of the camera that are followed."""
+"""Number of camera rotations that are refined."""
 
 _SHRINKING = (0.04, 0.02, 0.01, 0.01)
-"""Radii of the windows, in focal lengths, from pose to pose."""
+"""Radii of the windows in the successive refinements, in focal lengths."""
 
 _MOST_APART = 0.3
-"""Angle in rad between directions that agree, however near the points are."""
+"""Maximum angle in rad between directions that agree, however near the points are."""
 
 _NOISES = 5.0
-"""Standard deviations of the matches' pixels in the radius of a window."""
+"""Radius of a window in standard deviations of the matches' pixel positions."""
 
 TIGHT = _SHRINKING[-1]
 """Radius of the last windows, in focal lengths."""
 
 _BESIDE = np.array([[0.08, 0.0], [-0.08, 0.0], [0.0, 0.08], [0.0, -0.08], [0.06, 0.06], [-0.06, 0.06]])
-"""Where windows are put to count the matches of chance, in focal lengths."""
+"""Displacements of the windows that count chance matches, in focal lengths."""
 
 _LEAST_MATCHES, _LEAST_RATIO = 30, 3.0
-"""Matches of a pose, and their ratio to those of chance, from which on it is believed."""
+"""Minimum number of matches of a credible pose, and their minimum ratio to chance matches."""
 
 _MOST_SIGMAS = 4.5
-"""Distance from the expected pose, in standard deviations, up to which it is believed."""
+"""Maximum distance of a credible pose from the expected one, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class GuidedPose:
-    """A pose that matches support: ``points`` [M] of the known ones, shown by the ``features`` [M].
+    """A pose that matches support, those of known ``points`` [M] (indices) with ``features`` [M].
 
-    ``by_chance``: the most matches that windows beside the right ones gave. ``sigmas``: the distance of
-    position or orientation from those expected, in standard deviations.
+    ``by_chance``: the most matches in any set of displaced windows. ``sigmas``: the distance of position or
+    orientation from those expected, in standard deviations.
     """
 
     camera_from_model: RigidTransform
@@ -77,7 +77,7 @@ class GuidedPose:
 
     @property
     def believed(self) -> bool:
-        """Whether there are many more matches than chance gives, and the pose is about the expected one."""
+        """Whether there are many more matches than by chance, and the pose is near the expected one."""
         enough = len(self.points) >= max(_LEAST_MATCHES, _LEAST_RATIO * self.by_chance)
         return enough and self.sigmas <= _MOST_SIGMAS
 
@@ -85,7 +85,7 @@ class GuidedPose:
 def guided_pose(
     known: KnownPoints, features: Features, camera: pycolmap.Camera, expected: ExpectedPose
 ) -> GuidedPose | None:
-    """The pose near the ``expected`` one that most matches support; None when there are hardly any."""
+    """The pose near the ``expected`` one that most matches support; None when hardly any match."""
     candidates = _Candidates.within_windows(known, features, camera, expected)
     if candidates is None:
         return None
@@ -130,7 +130,7 @@ class _Candidates:
         alike = np.cos(np.radians(_MAX_DESCRIPTOR_DEG) / min(_FIRST_RATIO, _RATIO))
         observation, feature = np.nonzero(cosines > alike)
         angle = np.arccos(np.minimum(cosines[observation, feature], 1.0))
-        # Beside the windows, too: that is where the matches of chance are counted.
+        # Displaced windows are covered, too: chance matches are counted there.
         reach = windows[known.point[chosen]] + focal * float(np.abs(_BESIDE).max())
         apart = pixels[known.point[chosen[observation]]] - features.pixels[feature]
         axes = _axes_px(known, chosen, camera, expected.camera_from_model)
@@ -149,9 +149,9 @@ class _Candidates:
     def match(
         self, pose: RigidTransform, radii: Array | float, ratio: float, beside: Array | None = None
     ) -> tuple[Indices, Indices]:
-        """Points and features, nearest to each other within windows of ``radii`` px about the projections.
+        """Points and features that match each other best within windows of ``radii`` px.
 
-        ``beside`` moves the windows, in px. The nearest must beat the second nearest by ``ratio``.
+        ``beside`` displaces the windows, in px. ``ratio`` is that of the ratio test.
         """
         pixels, depth = project(self.camera, pose, self.known.xyz)
         if beside is not None:
@@ -172,7 +172,7 @@ class _Candidates:
         return point[good], feature[good]
 
     def starts(self) -> Iterator[tuple[RigidTransform, Indices, Indices]]:
-        """Poses turned so that most matches within the windows agree, and these; those with most first."""
+        """Rotated poses and the matches that agree with each, the best supported first."""
         point, feature = self.match(self.expected.camera_from_model, self.windows, _FIRST_RATIO)
         if len(point) < _MIN_MATCHES:
             return
@@ -195,7 +195,7 @@ class _Candidates:
                 return
 
     def follow(self, start: tuple[RigidTransform, Indices, Indices]) -> GuidedPose | None:
-        """The pose at which windows that shrink arrive from a start."""
+        """Refine a starting pose with shrinking windows."""
         pose, point, feature = start
         focal = float(self.camera.mean_focal_length())
         noise = _SHRINKING[0] / _NOISES
@@ -215,7 +215,7 @@ class _Candidates:
 
 
 def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:
-    """Where a camera shows points [P, 3], in px [P, 2], and their depths [P]; those behind it nowhere."""
+    """Project points [P, 3] to px [P, 2], with their depths [P]; those behind the camera have no position."""
     local = camera_from_model.apply(points)
     pixels = np.full((len(points), 2), np.inf)
     ahead = local[:, 2] > 1e-9
@@ -237,7 +237,7 @@ def _axes_px(
 
 
 def _alike(expected: Array, axes: Array) -> NDArray[np.bool_]:
-    """Which ``axes`` [N, 2] have about the direction and length expected."""
+    """Which ``axes`` [N, 2] have about the expected direction and length."""
     lengths = _lengths(expected)[:, 0], _lengths(axes)[:, 0]
     cosines = (expected * axes).sum(axis=1) / (lengths[0] * lengths[1])
     octaves = np.abs(np.log2(lengths[1] / lengths[0]))
@@ -245,7 +245,7 @@ def _alike(expected: Array, axes: Array) -> NDArray[np.bool_]:
 
 
 def _turns(first: Array, second: Array) -> Array:
-    """The least rotations [N, 3, 3] that turn the directions ``first`` [N, 3] into ``second``."""
+    """The smallest rotations [N, 3, 3] that take the directions ``first`` [N, 3] to ``second``."""
     across = np.cross(first, second)
     cosine = np.maximum((first * second).sum(axis=1), -0.999)
     cross = np.zeros((len(first), 3, 3))

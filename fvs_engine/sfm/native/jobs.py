@@ -221,7 +221,7 @@ JOBS: Mapping[str, Callable[..., Any]] = {
 
 
 def find_job(name: str) -> Callable[..., Any]:
-    """The job of that name; the imports of those below would slow the start of every other one."""
+    """The job of that name; some are imported here because their imports would slow down every other job."""
     if name in JOBS:
         return JOBS[name]
     from fvs_engine.sfm.native.aliked import extract_aliked, match_aliked

@@ -1,4 +1,4 @@
-"""What a model knows of its points: where they are, and how the features look that showed them."""
+"""The points of a model with the features that observed them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ class KnownPoints:
         )
 
     def seen_from(self, centre: Array, most: int, max_angle_deg: float) -> Indices:
-        """The up to ``most`` observations of each point from directions like that from ``centre``."""
+        """Up to ``most`` observations of each point, from the directions nearest to that of ``centre``."""
         towards = self.xyz - centre
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
         cosines = (self.rays * towards[self.point]).sum(axis=1)

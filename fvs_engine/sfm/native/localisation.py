@@ -15,7 +15,7 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 Report = Callable[[int], None]
 
 _MIN_POSE_INLIERS = 30
-"""Points that an image must see for its pose to be estimated; COLMAP's own limit."""
+"""Minimum number of points for estimating a pose; COLMAP's own limit."""
 
 
 def copy_features(_report: Report, *, source: str, target: str, names: list[str]) -> None:
@@ -102,7 +102,7 @@ def _estimate_pose(
     camera: pycolmap.Camera,
     seed: int,
 ) -> bool:
-    """Add the image to the model with the pose that its matches give; whether they give one."""
+    """Add the image to the model with the pose that its matches give; returns whether they give one."""
     seen = _points_seen(model, guest, pairs)
     if len(seen) < _MIN_POSE_INLIERS:
         return False

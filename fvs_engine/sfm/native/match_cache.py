@@ -15,7 +15,7 @@ def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
     options = pycolmap.DatabaseCacheOptions()
     options.min_num_matches = MIN_PAIR_MATCHES
     options.image_names = set(names)
-    # A model may have images without any match that is loaded.
+    # Some images of a model may have no loaded matches.
     options.load_all_images = True
     options.ignore_watermarks = True  # as everything else does that reads verified matches
     with pycolmap.Database.open(database) as opened:
@@ -25,8 +25,8 @@ def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
 def load_around(database: Path, names: Collection[str], new: Collection[str]) -> pycolmap.DatabaseCache:
     """The images ``names``, and the verified matches between ``new`` ones and those that they match.
 
-    COLMAP reads the matches of all images, however few are of use to a new one, and its mapper goes through
-    all that were read: with 200 images that takes longer than to register one of them.
+    COLMAP would read the matches of all images, and its mapper would process them all, although a new image
+    needs few of them: with 200 images that takes longer than registering one.
     """
     ids = image_ids(database)
     pairs = verified_ids(database, MIN_PAIR_MATCHES)

@@ -1,7 +1,7 @@
 """The native job that matches pairs of images.
 
-Each process matches with one thread. The OpenBLAS in pycolmap is built for OpenMP and is not safe in COLMAP's
-threads: two that search at the same time now and then spoil each other's matches. See
+Each process matches with one thread. The OpenBLAS in pycolmap is built for OpenMP and is not thread-safe with
+COLMAP's threads: concurrent searches occasionally corrupt each other's matches. See
 ``docs/adr/0038-matching-in-processes.md``.
 """
 
@@ -24,11 +24,11 @@ from fvs_engine.sfm.colmap.part_database import Pair, attached, write_part
 Report = Callable[[int], None]
 
 _LEAST_PAIRS = 4
-"""Number of pairs below which a process of their own takes longer than it saves."""
+"""Number of pairs below which a further process costs more time than it saves."""
 
 
 _BLOCK_PAIRS = 50
-"""COLMAP looks after so many pairs for the next images in its list."""
+"""Number of pairs after which COLMAP loads the next images of its list."""
 
 
 def match(
@@ -55,7 +55,7 @@ def match(
     try:
         for start in range(0, len(pairs), most * batch):
             some = pairs[start : start + most * batch]
-            # Names of their own: whoever counts what is matched may open a part that is just deleted.
+            # Unique names: the progress counter may open a part that is just being deleted.
             parts = [
                 _Part.of(Path(database), folder / f"{start}-{number}.db", share)
                 for number, share in enumerate(_shares(some, most))
@@ -69,7 +69,7 @@ def match(
 
 
 def _shares(pairs: Sequence[Pair], most: int) -> list[Sequence[Pair]]:
-    """Up to ``most`` runs of neighbours in the list: the pairs of one image stay together."""
+    """Split the list into at most ``most`` contiguous runs: the pairs of one image stay together."""
     size = max(_LEAST_PAIRS, math.ceil(len(pairs) / most))
     return [pairs[start : start + size] for start in range(0, len(pairs), size)]
 

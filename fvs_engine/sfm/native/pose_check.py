@@ -25,7 +25,7 @@ from fvs_engine.sfm.verification.witness import WitnessMatches
 Keypoints = Mapping[int, NDArray[np.float64]]
 
 _MOST_NEAR = 12
-"""Images that match one the most, whose depths are compared with its own."""
+"""Number of best matching images whose depths are compared with an image's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,14 @@ class PoseCheck:
     ) -> "PoseCheck":
         """Read the pairs and keypoints of a database, and of the ``witness``'s.
 
-        ``around``: of these images and those that match them only, whose poses are to be checked.
+        ``around``: the images whose poses will be checked; only their pairs, and those of images that match
+        them, are read.
         """
         pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES, around)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
         keypoints = read_keypoints(Path(database), ids)
-        said = None if witness is None else WitnessMatches.read(Path(witness))
-        return PoseCheck(pairs, keypoints, min_image_support, priors, said)
+        other = None if witness is None else WitnessMatches.read(Path(witness))
+        return PoseCheck(pairs, keypoints, min_image_support, priors, other)
 
     def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""
@@ -90,13 +91,13 @@ class PoseCheck:
         return sum(check.supported for check in checks) / matches if matches > 0 else None
 
     def loosely_linked(self, model: pycolmap.Reconstruction) -> frozenset[str]:
-        """The images that pairs of few matches only connect with the others, the witness's too."""
+        """The images that only pairs of few matches, and no pairs of the witness, connect with the rest."""
         loose = Links.of(model, check_pairs(model, self.pairs, self.keypoints, relative_poses=False)).loose
         if self.witness is None or not loose:
             return loose
         witness = self.witness
-        said = Links.of(model, check_pairs(model, witness.pairs, witness.keypoints, relative_poses=False))
-        return loose & (said.unconnected | said.contradicted)
+        links = Links.of(model, check_pairs(model, witness.pairs, witness.keypoints, relative_poses=False))
+        return loose & (links.unconnected | links.contradicted)
 
     def unscaled(self, model: pycolmap.Reconstruction, names: Sequence[str]) -> list[str]:
         """Those of the registered images ``names`` whose distance to their neighbours nothing confirms."""
@@ -105,7 +106,7 @@ class PoseCheck:
         return [name for name in names if name in scale.open]
 
     def _scale(self, model: pycolmap.Reconstruction, ids: Set[int]) -> Scale:
-        """What depths say of the images ``ids`` and those that match them the most."""
+        """The depth check of the images ``ids`` and those that match them best."""
         near = set(ids)
         for i in ids:
             own = [pair for pair in self.pairs if i in (pair.first, pair.second)]

@@ -9,7 +9,7 @@ from fvs_engine.sfm.verification.positions import misplaced
 from fvs_engine.sfm.verification.veto import believed_frame
 
 _LEAST_SIGMA_SHARE = 0.005
-"""Of the cameras' distance from their middle: no prior counts as more accurate than that."""
+"""Minimum standard deviation of a prior, as a share of the cameras' distance from their middle."""
 
 
 def adjust_with_priors(
@@ -18,10 +18,10 @@ def adjust_with_priors(
     options: pycolmap.BundleAdjustmentOptions,
     seed: int,
 ) -> bool:
-    """Adjust cameras and points to the images and to the position priors, if these are believed.
+    """Adjust cameras and points to the images and, if they are credible, to the position priors.
 
-    Priors far from their cameras are left out, and those that do not fit afterwards count less. The model is
-    in the frame of the priors then. Returns whether anything was adjusted.
+    Priors far from their cameras are left out, and those that fit badly have less weight. Afterwards the
+    model is in the frame of the priors. Returns whether anything was adjusted.
     """
     poses = camera_poses(model)
     frame = believed_frame(priors, poses)

@@ -1,4 +1,4 @@
-"""The pose of an image from points that it sees and its expected pose, which both have errors."""
+"""The pose of an image from the points that it sees and its expected pose, both with errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from fvs_engine.sfm.verification.veto import PriorFrame
 Array = NDArray[np.float64]
 
 _LEAST_POSITION_SHARE = 0.005
-"""Of the cameras' distance from their middle: a model is no more accurate than that."""
+"""Assumed error of a model, as a share of the cameras' distance from their middle."""
 
 _LEAST_ORIENTATION_DEG = 1.0
 
 _DOUBTED_SIGMAS = 3.0
-"""Standard deviations from which on a point or a prior counts less and less."""
+"""Scale of the robust loss, in standard deviations."""
 
 _ITERATIONS = 12
 _DAMPING = 1e-6
@@ -28,7 +28,7 @@ _DAMPING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPose:
-    """Where a camera should be in the model, by its prior; sigmas of each coordinate, and about each axis.
+    """The pose in the model that a prior predicts, with standard deviations per coordinate and per axis.
 
     The position's is in the model's unit, that of the orientation in rad.
     """
@@ -43,7 +43,7 @@ class ExpectedPose:
     ) -> "ExpectedPose | None":
         """The expected pose in the model of ``poses`` (model_from_camera); None without an orientation.
 
-        An error of the alignment moves what lies outside the aligned positions most.
+        An error of the alignment has most effect outside the region of the aligned positions.
         """
         world_from_camera = prior.world_from_camera
         if world_from_camera is None or not frame.oriented:
@@ -74,7 +74,7 @@ class ExpectedPose:
         return float(max(shift / self.position_sigma, turned))
 
     def turned(self, rotation: Array) -> RigidTransform:
-        """camera_from_model of the camera that is turned by a rotation [3, 3] where it stands."""
+        """camera_from_model of the camera rotated in place by a rotation [3, 3]."""
         turned = rotation @ self.camera_from_model.rotation
         return RigidTransform(turned, -turned @ self.centre)
 
@@ -87,10 +87,10 @@ def refine(
     noise_px: float,
     expected: ExpectedPose | None,
 ) -> RigidTransform:
-    """The pose near ``camera_from_model`` with the least errors: of the points [N, 3], and of the prior.
+    """Refine ``camera_from_model`` by the errors of points [N, 3] and the deviation from the prior.
 
-    ``pixels`` [N, 2] are where the image shows the points, each coordinate with the standard deviation
-    ``noise_px``. Points and priors that are off by more than three standard deviations count less and less
+    ``pixels`` [N, 2] are the observations of the points, with the standard deviation ``noise_px`` per
+    coordinate. Points and priors that are off by more than three standard deviations are down-weighted
     (Cauchy's loss).
     """
     focal = float(camera.mean_focal_length())

@@ -19,7 +19,7 @@ from fvs_engine.sfm.pose_priors import PosePriors
 Report = Callable[[int], None]
 
 _MAX_REJECTIONS = 3
-"""Number of rejections of an image's pose in one call after which it is not tried again."""
+"""Number of rejections of an image's pose in one call after which it is not retried."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def register(
 ) -> dict[str, Any]:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database. ``two_view_points``: new
-    points may be those that only two images show.
+    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database. ``two_view_points``:
+    triangulate points that only two images show, too.
 
     Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
     those whose distance to their neighbours nothing confirms (``unscaled``), all ``posed`` names, those
@@ -140,7 +140,7 @@ class _Growth:
         self._cache = cache
         self._options = options
         self.mapper = self._begin()
-        # Intrinsics that many images agreed on do not change for one more; those of a new camera do.
+        # The intrinsics of a known camera do not change for one more image; those of a new camera do.
         self._local = options.get_mapper()
         self._local.constant_cameras = {image.camera_id for image in model.images.values() if image.has_pose}
 
@@ -165,7 +165,7 @@ class _Growth:
         return False
 
     def use(self, cache: pycolmap.DatabaseCache) -> None:
-        """Go on with other matches."""
+        """Continue with other matches."""
         self.mapper.end_reconstruction(False)
         self._cache = cache
         self.mapper = self._begin()
@@ -206,7 +206,7 @@ class _Growth:
         if contradiction is not None:
             self._reject(image, contradiction)
             camera.params = params
-            self.mapper.end_reconstruction(False)  # it still counts the image; a new one does not
+            self.mapper.end_reconstruction(False)  # the old mapper still counts the image; a new one does not
             self.mapper = self._begin()
             return False
         triangulation = self._options.get_triangulation()
@@ -249,7 +249,7 @@ def color_points(
 ) -> None:
     """Colour points other than ``old_points``, each from a ``new`` image that shows it, else from the first.
 
-    To read an image takes 30 ms, and nearly all new points are in new images.
+    Reading an image takes 30 ms, and nearly all new points are in new images.
     """
     images = set()
     for point_id in model.point3D_ids():

@@ -9,7 +9,7 @@ from fvs_engine.sfm.native.match_cache import load_all
 
 
 def add_two_view_points(model: pycolmap.Reconstruction, database: Path, names: Sequence[str]) -> None:
-    """Triangulate what the registered images ``names`` show, also points that only two images show.
+    """Triangulate the points of the registered images ``names``, also those that only two images show.
 
     The points have no colours yet.
     """

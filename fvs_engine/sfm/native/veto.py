@@ -25,7 +25,7 @@ from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs,
 Report = Callable[[int], None]
 
 _MOST_PAIRS = 60
-"""More pairs say nothing more of the priors, and each takes a hundredth of a second."""
+"""Maximum number of pairs to check: more do not improve the estimate, and each takes 10 ms."""
 
 
 def veto(

@@ -38,7 +38,7 @@ def gather_evidence(
     """The evidence for ``model`` of pairs and priors; None when no verified pair lies within it.
 
     ``focal_priors`` are focal lengths in px by camera id.
-    It takes a hundredth of a second per pair; ``on_pair`` is called before each and may raise to stop.
+    It takes 10 ms per pair; ``on_pair`` is called before each and may raise to stop.
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
     if not checks:
@@ -78,7 +78,7 @@ def gather_witness_evidence(
     keypoints: Mapping[int, Array],
     on_pair: Callable[[], None] | None = None,
 ) -> WitnessEvidence:
-    """The evidence for ``model`` of pairs and key points [K, 2] (px, by image id) that it was not made of.
+    """The evidence for ``model`` from pairs and key points [K, 2] (px, by image id) that no mapper used.
 
     ``on_pair`` is called before each pair and may raise to stop.
     """
@@ -96,7 +96,7 @@ def gather_witness_evidence(
 
 
 def cycle_consistency(checks: Sequence[PairCheck]) -> float | None:
-    """Share of the triplets whose three relative rotations close to 5°; None without triplets."""
+    """Share of the triplets whose three relative rotations close within 5°; None without triplets."""
     rotations: dict[int, dict[int, Array]] = {}
     for check in checks:
         if check.second_from_first is not None:

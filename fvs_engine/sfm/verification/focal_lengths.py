@@ -1,7 +1,7 @@
 """Focal lengths that no usual lens has, or that are far from those in EXIF.
 
-They are refined with the model, and some scenes do not determine them: a wall from the front, a few images
-that hardly overlap. Every match still fits such a model, whose depths are wrong.
+They are refined with the model, and some scenes do not determine them: a wall seen head-on, a few images that
+hardly overlap. Every match still fits such a model, whose depths are wrong.
 """
 
 from collections.abc import Mapping

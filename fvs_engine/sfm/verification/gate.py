@@ -71,12 +71,12 @@ class Decision:
 def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     """Judge every candidate and choose the best supported one that is not rejected.
 
-    A candidate is accepted on its own evidence. One with somewhat too little is accepted if the witness
-    confirms it, and becomes doubtful, usable with a warning, if another mapper or GPS agrees with it: a
-    repeated pattern rarely causes the same errors in both. One with images that hang on few matches is
-    doubtful unless the witness or GPS confirms it; so is, unless GPS confirms it, one with distances that
-    no features seen in three images show. Among accepted ones that disagree, the better supported is chosen;
-    a tie makes it doubtful.
+    A candidate is accepted on its own evidence. One with slightly too little evidence is accepted if the
+    witness confirms it, and doubtful (usable with a warning) if another mapper or GPS agrees with it: a
+    repeated pattern rarely causes the same errors in both. One with loosely linked images is doubtful unless
+    the witness or GPS confirms it; one with distances that no features seen in three images determine is
+    doubtful unless GPS confirms it. Among accepted ones that disagree, the better supported is chosen; a tie
+    makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -187,7 +187,7 @@ def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
 
 
 def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
-    """What no pair shows, that of the witness neither: wrong distances and focal lengths."""
+    """Doubts that no pair can show, not even the witness's: wrong distances and focal lengths."""
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
@@ -213,7 +213,7 @@ def contradicted_images(evidence: Evidence) -> tuple[str, ...]:
 
 
 def can_be_left_out(contradicted: int, images: int) -> bool:
-    """Whether a model of so many images, of which the witness contradicts some, is one without these."""
+    """Whether a model of so many images remains usable without those that the witness contradicts."""
     if contradicted == 0:
         return True
     return contradicted <= MAX_MISPLACED_SHARE * images and images - contradicted >= MIN_SHARED_IMAGES
@@ -263,7 +263,7 @@ def _unlikely_focal(focal_px: Sequence[float]) -> str:
 
 
 def _witness_confirms(evidence: Evidence, images: int, settings: GateSettings) -> bool:
-    """Whether the witness connects all images that need it, and its shares are those of a right model."""
+    """Whether the witness connects all images that need it, with shares typical of a right model."""
     witness = evidence.witness
     if witness is None or witness.match_support is None:
         return False
@@ -313,7 +313,7 @@ def priors_confirm(evidence: Evidence) -> bool:
 
 
 def _rank(candidate: Candidate, judgement: Judgement) -> float:
-    """The matches explained, with a discount for doubt: more images raise that only if they are right."""
+    """The number of explained matches, with a discount for doubt: more images raise it only if right."""
     evidence = candidate.evidence
     assert evidence is not None
     explained = evidence.match_support * evidence.matches

@@ -1,4 +1,4 @@
-"""How the images of a model hang together by its verified pairs."""
+"""Connectivity of the images of a model by its verified pairs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from fvs_engine.sfm.verification.pair_check import EXPLAINED, MIN_PAIR_MATCHES, PairCheck, explains
 
 MIN_LINK_SHARE = 0.03
-"""Share of a pair's features that match and fit the poses from which on the pair is no look-alike's.
+"""Share of a pair's features that match and fit the poses from which on it is no look-alike pair.
 
 See ``docs/adr/0027-a-witness-for-models-without-priors.md`` for the measurements behind it.
 """
@@ -26,7 +26,7 @@ class Links:
     """Most of the matches that join them with the rest contradict the poses, though some pairs may fit."""
 
     unconnected: frozenset[str]
-    """No explained pair joins them with the rest, and hardly a match contradicts them."""
+    """No explained pair connects them with the rest, and hardly any matches contradict them."""
 
     loose: frozenset[str]
     """Connected, but somewhere by pairs of few matches only, as look-alike places often are."""
@@ -75,7 +75,7 @@ class _Graph:
         return self._apart(self._explained & (self._supported >= least_share * self._features))
 
     def contradicted(self) -> NDArray[np.bool_]:
-        """Groups, outside or on the smaller side of a cut, whose matches with the rest contradict them."""
+        """Groups outside, or on the smaller side of a cut, that their matches with the rest contradict."""
         found = np.zeros(self._size, dtype=bool)
         group = self._groups(self._explained)
         main = np.bincount(group).argmax()

@@ -66,8 +66,8 @@ def check_pairs(
     """Compare every pair whose images both have poses with the model.
 
     ``keypoints`` maps image ids to positions [K, 2] in px of the full-size images. Without ``relative_poses``
-    only the matches are counted, which takes a hundredth of the time. ``on_pair`` is called before each pair
-    and may raise to stop.
+    only the matches are counted, which takes 1 % of the time. ``on_pair`` is called before each pair and may
+    raise to stop.
     """
     posed = {i: image for i, image in model.images.items() if image.has_pose and i in keypoints}
     spread = centre_spread(
@@ -157,7 +157,7 @@ def supported(
     u = x @ rotation.T
     uu, yy, uy = (u * u).sum(axis=1), (y * y).sum(axis=1), (u * y).sum(axis=1)
     ut, yt = u @ translation, y @ translation
-    # Nearly parallel rays meet far away, on either side within the noise: they contradict nothing.
+    # Nearly parallel rays meet far away, in front or behind within the noise: they contradict nothing.
     sine_squared = 1.0 - uy**2 / (uu * yy)
     parallel = sine_squared < max_error**2
     ahead = (uy * yt - yy * ut > 0) & (uu * yt - uy * ut > 0)

@@ -21,7 +21,7 @@ _MIN_TRACK = 5.0
 """Minimum ratio of a track's width to the accuracy of its positions for them to be evidence."""
 
 _MAX_SHARE = 0.1
-"""How far a camera may be from its prior, in shares of its distance from the middle of the others."""
+"""Maximum distance of a camera from its prior, in shares of its distance from the middle of the others."""
 
 MAX_MISPLACED_SHARE = 1.0 / 3.0
 """Share of the images that may be far from their position priors before model and priors contradict."""
@@ -30,7 +30,7 @@ _MAX_RESIDUAL_SHARE = 0.25
 """Median distance from the priors, in shares of their spread, from which on model and priors contradict."""
 
 _FROZEN = 3
-"""Number of images with exactly the same position from which on the receiver froze."""
+"""Number of images with exactly the same position from which on the receiver counts as frozen."""
 
 _NOISE = 4.0
 """Robust standard deviations of the positions within which no camera is misplaced."""
@@ -72,7 +72,7 @@ def residual_share(priors: PosePriors, centres: Mapping[str, Array]) -> float | 
 
 
 def contradict(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
-    """Whether there are enough accurate position priors of these centres, and hardly any fits them."""
+    """Whether these centres have enough accurate position priors, and hardly any of them fits."""
     share = residual_share(priors, centres)
     count = len(centres.keys() & priors.by_name.keys())
     return share is not None and (
@@ -104,7 +104,7 @@ def align_positions(
 def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors, tuple[str, ...]]:
     """The priors ``given``, by default the GPS positions in EXIF, without frozen ones, and warnings.
 
-    A receiver that froze repeats its last position exactly, which one with a fix never does.
+    A frozen receiver repeats its last position exactly, which one with a fix never does.
     """
     priors = _priors_in_exif(database) if given is None else given
     counts = Counter(prior.position for prior in priors.by_name.values())

@@ -15,20 +15,20 @@ from fvs_engine.sfm.verification.pair_check import PairCheck
 Array = NDArray[np.float64]
 
 MAX_DIRECTION_DEG = 15.0
-"""Angle between the baseline of a pair and that of its positions that contradicts, beyond their noise."""
+"""Angle between a pair's baseline and that of its positions, beyond their noise, that is a contradiction."""
 
 SIGMAS = 2.0
 """Standard deviations of the priors that a contradiction must exceed."""
 
 _MAX_LIMIT_DEG = 60.0
-"""A pair whose limit is wider, because its images are near to each other, is no evidence."""
+"""Maximum limit of a pair that is evidence; images near to each other have wider ones."""
 
 _MIN_PAIRS = 6
 _SAMPLES = 500
 
 
 def limits_deg(lengths: Array, sigmas: Array) -> Array:
-    """Angles that contradict baselines of these lengths whose ends have these standard deviations."""
+    """Angles that contradict baselines of these lengths, given the standard deviations of their ends."""
     return np.asarray(MAX_DIRECTION_DEG + np.degrees(np.arctan2(SIGMAS * sigmas, lengths)))
 
 

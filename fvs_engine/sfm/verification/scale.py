@@ -1,8 +1,8 @@
-"""The distances between a model's cameras against the depths of features that three of them see.
+"""Check of the distances between a model's cameras by the depths of features that three of them see.
 
-The matches of two images say nothing about the distance between them: where cameras stand in a row, a part
-of it may be shifted along the row, and every pair still fits. A feature of one image that two others match
-has two depths, one from each pair. Their ratio is that of the two distances: a right model makes them equal.
+The matches of two images say nothing about the distance between them: if the cameras form a row, a part of it
+may be shifted along the row, and every pair still fits. A feature of one image that two others match has two
+depths, one from each pair. Their ratio is that of the two distances: a right model makes them equal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -69,19 +69,19 @@ class DepthRatio:
 
 @dataclass(frozen=True)
 class Scale:
-    """Names of the images of a model whose distances to the rest are not those that depths give."""
+    """Names of the images of a model whose distances to the rest contradict the depths, or lack them."""
 
     contradicted: frozenset[str]
     """Most depths that are compared with the rest's contradict their distance."""
 
     open: frozenset[str]
-    """No chain of features, each seen in three images, joins them with the rest: any distance would fit."""
+    """No chain of features seen in three images connects them with the rest: any distance would fit."""
 
     @staticmethod
     def of(
         names: Mapping[int, str], ratios: Sequence[DepthRatio], max_error: float = MAX_DEPTH_ERROR
     ) -> "Scale":
-        """What ``ratios`` say of the images ``names`` (by id) of a model; two have no distance to compare.
+        """Evaluate ``ratios`` for the images ``names`` (by id) of a model; two have no distance to compare.
 
         Pairs whose depths agree have one scale. The largest group of such pairs is the rest.
         """
@@ -109,7 +109,7 @@ class Scale:
 def _sound(telling: Sequence[DepthRatio], agrees: Sequence[bool]) -> list[DepthRatio]:
     """The comparisons that agree, of sound pairs.
 
-    A pair two thirds of whose comparisons disagree joins nothing: a long one hides a small shift.
+    A pair of whose comparisons two thirds disagree connects nothing: a long one hides a small shift.
     """
     balance: dict[_Pair, int] = {}
     for ratio, agree in zip(telling, agrees, strict=True):

@@ -1,4 +1,4 @@
-"""Verified pairs that the pose priors contradict: look-alike places, matched with each other.
+"""Verified pairs that the pose priors contradict: matches between look-alike places.
 
 Matches on a repeated pattern fit one epipolar geometry as well as right ones do, but the baseline that they
 give points elsewhere. Measured on *fox* (ADR 25): 95 % of the right pairs are off by at most 3°, 95 % of the
@@ -94,7 +94,7 @@ def _fits(
     centres: Mapping[str, Array],
     shared: list[str],
 ) -> bool:
-    """Whether a rotation world_from_model fits the positions; on a line they leave a turn about it open."""
+    """Whether a rotation world_from_model fits the positions; on a line they leave the turn about it open."""
     if not report.ill_conditioned:
         return angle_deg(rotation @ report.transform.rotation.T) <= _MAX_TURN_DEG
     model = np.stack([centres[name] for name in shared])[report.inliers]

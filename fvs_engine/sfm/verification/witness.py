@@ -1,4 +1,4 @@
-"""The witness's matches, of which no model is made."""
+"""The witness's matches, which no mapper uses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
