@@ -9,10 +9,10 @@ from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
 
 MIN_AGREEMENT = 0.3
-"""Poses under which the median image agrees less than this with its points belong to other images.
+"""Poses belong to other images when the median image agrees less than this with its points.
 
 Measured on *bonsai*, median of fifteen views: 0.75 as given, 0.41 with every photograph replaced by the next
-of the capture (which is almost the same), 0.17 by the one sixty later, 0.18 in reversed order.
+of the capture (which is almost the same), 0.17 by the one sixty frames later, 0.18 in reversed order.
 """
 
 _LONG_SIDE_PX = 128

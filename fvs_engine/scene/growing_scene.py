@@ -1,4 +1,4 @@
-"""A scene over time: images are registered as they come, and its models are trained anew on all of them."""
+"""A growing scene: images are registered as they arrive, and the models are retrained on all of them."""
 
 import time
 from collections import Counter
@@ -39,7 +39,7 @@ class GrowingScene:
     after a kill, gives the same scene bit by bit (on the CPU, with ``settings.sfm.threads=1`` where poses are
     estimated). Only one process at a time may use a folder.
 
-    Images stay in memory, and are read again only if their camera's intrinsics changed visibly. For the cost
+    Images stay in memory, and are reread only if their camera's intrinsics changed visibly. For the cost
     of poses and points see ``GrowingReconstruction`` and ``KnownPoses``.
     """
 
@@ -152,7 +152,7 @@ class GrowingScene:
         visited = left + new
         if gone:
             self._source.release(gone)
-        # Before a kill the source may have committed these images: changes are relative to the scene's views.
+        # The source may have committed these images before a kill: changes are relative to the scene's views.
         update = self._source.update(visited, self._posed.values(), monitor, priors)
         found = time.monotonic()
         posed, views, moved = self._load(update, monitor)
@@ -171,7 +171,7 @@ class GrowingScene:
         return self._models.is_trained(quality)
 
     def train(self, quality: ModelQuality, monitor: Monitor) -> SceneModel:
-        """The model of the present views, which is trained or finished first where it is not there.
+        """Return the model of the present views; train it, or finish its training, if necessary.
 
         Raises ``Cancelled``, having saved, and ``TrainingError``, also when no view is registered.
         """
@@ -181,7 +181,7 @@ class GrowingScene:
         return self._models.train(quality, monitor)
 
     def train_again(self, seed: int, monitor: Monitor) -> SceneModel:
-        """A full model of the same views, trained by another seed; it is not kept.
+        """Train a full model of the same views with another seed; it is not stored.
 
         Raises ``Cancelled``, without having saved, and ``TrainingError``, also when no view is registered.
         """
@@ -196,7 +196,7 @@ class GrowingScene:
             )
 
     def save(self) -> None:
-        """Commit the visits and views: after a kill the folder has this state or the one before."""
+        """Commit the visits and views: after a kill the folder holds this state or the previous one."""
         state = SceneState(
             visited=self._visited, views=tuple(self._posed.values()), generation=self._generation
         )
@@ -231,7 +231,7 @@ class GrowingScene:
     def _load(
         self, update: PoseUpdate, monitor: Monitor
     ) -> tuple[dict[str, AnyView], tuple[TrainingView, ...], int]:
-        """The views of an update, without and with their images, by name, and how many have moved.
+        """The views of an update, without and with images, by name, and the number that have moved.
 
         An image is read only if it is new, or if its camera's intrinsics changed visibly.
         """
@@ -263,7 +263,7 @@ class GrowingScene:
         )
 
     def _set(self, posed: Mapping[str, AnyView], views: Sequence[TrainingView], points: PointCloud) -> None:
-        """Take over the views, which are in the order of their names."""
+        """Replace the views, which are in the order of their names."""
         self._posed, self._views, self._points = dict(posed), tuple(views), points
         self._usual_cameras = _usual_cameras(posed.values())
         self._models.follow(self._posed, self._views, points)

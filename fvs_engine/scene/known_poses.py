@@ -48,7 +48,7 @@ class KnownPoses:
 
     @property
     def quarantined(self) -> Mapping[str, str]:
-        """See ``PoseSource``: of triangulation."""
+        """See ``PoseSource``: images that crash triangulation."""
         return SfmFolder(self._folder).quarantine.reasons
 
     def release(self, names: Collection[str]) -> None:

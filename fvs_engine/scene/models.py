@@ -30,7 +30,7 @@ _SAVE_EVERY_S = 60.0
 
 
 class _Owner(Record):
-    """What a checkpoint says of its model: the digest of what it depends on, and its views."""
+    """Owner of a checkpoint: the model's quality, its views, and the digest of its inputs."""
 
     digest: str
     quality: ModelQuality
@@ -41,7 +41,7 @@ class _Owner(Record):
 
 
 class SceneModels:
-    """The models of the present views. Whoever trains one again after a kill gets the same bits."""
+    """The models of the present views. Training repeated after a kill gives the same bits."""
 
     def __init__(self, files: SceneFiles, settings: SceneSettings, rasterizer: Rasterizer) -> None:
         self._files = files
@@ -55,7 +55,7 @@ class SceneModels:
     def follow(
         self, posed: Mapping[str, AnyView], views: tuple[TrainingView, ...], points: PointCloud
     ) -> None:
-        """Take over the views, in the order of their names, and their points; forget the models of others.
+        """Replace the views, in the order of their names, and their points; forget models of other views.
 
         ``posed`` are the same views by name, with distortion.
         """
@@ -82,7 +82,7 @@ class SceneModels:
         return self._trained[quality]
 
     def train_again(self, seed: int, monitor: Monitor) -> SceneModel:
-        """A full model of the present views by another seed, which is not kept; raises as ``train``."""
+        """Train a full model of the present views with another seed; not stored. Raises as ``train``."""
         iterations = self._settings.iterations_of("full", len(self._views))
         trainer = self.initial_trainer("full", iterations, seed)
         trainer.train(iterations, monitor, STAGES["full"])
@@ -125,7 +125,7 @@ class SceneModels:
         return self.initial_trainer(owner.quality, until, self._settings.seed), until
 
     def _warm_start(self) -> WarmStart | None:
-        """How a quick model can go on from the last full one; None if it is better trained anew."""
+        """The warm start of a quick model from the last full one; None if it is better trained anew."""
         full = self._files.model("full")
         owner = _owner(full) if self._settings.warm_starts else None
         if owner is None:
@@ -136,7 +136,7 @@ class SceneModels:
 
 
 def _owner(checkpoint: Path) -> _Owner | None:
-    """What a checkpoint says of its model; None when there is none."""
+    """The owner of a checkpoint; None without a checkpoint."""
     if not checkpoint.exists():
         return None
     try:

@@ -19,7 +19,7 @@ MAX_SHIFT_PX = 0.1
 """Pixel shift at the training size below which two cameras give the same undistorted image."""
 
 _MAPS_KEPT = 4
-"""Maps kept: each takes the memory of three images, and every global bundle adjustment needs new ones."""
+"""Number of cached maps: each takes the memory of three images; global bundle adjustment needs new ones."""
 
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30

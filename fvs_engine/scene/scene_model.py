@@ -19,7 +19,7 @@ class SceneModel:
 
     @classmethod
     def of(cls, trainer: Trainer) -> "SceneModel":
-        """What a finished training has made; it shares the trainer's tensors."""
+        """The model of a finished training; it shares the trainer's tensors."""
         tensors = {name: tensor.detach() for name, tensor in trainer.gaussians.tensors().items()}
         return cls(Gaussians(**tensors), trainer.sh_degree, trainer.iteration)
 

@@ -1,4 +1,4 @@
-"""What adding images to a growing scene has changed."""
+"""The changes that adding images made to a growing scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SceneUpdate:
-    """What one ``add`` changed.
+    """The result of one ``add``.
 
     ``registered``: images that have a pose now and had none before; ``unregistered``: all visited images
     without one; ``moved``: number of views whose camera or pose changed; ``seconds``: for the poses, and for

@@ -32,7 +32,7 @@ class Seeds:
         return len(self.points)
 
     def and_also(self, others: "Seeds") -> "Seeds":
-        """These and ``others``."""
+        """The union of these and ``others``."""
         points = PointCloud(
             np.concatenate([self.points.xyz, others.points.xyz]),
             np.concatenate([self.points.colors, others.points.colors]),
@@ -40,12 +40,12 @@ class Seeds:
         return Seeds(points, np.concatenate([self.spacing, others.spacing]))
 
     def gaussians(self, sh_degree: int) -> Gaussians:
-        """An isotropic Gaussian of low opacity on each."""
+        """An isotropic Gaussian of low opacity at each seed."""
         return initialise_from_points(self.points.xyz, self.points.colors, sh_degree, self.spacing)
 
 
 def initial_seeds(points: PointCloud, views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
-    """The seeds of a new model of ``views``: their sparse ``points``, or guesses, too, where those are few.
+    """The seeds of a new model of ``views``: their sparse ``points``, with guesses when those are few.
 
     At most ``room``. They depend neither on the points' order nor on the views'.
     """

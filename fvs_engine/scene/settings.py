@@ -18,7 +18,7 @@ HALF_SIZE_FROM_PX = 800
 """Long side of the images from which on a quick model is trained on images of half their size at most."""
 
 _MORE_AT_HALF_SIZE = 1.25
-"""Factor of the iterations of such a model, which cost less (ADR 26)."""
+"""Factor of the iterations of such a model, which are cheaper (ADR 26)."""
 
 SCENE_TRAINING = TrainingSettings(
     iterations=30_000,
@@ -31,7 +31,7 @@ SCENE_TRAINING = TrainingSettings(
 
 The positions' learning rate decays over the paper's 30,000 iterations, however short a run is: if it decays
 over the run, models of 20 views are 0.6 to 1 dB worse. The other rates are twice the paper's (ADR 26).
-Opacities are not reset: there is no time for them to rise again.
+Opacities are not reset: a short run gives them no time to recover.
 """
 
 
@@ -65,8 +65,8 @@ class SceneSettings(Record):
     quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``),
     of images of 800 px or more a quick one only to half of their size, with a quarter more iterations.
 
-    ``warm_starts``: a quick model goes on from the last full one where that is better (``WarmStart``). Which
-    views the models have then hangs on which full models were trained.
+    ``warm_starts``: a quick model continues from the last full one where that is better (``WarmStart``). The
+    models then depend on which full models were trained before.
     """
 
     poses: Literal["sfm", "known"] = "sfm"

@@ -1,7 +1,7 @@
-"""Warm starts: a quick model that goes on from the last full one instead of being trained anew.
+"""Warm starts: a quick model continues from the last full one instead of being trained anew.
 
-A full model depends on its views alone, so a quick one that goes on from it depends on the views of both, and
-on nothing that came before. Source of the numbers: ``docs/adr/0030-warm-starts.md`` and
+A full model depends on its views alone, so a quick one that continues from it depends on the views of both,
+and on nothing else. Source of the numbers: ``docs/adr/0030-warm-starts.md`` and
 ``docs/adr/0044-features-of-many-images.md``.
 """
 
@@ -21,24 +21,24 @@ from fvs_engine.views import PinholeView
 
 _ITERATIONS = 14
 _ITERATIONS_PER_NEW_VIEW = 6
-"""Every second iteration is on a new view: each has three."""
+"""Iterations per new view; every second iteration is on a new view, so that each gets three."""
 
 _RATE = 0.3
-"""Factor of the learning rates: with the whole ones the model loses more of what it was than it gains."""
+"""Factor of the learning rates: with the full rates the model degrades more than it gains."""
 
 _MOST_NEW = 0.5
 """New views per view of the full model beyond which a new model is better."""
 
 _MOST_SHIFT_PX = 2.0
-"""How far a camera may have moved since: the median shift of projected points, in training images' px."""
+"""Maximum movement of a camera since: the median shift of projected points, in px of training images."""
 
 _POINTS = 2_000
-"""Points that are projected, at most."""
+"""Maximum number of points that are projected."""
 
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """A training that goes on from a ``full`` model; every second iteration is on a ``new`` view."""
+    """Training that continues from a ``full`` model; every second iteration is on a ``new`` view."""
 
     full: SceneModel
     new: frozenset[str]
@@ -51,7 +51,7 @@ class WarmStart:
         views: Sequence[TrainingView],
         points: PointCloud,
     ) -> "WarmStart | None":
-        """How a ``full`` model of the ``trained`` views goes on with ``views``, which share ``points``.
+        """The warm start from a ``full`` model of ``trained`` views for ``views``, which share ``points``.
 
         None when it should not: a view that it was trained on is gone, whose image may have been deleted;
         too many views are new; or cameras have moved.
@@ -66,7 +66,7 @@ class WarmStart:
 
     @property
     def until_iteration(self) -> int:
-        """The iteration until which it trains; it begins with those of the full model."""
+        """The iteration at which it ends; it counts on from those of the full model."""
         return self.full.iterations + max(_ITERATIONS, _ITERATIONS_PER_NEW_VIEW * len(self.new))
 
     def trainer(

@@ -1,8 +1,8 @@
-"""Adaptive density control: Gaussians are cloned, split and removed where the loss asks for it.
+"""Adaptive density control: Gaussians are cloned, split and removed where the loss requires it.
 
-Source: Kerbl et al., 2023, section 5.2: a Gaussian whose projected centre the loss keeps pulling at stands
-where the model is wrong; a small one is cloned, a large one split in two; transparent and oversized ones
-are removed; opacities are reset now and then so that useless ones can fade.
+Source: Kerbl et al., 2023, section 5.2: a large gradient of a projected centre shows where the model is
+wrong; there a small Gaussian is cloned, a large one split in two; transparent and oversized ones are removed;
+opacities are reset at intervals so that useless ones can fade.
 """
 
 import math
@@ -27,7 +27,7 @@ RESET_OPACITY = 0.01
 
 
 class GradientStatistics:
-    """How hard the loss pulled at each projected centre, over the views that saw it.
+    """Accumulated gradients of the projected centres over the views that saw them.
 
     ``total`` [N]: Σ ‖∂loss/∂centre‖ in normalised device coordinates; ``views`` [N]: how many.
     """
@@ -94,8 +94,8 @@ def densify(
 ) -> Gaussians:
     """Clone, split and prune; return the new Gaussians, with the optimiser's moments in step.
 
-    ``generator`` (on the CPU) draws where the halves of a split land. The count never exceeds
-    ``max_gaussians`` by growth: when the cap binds, the largest gradients win.
+    ``generator`` (on the CPU) samples the positions of the halves of a split. The count never exceeds
+    ``max_gaussians`` by growth: at the cap, those with the largest gradients are taken.
     """
     grown, doomed = _grow(gaussians, optimiser, statistics, rules, extent, max_gaussians, generator)
     useless = torch.sigmoid(grown.opacity_logits) < rules.prune_opacity
@@ -148,7 +148,7 @@ def _worst(gradients: Tensor, threshold: float, room: int) -> Tensor:
 
 @torch.no_grad()
 def reset_opacities(gaussians: Gaussians, optimiser: GaussianAdam) -> None:
-    """Lower every opacity to at most 0.01, in place; what the images need will rise again."""
+    """Lower every opacity to at most 0.01, in place; those that the images need will recover."""
     gaussians.opacity_logits.clamp_(max=float(logit(RESET_OPACITY)))
     optimiser.forget("opacity_logits")
 

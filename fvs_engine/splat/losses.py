@@ -91,7 +91,7 @@ def _fused_loss(
     ssim_weight: float,
 ) -> float:
     height, row_floats = color.shape
-    # Bands blur the rows at their borders twice, so there are no more than threads.
+    # The rows at the borders of bands are blurred twice, so there are no more bands than threads.
     bands = min(numba.get_num_threads(), max(1, height // (4 * REACH)))
     row_l1 = np.empty(height, np.float32)
     row_ssim = np.empty(height, np.float32)

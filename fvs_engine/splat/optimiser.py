@@ -24,7 +24,7 @@ SPARSE = frozenset({"sh_rest"})
 
 _CHUNK = 1 << 15
 _CHUNK_ROWS = 1 << 10
-"""Numbers, and Gaussians, in one piece of parallel work."""
+"""Numbers, and Gaussians, per unit of parallel work."""
 _B1, _B2 = F32(BETA_FIRST), F32(BETA_SECOND)
 _ONE_B1, _ONE_B2 = F32(1 - BETA_FIRST), F32(1 - BETA_SECOND)
 _EPSILON = F32(EPSILON)
@@ -53,10 +53,9 @@ class GaussianAdam:
     """Adam (Kingma and Ba, 2015), in place.
 
     Parameters in ``SPARSE`` move only where the Gaussian was seen: they are three quarters of the memory
-    traffic that a step consists of. All others move with their momentum when unseen, too: 0.7 dB better
-    after 700 iterations, when most Gaussians have been seen only now and then. ``first`` and ``second``
-    hold the moments by parameter name, shaped like the parameters; ``steps`` counts steps for the bias
-    correction.
+    traffic that a step consists of. All others move with their momentum when unseen, too: 0.7 dB better after
+    700 iterations, when most Gaussians have been seen only occasionally. ``first`` and ``second`` hold the
+    moments by parameter name, shaped like the parameters; ``steps`` counts steps for the bias correction.
     """
 
     def __init__(self, gaussians: Gaussians) -> None:
@@ -100,7 +99,7 @@ class GaussianAdam:
                 moments[name] = torch.cat([moment[kept], fresh])
 
     def forget(self, name: str) -> None:
-        """Zero the moments of one parameter: it was set to other values."""
+        """Zero the moments of one parameter, whose values were replaced."""
         self.first[name].zero_()
         self.second[name].zero_()
 

@@ -1,4 +1,4 @@
-"""Resumable training: saved at intervals and on cancellation, resumed from there."""
+"""Resumable training, saved at intervals and on cancellation."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -64,7 +64,7 @@ class Level(Record):
 def coarse_to_fine(iterations: int, *, to_half_size: bool = False) -> tuple[Level, ...]:
     """Half of the iterations at an eighth of the size, a quarter at a quarter, an eighth at half of it.
 
-    A small image costs little and shows what matters at first: where things are, and their colours (ADR 24).
+    A small image is cheap and shows what matters at first: positions and colours (ADR 24).
     ``to_half_size``: six, three and one tenth of them, and none at full size, which takes half of the time.
     """
     shares = ((0.6, 8), (0.9, 4), (1.0, 2)) if to_half_size else ((0.5, 8), (0.75, 4), (0.875, 2))
@@ -138,7 +138,7 @@ class TrainingSettings(Record):
         return next((level.reduction for level in self.levels if iteration < level.until_iteration), 1)
 
     def max_gaussians_at(self, iteration: int) -> int:
-        """How many Gaussians a model may grow to at this iteration."""
+        """The maximum number of Gaussians at this iteration."""
         growth = next((level.growth for level in self.levels if iteration < level.until_iteration), 1.0)
         return max(1, round(growth * self.max_gaussians))
 
@@ -173,7 +173,7 @@ PRESETS: dict[Quality, TrainingSettings] = {
         ),
     ),
 }
-"""``coarse`` ranks candidates while the vehicle flies; ``fine`` is the model that is kept (ADR 41).
+"""``coarse`` ranks candidates during the flight; ``fine`` is for the final model (ADR 41).
 
 The Gaussians of ``fine`` multiply as its images grow: three tenths of the iterations are at a quarter of the
 size with a quarter of the Gaussians, three at half of both. Opacities are reset once, after half of the
@@ -184,7 +184,7 @@ _FLOAT_BYTES = 4
 _COPIES = 4
 """A parameter, its gradient, and Adam's two moments."""
 _SCREEN_FLOATS = 32
-"""Per Gaussian: what projecting it leaves for the backward pass, its screen gradients and statistics."""
+"""Per Gaussian: the projection's results for the backward pass, screen gradients and statistics."""
 _HITS_PER_GAUSSIAN = 6
 _HIT_BYTES = 64
 _GROWTH_FACTOR = 4.5
@@ -196,7 +196,7 @@ _PIXEL_FLOATS = 16
 
 
 def memory_need_bytes(gaussians: int, sh_degree: int, views: int, width_px: int, height_px: int) -> int:
-    """Upper bound, about, of the memory that training on the CPU needs beyond the program itself.
+    """Approximate upper bound of the memory that training on the CPU needs, without the program itself.
 
     ``views`` images of ``width_px`` × ``height_px`` (kept as bytes), and ``gaussians`` with their
     gradients, moments and rasteriser state, at the moment when Gaussians are added.

@@ -1,4 +1,4 @@
-"""Gaussians in Niantic's SPZ: a tenth of a PLY, for viewers and for bad connections.
+"""Gaussians in Niantic's SPZ: a tenth of a PLY, for viewers and slow connections.
 
 Little-endian, gzipped: a header, then all positions (three 24-bit fixed-point numbers each), opacities,
 degree-0 colours, scales, rotations (version 3: the smallest three components of the quaternion, 10 bits

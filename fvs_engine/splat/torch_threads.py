@@ -1,4 +1,4 @@
-"""How many threads torch may use beside the kernels."""
+"""The number of torch's threads beside the kernels."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

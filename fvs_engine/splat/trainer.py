@@ -46,7 +46,7 @@ _DIVERGED_HINT = (
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """What a view's rendering is compared with at the present level: ``image`` [H, W, 3] uint8."""
+    """The target of a view at the present level: ``image`` [H, W, 3] uint8."""
 
     camera: PinholeCamera
     image: Tensor
@@ -61,8 +61,8 @@ class Trainer:
     number changes): read them from the attribute. All randomness is derived from the seed and the
     iteration, so that a resumed run equals an uninterrupted one bit by bit.
 
-    ``extent``: the length by which learning rates and size limits scale (``scene_extent``). ``repeats``: how
-    often each view comes in an epoch, once by default.
+    ``extent``: the length that learning rates and size limits are proportional to (``scene_extent``).
+    ``repeats``: how often each view comes in an epoch, once by default.
 
     Raises ``TrainingError`` when there is no view or no Gaussian.
     """
@@ -107,7 +107,7 @@ class Trainer:
         return self.settings.sh_degree_at(self.iteration)
 
     def _target(self, index: int) -> _Target:
-        """What view ``index`` is compared with at the present level."""
+        """The target of view ``index`` at the present level."""
         reduction = self.settings.reduction_at(self.iteration)
         if reduction != self._reduction:
             self._reduction, self._targets = reduction, {}

@@ -46,7 +46,7 @@ class TrainingView(View[PinholeCamera]):
 
 
 def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:
-    """The length by which learning rates and size limits scale: how far the cameras spread.
+    """The length that learning rates and size limits are proportional to: the spread of the cameras.
 
     1.1 × the greatest distance of a camera from their mean (3DGS's "camera extent"). Where all centres
     coincide, it is the median distance of the ``points`` [N, 3] to them.

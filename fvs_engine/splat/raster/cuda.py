@@ -96,7 +96,7 @@ class CudaRasterizer:
 
 @torch.no_grad()
 def _radii_px(meta: Mapping[str, Tensor], camera: PinholeCamera) -> Tensor:
-    """Half the larger side of every screen box [N], 0 where it is culled: ``Rendering.radii_px``.
+    """Half the longer side of every screen box [N], 0 where it is culled: ``Rendering.radii_px``.
 
     gsplat rounds the half sides up to whole pixels before it culls. A Gaussian that ends less than a pixel
     outside the image then counts as seen, with a gradient of zero: its mean gradient falls, and

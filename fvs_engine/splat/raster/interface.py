@@ -1,6 +1,6 @@
-"""What every rasteriser does, whatever it runs on.
+"""The interface of rasterisers.
 
-Conventions shared by all backends, so that they can be held to one another (gsplat's, "classic" mode):
+Conventions shared by all backends, so that they can be tested against one another (gsplat's "classic" mode):
 
 * a Gaussian is culled when its depth is < ``NEAR_PLANE`` or its screen ellipse misses the image;
 * the 2D covariance gets ``BLUR_PX2`` added to its diagonal (the low-pass of the 3DGS paper);
@@ -37,7 +37,7 @@ class HasGradient(Protocol):
 
 @dataclass
 class Rendering:
-    """What a camera sees of the model.
+    """The result of rendering a view.
 
     ``color`` [H, W, 3], not clamped; ``alpha`` [H, W] in [0, 1]; ``depth`` [H, W], the sum of
     weight · depth of the centres along z (divide by alpha for the expected depth). For every Gaussian:
@@ -83,7 +83,7 @@ class Rasterizer(Protocol):
 
 @dataclass
 class SquaredJacobian:
-    """How strongly an image depends on every parameter: Σ (∂ colour / ∂ parameter)² over pixels and channels.
+    """Squared derivatives of an image by parameter: Σ (∂ colour / ∂ parameter)² over pixels and channels.
 
     The diagonal of JᵀJ: ``means`` [N, 3] (at a fixed direction of view: spherical harmonics turn with a
     Gaussian that moves, which is not counted), ``log_scales`` [N, 3], ``opacity_logits`` [N], ``sh_dc``

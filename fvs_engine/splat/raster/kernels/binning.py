@@ -33,7 +33,7 @@ TILE_PX = 16
 LANES = 8  # pixels of a row that are blended at once
 HALVES = TILE_PX // LANES
 TILE = F(TILE_PX)
-SLACK_PX = F(0.02)  # rounding may not lose a pixel whose alpha is just at its threshold
+SLACK_PX = F(0.02)  # rounding must not drop a pixel whose alpha is just at its threshold
 
 
 @kernel
@@ -72,7 +72,7 @@ def front_to_back(records: Floats, radii: Floats) -> NDArray[np.int64]:
 def ellipse_span(
     low: float, high: float, extent: float, summit: float, half_width: float, slope: float
 ) -> tuple[float, float]:
-    """How far an ellipse around the origin reaches across a band ``low`` … ``high`` of its coordinate s.
+    """The extent of an ellipse around the origin across a band ``low`` … ``high`` of its coordinate s.
 
     The ellipse lives on s in ± ``extent``; there it spans t = slope · s ± half_width · √(1 − (s / extent)²)
     and t is greatest at ``summit``. Returns the least and the greatest t; empty when least > greatest.
@@ -119,7 +119,7 @@ def _tile_columns(splat: Floats, row: int, first_column: int, end_column: int) -
 
 @inlined_kernel
 def _strip_span(splat: Floats, left: float) -> tuple[float, float]:
-    """From which y to which the ellipse reaches in a strip of ``LANES`` pixels from ``left`` on, in px.
+    """The range of y, in px, that the ellipse covers in a strip of ``LANES`` pixels from ``left`` on.
 
     Empty when the first is greater. The same for all tiles of a column, each takes its part (``_clip``).
     """

@@ -1,6 +1,6 @@
-"""Blend splats front to back, tile by tile, and differentiate it. The two kernels where the time goes.
+"""Blend splats front to back, tile by tile, and differentiate it. These two kernels take most of the time.
 
-How they get fast:
+What makes them fast:
 
 * the inner loop runs over 8 neighbouring pixels without a branch, so that it becomes vector instructions;
 * all state of a tile lives in one small float32 buffer in L1, addressed by constant offsets, so that the
@@ -43,7 +43,7 @@ Longs = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 AREA = TILE_PX * TILE_PX
-CHECK_EVERY = 16  # splats between two looks at whether the whole tile is finished
+CHECK_EVERY = 16  # splats between two checks whether the whole tile is finished
 LEAST_ALPHA, MOST_ALPHA, LEAST_T = F(ALPHA_MIN), F(ALPHA_MAX), F(TRANSMITTANCE_MIN)
 
 # exp(−y) on [0, 0.75], interpolated at Chebyshev nodes; its eighth power is exp(−8 y), relative error < 3e-6.
@@ -73,7 +73,7 @@ def exp_of_minus_eight(y: float) -> float:
 
 @kernel
 def retire(buffer: Floats, live: Ints) -> bool:
-    """Note which half rows still let light through; returns whether none does."""
+    """Mark the half rows that still let light through; returns whether none does."""
     total = 0
     for strip in range(live.size):
         count = 0

@@ -177,7 +177,7 @@ def _color_gradient(
     g_rest: Floats,
 ) -> tuple[float, float, float]:
     """Write the gradients of the coefficients; returns that of the direction."""
-    # max(colour, 0) passes nothing on where it clamps.
+    # max(colour, 0) passes no gradient where it clamps.
     red = gradient[RED] if record[RED] > F(0) else F(0)
     green = gradient[GREEN] if record[GREEN] > F(0) else F(0)
     blue = gradient[BLUE] if record[BLUE] > F(0) else F(0)
