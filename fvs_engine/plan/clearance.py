@@ -1,4 +1,4 @@
-"""Clearance: what the model says is solid, and which positions and straight legs keep away from it."""
+"""Clearance: the solid parts of the model, and the positions and straight legs that keep clear of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -27,12 +27,12 @@ With 2, only 55 % of the ways that are free for certain were so, and 4 % of the 
 _CLASSES = 4
 """Classes of radii that are searched on their own; the radii of one differ by a factor of 2 at most."""
 _RESOLUTION = 0.1
-"""Longest unexamined part of a leg in safety distances: matter may be nearer than it by 0.2 %."""
+"""Longest unexamined part of a leg in safety distances: clearance may fall short by 0.2 %."""
 _LEAST_RESOLUTION = 1e-3
 """The same in lengths of the leg, where that is longer."""
 _MOST_INTERVALS = 100_000
 _MOST_SEARCHED = 4
-"""Safety distances for which matter stays ready to be searched: a service is asked for many."""
+"""Number of safety distances whose search structures are cached: a service needs many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class Matter:
         intervals: tuple[NDArray[np.int64], Array, Array],
         safety: float,
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """What free distances at the middles leave of intervals; takes blocked segments from ``mask``."""
+        """The parts of intervals not covered by free distances at the middles; clears blocked ``mask``."""
         of, low, high = intervals
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         share = (middle / np.maximum(lengths[of], 1e-300))[:, None]
@@ -172,7 +172,7 @@ class Matter:
             if largest > 0.0:
                 with np.errstate(divide="ignore"):
                     steps = np.minimum(np.floor(np.log2(largest / grown)), _CLASSES - 1).astype(np.int64)
-            # What is small is searched last: it is the most, and large balls have ruled out many by then.
+            # Small balls are the most, and are searched last: large ones have ruled out many points by then.
             self._searched[safety] = [
                 _Balls(self.centres[steps == step], grown[steps == step])
                 for step in range(_CLASSES)

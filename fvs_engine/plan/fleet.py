@@ -1,4 +1,4 @@
-"""Vehicles on their way, and what is left at the end if one of them goes to a candidate next."""
+"""Vehicles in flight, and the variance at the end if one of them visits a candidate next."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,9 +57,9 @@ class FleetPlan:
         return self._targets.variance.variance_after([i for tour in self.tours for i in tour.views])
 
     def ends(self) -> tuple[Array, Array]:
-        """What is left if the first vehicle goes to each later view [n] next, and how far it then flies [n].
+        """The variance left if the first vehicle visits each later view [n] next, and how far it flies [n].
 
-        From there it goes on by its tour, as far as the distance and the number of views allow; the
+        From there it continues its tour, as far as the distance and the number of views allow; the
         others fly their tours. Infinite for what cannot be registered now, or is farther than the distance.
         """
         variance, reached = self._targets.variance, self._from_here
@@ -70,7 +70,7 @@ class FleetPlan:
             plan = [*others, *stops]
             lengths = reached + self._on(stops)
             fits = (lengths <= self._fleet.left) & np.isinf(ends)
-            if len(plan) == self._views:  # no place for another one
+            if len(plan) == self._views:  # no room for another one
                 fits &= np.isin(np.arange(self._here), plan)
             gains = variance.gains(plan)
             gains[plan] = 0.0  # a view that is in the plan already

@@ -1,4 +1,4 @@
-"""Flight: legs around matter and no-fly zones, by way of other places where there is no straight one."""
+"""Flight: legs around matter and no-fly zones, through other places where there is no straight one."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,10 +14,10 @@ Indices = NDArray[np.int64]
 
 MOST_PLACES = 10_000
 _MOST_SEGMENTS = 50_000
-"""Straight legs that are examined: all of up to 300 places."""
+"""Maximum number of straight legs that are examined: all between 300 places."""
 _LEAST_NEIGHBOURS = 8
 _MOST_HELD = 10_000_000
-"""Lengths of ways that are held: 120 MB with the places before the last."""
+"""Maximum number of cached lengths: 120 MB with the places before the last."""
 
 
 class FreeLegs:

@@ -1,8 +1,8 @@
 """From kriging variance to PSNR: what quality to expect now, after the next view and after a plan.
 
 Source: Bayesian linear regression with a normal-inverse-gamma prior (Murphy, "Machine Learning", 2012,
-section 7.6.3). Its data are photographs of the scene itself: the PSNR of each before it was learnt, and the
-variance of its pose at that time.
+section 7.6.3). Its data are photographs of the scene itself: the PSNR of each before it was trained on, and
+the variance of its pose at that time.
 """
 
 from collections.abc import Sequence
@@ -14,35 +14,35 @@ from scipy.stats import t as student_t
 from fvs_engine.plan.plan_records import COVERAGE, Forecast
 
 LEAST_PHOTOGRAPHS = 3
-"""Without so many there is no forecast: the level of a scene is not known before."""
+"""Minimum number of photographs for a forecast: before, the quality level of a scene is unknown."""
 
 _SLOPE_DB, _SLOPE_SD_DB = 25.0, 10.0
-"""dB that a unit of variance costs: 22 to 34 on *bonsai* and *fox* (docs/adr/0031)."""
+"""Loss in dB per unit of variance: 22 to 34 on *bonsai* and *fox* (docs/adr/0031)."""
 _LEVEL_DB, _LEVEL_SD_DB = 35.0, 12.0
-"""PSNR at no variance; its standard deviation says that scenes differ."""
+"""PSNR at zero variance; the standard deviation is that between scenes."""
 _SD_DB = 2.0
-"""Of the PSNR of single views around the line."""
+"""Standard deviation of the PSNR of single views around the line."""
 _MODEL_SHARE = 0.1
-"""Share of its square that all views of one model have in common."""
+"""Share of that variance that all views of one model have in common."""
 _BIAS_SD_DB = 2.5
-"""Of what chosen views have in common against all: they are no fair sample, and more of them do not help.
+"""Standard deviation of the common bias of chosen views: they are no fair sample, however many there are.
 
 On *fox* forecasts were off by 2.7 dB on average, too low with ``median-frequency`` and too high with
 ``farthest`` (docs/adr/0031)."""
 _PRIOR_WEIGHT = 4.0
-"""Views that the prior of that deviation counts as."""
+"""Number of views that the prior of the deviation is worth."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A photograph before it was learnt: the ``variance`` of its pose, and the PSNR of its render."""
+    """A photograph before it was trained on: the ``variance`` of its pose, and the PSNR of its render."""
 
     variance: float
     psnr_db: float
 
 
 class PsnrForecast:
-    """The line through what was seen, held by what is known of other scenes."""
+    """Regression of PSNR on variance over the photographs, with a prior from other scenes."""
 
     def __init__(self, seen: Sequence[Seen]) -> None:
         rows = np.array([[1.0, -view.variance] for view in seen]).reshape(-1, 2)
@@ -61,7 +61,7 @@ class PsnrForecast:
         self._squared_sd = float(squares) / self._freedom
 
     def at(self, mean_variance: float) -> Forecast:
-        """The mean PSNR over targets whose mean variance this is."""
+        """The mean PSNR to expect over targets with this mean variance."""
         row = np.array([1.0, -mean_variance])
         expected = float(row @ self._line)
         uncertain = float(row @ np.linalg.solve(self._precision, row))
@@ -71,5 +71,5 @@ class PsnrForecast:
         return Forecast(db=expected, low_db=expected - margin, high_db=expected + margin)
 
     def gain_db(self, variance: float, variance_after: float) -> float:
-        """How much the mean PSNR rises as the mean variance falls."""
+        """The rise of the mean PSNR for a fall of the mean variance."""
         return float(self._line[1] * (variance - variance_after))

@@ -18,10 +18,10 @@ Mask = NDArray[np.bool_]
 
 MOST_CANDIDATES = 100_000
 _DRAWS = 10
-"""Positions that are tried for each candidate asked for."""
+"""Positions that are tried per requested candidate."""
 _LEAST_DRAWS = 4_096
 _MOST_SHOWN = 4_000
-"""Parts of the model of which one must be in the frame; an even share of more."""
+"""Maximum number of matter centres that are tested for being in the frame, sampled evenly."""
 _CHUNK = 1_000
 
 
@@ -83,7 +83,7 @@ def candidates_in(
 
 
 class _Stages:
-    """What is asked of positions one after the other, and how many were left after each."""
+    """Successive tests of positions, and the number that passed each."""
 
     def __init__(self, aim: Aim, space: FreeSpace, camera: PinholeCamera, up: Array) -> None:
         self._aim, self._space, self._camera = aim, space, camera
@@ -123,7 +123,7 @@ class _Stages:
         return kept, poses
 
     def nothing(self, drawn: int) -> InvalidInputError:
-        """Why no candidate is left of ``drawn`` positions."""
+        """The error that says why no candidate is left of ``drawn`` positions."""
         if not drawn:
             return InvalidInputError(
                 "No position was found in the volume: it is too thin beside its extent.",

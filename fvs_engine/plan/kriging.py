@@ -24,11 +24,11 @@ NOISE = 0.1
 """Variance of one observation: a view that was visited is not known perfectly."""
 _MOST_TARGETS = 1_000
 _MOST_PRODUCTS = 20_000_000
-"""Targets × candidates that are held: 160 MB."""
+"""Maximum size of the matrix of targets × candidates: 160 MB."""
 
 
 class TargetVariance:
-    """The mean kriging variance over targets, and how much views at candidates' poses would take from it.
+    """The mean kriging variance over targets, and by how much views at candidates' poses would lower it.
 
     Poses a and b covary by exp(−d(a, b) / ``LENGTH``), and an observation has the variance ``NOISE``. Poses
     are points [·, 6] of ``view_points``; ``weights`` [T] of targets default to equal ones, and are scaled to
@@ -60,7 +60,7 @@ class TargetVariance:
         of_targets = _solve(factor, covariance(visited, targets))
         self._of_candidates = _solve(factor, covariance(visited, candidates))
         self.target_variances = 1.0 - (of_targets**2).sum(axis=0)
-        """Of every target used, before the plan."""
+        """The variance of every target used, before the plan."""
         self.variance = float((roots**2) @ self.target_variances)
         """The mean over targets before the plan, in [0, 1]."""
         self._shared = roots[:, None] * (covariance(targets, candidates) - of_targets.T @ self._of_candidates)
@@ -87,7 +87,7 @@ class TargetVariance:
         return np.asarray(np.maximum(squares, 0.0) / (np.maximum(own, 0.0) + NOISE))
 
     def helped(self, index: int, count: int) -> tuple[int, ...]:
-        """Indices of the ``count`` targets from which a candidate takes most, the first one most."""
+        """Indices of the ``count`` targets whose variance a candidate lowers most, in descending order."""
         order = np.argsort(-np.abs(self._shared[:, index]), kind="stable")[:count]
         return tuple(self._used[order].tolist())
 
@@ -101,7 +101,7 @@ class TargetVariance:
         return float(self.variance - (precision * products[:, chosen]).sum())
 
     def _rows(self, plan: Sequence[int]) -> tuple[Array, Array]:
-        """Of planned views: their covariances with candidates, and the products over targets, [m, n] each."""
+        """Planned views' covariances with candidates, and the products over targets, [m, n] each."""
         between, products = zip(*(self._row(index) for index in plan), strict=True)
         return np.stack(between), np.stack(products)
 

@@ -17,9 +17,9 @@ from fvs_engine.plan.tours import Budget, plan_tours
 Array = NDArray[np.float64]
 
 _HELPED = 3
-"""Targets that a candidate helps most which are named."""
+"""Number of targets named that a candidate helps most."""
 MOST_TERMS = 2_000
-"""Candidates of a mission that are explained."""
+"""Maximum number of candidates of a mission that are explained."""
 
 
 def plan_mission(
@@ -104,7 +104,7 @@ def _travels(legs: Legs, way: Sequence[int]) -> list[float]:
 
 
 def _terms(targets: Targets, chosen: Sequence[int], legs: Legs, vehicles: Sequence[int]) -> tuple[Term, ...]:
-    """Of all planned views, and of the others that would gain most beside them."""
+    """Terms of all planned views, and of the others that would gain most beside them."""
     gains, beside = targets.variance.gains([]), targets.variance.gains(chosen)
     for index in chosen:
         rest = [other for other in chosen if other != index]

@@ -18,11 +18,11 @@ class Expectations:
         self._line = PsnrForecast(seen) if len(seen) >= LEAST_PHOTOGRAPHS else None
 
     def at(self, variance: float) -> Expectation:
-        """What to expect at a mean variance."""
+        """The expectation at a mean variance."""
         return Expectation(variance=variance, forecast=self._line.at(variance) if self._line else None)
 
     def gain_db(self, variance: float, variance_after: float) -> float | None:
-        """What a fall of the mean variance adds; None without a forecast."""
+        """The PSNR that a fall of the mean variance adds; None without a forecast."""
         return self._line.gain_db(variance, variance_after) if self._line else None
 
 

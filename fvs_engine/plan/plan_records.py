@@ -3,7 +3,7 @@
 from fvs_engine.records import Record
 
 COVERAGE = 0.8
-"""Of the interval that a forecast gives."""
+"""Probability of the interval that a forecast gives."""
 _LAST_STOPS = 5
 
 
@@ -41,7 +41,7 @@ class Term(Record):
     """Why a candidate is, or is not, worth a visit.
 
     ``gain``: by how much it alone would lower the mean variance, and ``gain_in_plan`` beside all other
-    planned views (of a planned one: what would be missing without it). ``variance`` is that of its own pose,
+    planned views (of a planned one: the loss without it). ``variance`` is that of its own pose,
     ``distance`` that from the nearest vehicle (None: no way leads there), ``chance`` the probability that it
     is registered (None: poses are known). ``helps``: indices of the targets that gain most. ``coverage`` and
     ``median_frequency`` are what the model shows of it, estimated (None: not of all terms, and the latter not

@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 _ROUNDS = 6
 """Exchanges of every view; the third rarely changes anything."""
 _LEAST_GAIN = 1e-9
-"""By how much an exchange must lower the mean variance: less is rounding."""
+"""Minimum fall of the mean variance by an exchange: less is rounding."""
 
 Admissible = Callable[[Sequence[int]], Mask]
 """Which candidates [n] may join a plan: those that can be registered beside its views, for example."""
@@ -25,7 +25,7 @@ Admissible = Callable[[Sequence[int]], Mask]
 
 @dataclass(frozen=True, eq=False)
 class ViewPlan:
-    """Planned views, and what they leave.
+    """Planned views, and the variance that they leave.
 
     ``chosen``: indices of candidates in the order of their gain, the largest first. ``gains``: by how much
     each lowers the mean variance of the targets, in that order. ``variance``: the mean before the plan, and

@@ -1,4 +1,4 @@
-"""What to say when hardly any candidate can be registered."""
+"""The warning when hardly any candidate can be registered."""
 
 NEARER = "Give candidates nearer to the images: at most 15° from one to the next, as seen from the scene."
 """The remedy."""
@@ -8,7 +8,7 @@ _FEW = 3
 def few_registrable(registrable: int | None, candidates: int) -> str | None:
     """The message when fewer than three of ``candidates`` are ``registrable``.
 
-    None where more are, or nobody asked (``registrable`` None).
+    None when more are, or when it was not computed (``registrable`` None).
     """
     if registrable is None or registrable >= min(_FEW, candidates):
         return None

@@ -1,4 +1,4 @@
-"""Which views can be registered: whether features in sight were seen from a similar direction before.
+"""Prediction of which views can be registered: their points were seen from a similar direction before.
 
 Features are matched between directions up to some 30° apart. A view looks familiar where many sparse points
 in its frame were seen from directions near its own, and a view that was planned makes others familiar: a
@@ -22,11 +22,11 @@ ANGLE_RAD = np.radians(15.0)
 MOST_DISTANCE_RATIO = 2.0
 """Ratio of two distances to a point beyond which its features differ too much in size."""
 ENOUGH = 62.0
-"""Familiar points of a view that is registered in nine of ten cases."""
+"""Number of familiar points with which a view is registered in nine of ten cases."""
 _LEAST, _SHARE_OF_MOST = 30.0, 0.6
-"""In scenes of few points views nearly as familiar as any are enough; below 30 none was registered."""
+"""In scenes of few points a share of the most familiar view's is enough; below 30 none was registered."""
 EVEN_CHANCE, SLOPE = 38.0, 2.4
-"""Of the logistic curve: familiar points with an even chance; its steepness per unit of their logarithm."""
+"""Logistic curve: familiar points with an even chance; steepness per unit of their logarithm."""
 _MOST_POINTS = 4_000
 _MOST_PRODUCTS = 20_000_000
 _AT_ONCE = 2_000_000
@@ -43,7 +43,7 @@ class Observations:
 
 
 class Familiarity:
-    """How many points in the frame of each candidate are familiar, now and beside planned views.
+    """The number of familiar points in the frame of each candidate, now and beside planned views.
 
     A point counts exp(−(a / ``ANGLE_RAD``)²), with the smallest angle a between the directions from the
     candidate and from a camera that saw it at no more than ``MOST_DISTANCE_RATIO`` times, and no less than
@@ -76,7 +76,7 @@ class Familiarity:
     def enough(self, plan: Sequence[int] = ()) -> Mask:
         """Which candidates [n] are familiar enough, beside the views of ``plan`` that are so themselves.
 
-        Where none is, the most familiar one, so that there is always a way on.
+        If none is, the most familiar one, so that the plan can always continue.
         """
         if self._most < self._enough:
             return np.asarray(self.counts == self._most)
@@ -89,7 +89,7 @@ class Familiarity:
         return mask
 
     def probability(self) -> Array:
-        """Of being registered now, for every candidate [n]."""
+        """The probability of being registered now, for every candidate [n]."""
         return np.asarray(1.0 / (1.0 + (EVEN_CHANCE / np.maximum(self.counts, 1e-9)) ** SLOPE))
 
     def _uncached_bridge(self, index: int) -> Mask:
@@ -157,7 +157,7 @@ def _weight(cosines: Array) -> Array:
 
 
 def _comparable(lengths: Array, others: Array) -> Mask:
-    """Whether two distances to a point differ so little that its features look alike."""
+    """Whether two distances to a point are similar enough for its features to match."""
     near = lengths <= MOST_DISTANCE_RATIO * others
     return np.asarray(near & (others <= MOST_DISTANCE_RATIO * lengths))
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _LONGEST_SEGMENT = 3
-"""Stops that Or-opt moves together."""
+"""Maximum number of stops that Or-opt moves together."""
 _LEAST = 1e-12
 _BLOCKED = 1e3
 
@@ -33,7 +33,7 @@ class Legs(Protocol):
         ...
 
     def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
-        """Look for shorter ways between pairs of places, now that they are to be flown."""
+        """Search shorter ways between pairs of places that will be flown."""
         ...
 
 
@@ -53,7 +53,7 @@ class StraightLegs:
         return ()
 
     def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
-        """Do nothing: no way is shorter."""
+        """Do nothing: straight ways are the shortest."""
 
 
 def shortest_route(
@@ -66,7 +66,7 @@ def shortest_route(
     places = np.array([start, *stops, *([] if end is None else [end])], dtype=np.int64)
     lengths = legs.between(places, places)
     blocked = ~np.isfinite(lengths)
-    if blocked.any():  # as long as nothing else is, so that routes can still be compared
+    if blocked.any():  # longer than any route, so that routes can still be compared
         lengths = np.where(blocked, _BLOCKED * (1.0 + lengths[~blocked].sum()), lengths)
     last = [] if end is None else [len(places) - 1]
     way = [0, *_nearest_neighbours(lengths, len(stops)), *last]

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Interval = tuple[Array, Array]
-"""From and to which share of each segment [N]; the first exceeds the second where there is none."""
+"""Start and end of the part of each segment [N], as shares of it; empty where start exceeds end."""
 
 
 def inside_slab(starts: Array, ends: Array, lower: float, upper: float) -> Interval:
@@ -67,7 +67,7 @@ def polygon_crossed(polygon: Array, starts: Array, ends: Array) -> Mask:
 def boxes_meet(starts: Array, ends: Array, lower: Array, upper: Array) -> Mask:
     """Which segments [N, D] have a bounding box that meets the box between two corners [D].
 
-    Others are nowhere in it, which costs a tenth of what their distance does.
+    The others are outside; this costs a tenth of computing distances.
     """
     lows, highs = np.minimum(starts, ends), np.maximum(starts, ends)
     return np.asarray(((lows <= upper) & (highs >= lower)).all(axis=1))

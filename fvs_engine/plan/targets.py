@@ -1,4 +1,4 @@
-"""What a plan is about: the poses that the model must serve, and the views that may be visited for them."""
+"""The input of a plan: the poses that the model must serve, and the views that may be visited."""
 
 from collections.abc import Sequence
 
@@ -39,15 +39,15 @@ class Targets:
         self._visited = view_points((*visited, *taken), self.spread)
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)
-        """Of the targets, [T, 6]."""
+        """Points of the targets, [T, 6]."""
         self.variance = TargetVariance(self.points, self._later, self._visited)
         seen = observations is not None and len(observations.points) > 0
         self.familiarity = Familiarity(observations, later) if observations is not None and seen else None
-        """Of the later views; None where poses are known."""
+        """Familiarity of the later views; None where poses are known."""
 
     @property
     def centres(self) -> Array:
-        """Of the later views, [n, 3]."""
+        """Camera centres of the later views, [n, 3]."""
         return np.array([view.centre for view in self.later]).reshape(-1, 3)
 
     def admissible(self, plan: Sequence[int]) -> Mask:

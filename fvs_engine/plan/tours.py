@@ -20,10 +20,10 @@ Array = NDArray[np.float64]
 _ROUNDS = 4
 _MOST_LEVELINGS = 100
 _EXCHANGED = 3
-"""Views of another tour for which one is exchanged."""
+"""Number of views of another tour that one is exchanged for."""
 _LEAST_GAIN = 1e-9
 _TOLERANCE = 1e-9
-"""Share of the distance by which rounding may exceed it."""
+"""Tolerance for rounding, as a share of the distance."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Tour:
 
 @dataclass(frozen=True)
 class Budget:
-    """What may be spent: ``views`` in all, and a ``distance`` for each vehicle; None does not limit it.
+    """The budget of a plan: ``views`` in all, and a ``distance`` for each vehicle; None is no limit.
 
     With ``home`` every vehicle flies back to its start, which counts. ``flown``: what each vehicle has flown
     already, which counts too (empty: nothing). Raises ``InvalidInputError`` for numbers that are not
@@ -55,7 +55,7 @@ class Budget:
             raise InvalidInputError(f"The distance of a plan must be positive, not {self.distance}.")
 
     def before(self, vehicle: int) -> float:
-        """What a vehicle has flown before its tour."""
+        """How far a vehicle has flown before its tour."""
         return self.flown[vehicle] if self.flown else 0.0
 
     def left(self, vehicle: int) -> float:
@@ -175,7 +175,7 @@ class _Tours:
             self.tours = kept
 
     def _added(self, candidates: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-        """By how much each of ``candidates`` lengthens the tour that takes it best, and whose that is.
+        """The least length that each of ``candidates`` adds to a tour, and whose tour that is.
 
         Infinite where no tour can take it.
         """
@@ -189,7 +189,7 @@ class _Tours:
         return best, whose
 
     def _insertions(self, vehicle: int, candidates: NDArray[np.int64]) -> Array:
-        """By how much each of ``candidates`` lengthens a tour at its best place."""
+        """The length that each of ``candidates`` adds to a tour at its best position."""
         start, tour = self._starts[vehicle], self.tours[vehicle]
         way = np.array([start, *tour.views, *([start] if self._budget.home else [])])
         lengths = self._legs.between(way, candidates)

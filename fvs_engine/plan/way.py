@@ -13,9 +13,9 @@ from fvs_engine.plan.reach import Reach
 Array = NDArray[np.float64]
 
 WIDTH = 200
-"""Ways that are kept at every step; 500 found ways that are 0.1 % better (docs/adr/0031)."""
+"""Beam width: ways kept at every step; 500 found ways that are 0.1 % better (docs/adr/0031)."""
 _MOST_STEPS = 4_000
-"""Steps of all ways that are kept: of ways of 100 steps 40 are, which costs up to 1 % of their gain."""
+"""Maximum steps of all kept ways together: of ways of 100 steps 40 are kept, at a loss of up to 1 %."""
 _LEAST_WIDTH = 20
 _LEAST_LENGTH = 1e-9
 
@@ -40,11 +40,11 @@ def plan_way(
 ) -> ViewPlan:
     """Plan ``count`` steps from ``here`` [3], each to a candidate in ``reach`` of the last.
 
-    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none goes on, or
-    where the next step would be longer than what is left of the ``distance`` (None: no limit).
-    ``chosen`` is in the order of the visit, and ``ends`` holds the end of the best way that begins with each
-    candidate in reach; infinite for the others. ``width``: how many ways are kept at every step (None: as
-    many as take a second or so).
+    ``centres`` [n, 3] are those of the candidates. Ways of fewer steps are returned where none continues, or
+    where the next step would exceed the rest of the ``distance`` (None: no limit). ``chosen`` is in the order
+    of the visit, and ``ends`` holds the end of the best way that begins with each candidate in reach;
+    infinite for the others. ``width``: how many ways are kept at every step (None: as many as take a second
+    or so).
     """
     width = width or max(_LEAST_WIDTH, min(WIDTH, _MOST_STEPS // max(1, count)))
     neighbours = _Neighbours(centres, reach)
@@ -67,7 +67,8 @@ def plan_way(
             if not ways:
                 break
             best = max(best, *ways, key=lambda way: way.gain)
-            for way in ways:  # a first step whose ways were all given up keeps what they had reached
+            # A first step whose ways were all dropped keeps the variance that they had reached.
+            for way in ways:
                 first = way.views[0]
                 ends[first] = min(ends[first], variance.variance - way.gain)
     return ViewPlan(
@@ -109,7 +110,7 @@ def _gains(variance: TargetVariance, views: Sequence[int]) -> list[float]:
 
 
 class _Neighbours:
-    """What is in reach of a candidate, or of a place, beside what was visited on the way."""
+    """Candidates in reach of a candidate or place, without those visited on the way."""
 
     def __init__(self, centres: Array, reach: Reach) -> None:
         self._centres = centres

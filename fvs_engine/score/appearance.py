@@ -1,4 +1,4 @@
-"""What the model shows of the candidates of a plan, as terms of it."""
+"""Coverage and median frequency of a plan's candidates, as terms of the plan."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
 
 MOST_SHOWN = 100
-"""Terms that are completed, the first ones: each costs an estimate, some milliseconds."""
+"""Number of first terms that are completed: each costs an estimate, some milliseconds."""
 
 
 def with_appearance(

@@ -1,4 +1,4 @@
-"""The spectrum of a render, as a picture shows it."""
+"""The spectrum of a render, for display."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,9 +1,9 @@
 """The exact median log-magnitude of images' spectra, from the half that a real image's FFT computes.
 
 The spectrum of a real image is point-symmetric, so an FFT of real input returns the columns 0 … W/2 only.
-Each stands for two columns, but for column 0 and, when W is even, column W/2, which stand for themselves. The
+Each represents two columns, except column 0 and, when W is even, column W/2. The
 median over all H·W coefficients is therefore a weighted median over the half: exact, at half the work.
-Magnitudes need no square root and no logarithm to be put in order; only the middle ones get theirs.
+Ordering magnitudes needs neither square root nor logarithm; only the middle ones get theirs.
 
 Transposing an image transposes its spectrum, so the FFT of real input may run along either axis, the complex
 one along the other. A length with a large prime factor, which photographs often have once their distortion is
@@ -12,8 +12,8 @@ taken out, slows the former by up to nine times and the latter by up to four: it
 The FFT is computed in float64: float32, in three fifths of the time, takes renders off by 1e-5 and smooth
 images by 1e-4. Squared magnitudes are put in order in float32, which moves the result by at most 6e-8.
 
-On the CPU nothing here uses torch's OpenMP threads: they wait by spinning, and beside other work (a training
-in the same process, for one) a small FFT then takes ten times its time.
+On the CPU nothing here uses torch's OpenMP threads: they spin while waiting, and beside other work (such as a
+training in the same process) a small FFT then takes ten times as long.
 """
 
 from typing import Any
@@ -55,7 +55,7 @@ def median_log_of_spectra(images: Tensor) -> Tensor:
 
 
 def compile_kernels(monitor: Monitor | None = None) -> None:
-    """Have the kernels compiled where they are not yet; that is what ``monitor`` sees."""
+    """Compile the kernels unless they are cached; ``monitor`` reports the compilation."""
     ensure_compiled("fvs_engine.score.warm_up", _clamp, monitor)
 
 
@@ -132,7 +132,7 @@ def _square_and_count(
 def _gather(
     power: NDArray[np.float32], has_middle: bool, first: int, last: int, slots: NDArray[np.float32]
 ) -> int:
-    """Collect what fell into two bins, as often as it counts; returns how many."""
+    """Collect the entries of two bins, repeated by weight; returns their number."""
     slot = 0
     height, length = power.shape
     for row in range(height):

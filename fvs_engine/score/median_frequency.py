@@ -1,7 +1,8 @@
 """The median frequency: how much fine detail a rendered view shows.
 
 Source: the paper's released code. The score is the median log-magnitude of the render's spectrum, which in
-practice measures detail near 0.4 cycles/px; blurred, hence badly reconstructed, views score low, come first.
+practice measures detail near 0.4 cycles/px; blurred, hence badly reconstructed, views score low and come
+first.
 """
 
 import math

@@ -2,8 +2,8 @@
 
 All are estimated. Then views are rendered and scored exactly, those first that are most likely among the
 first ``first``: their scores are predicted from the estimates and from the exact scores so far
-(``regression``). It ends when less than ``EXPECTED_MISSES`` of the others are expected to belong there. That
-is as good as the prediction: measured, not proved.
+(``regression``). It ends when fewer than ``EXPECTED_MISSES`` of the others are expected to belong there. This
+relies on the prediction: it was measured, not proved.
 """
 
 import math
@@ -35,7 +35,7 @@ AT_ONCE = 8
 TOO_FEW = 4
 """Up to this multiple of ``first``, all candidates are measured."""
 DOUBTFUL_COVERAGE = 0.5
-"""A view may be measured from this multiple of the least coverage on: its coverage is an estimate, too."""
+"""A view with this multiple of the minimum coverage may be measured: its coverage is an estimate, too."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class MedianFrequencyFast:
 
 
 class _Ranking:
-    """What is known of the candidates' scores so far, and which to measure next."""
+    """The candidates' scores so far, and the choice of those to measure next."""
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class _Ranking:
         self._may_rank = np.isfinite(self._values) & (coverages >= DOUBTFUL_COVERAGE * min_coverage)
 
     def to_measure(self) -> list[int]:
-        """The candidates to measure next; none when the first ones are known."""
+        """The candidates to measure next; none once the first ones are known."""
         left = np.array([i for i in np.flatnonzero(self._may_rank) if i not in self.measured], dtype=np.int64)
         if len(left) + len(self.measured) <= TOO_FEW * self._first:
             return [int(i) for i in left]
@@ -124,7 +124,7 @@ class _Ranking:
         return [int(i) for i in left[np.lexsort((means, -chances))[:AT_ONCE]]]
 
     def add(self, indices: Sequence[int], scores: Sequence[CandidateScore]) -> None:
-        """Note exact scores."""
+        """Record exact scores."""
         self.measured.update(zip(indices, scores, strict=True))
 
     def scores(self) -> tuple[CandidateScore, ...]:
@@ -154,7 +154,7 @@ class _Ranking:
         return scores[self._first - 1] if len(scores) >= self._first else math.inf
 
     def _prediction(self) -> Prediction | None:
-        """Of all candidates (NaN where there is no estimate); None where too few are measured."""
+        """Predicted scores of all candidates (NaN without an estimate); None when too few are measured."""
         known = {i: s.score for i, s in self.measured.items() if s.score is not None}
         if len(known) < TO_BEGIN_WITH // 2:
             return None
@@ -171,7 +171,7 @@ class _Ranking:
 
 
 class _Estimating(Monitor):
-    """Passes on progress and the request to stop, but no scores: better ones follow."""
+    """Forwards progress and cancellation, but no scores: better ones follow."""
 
     def __init__(self, outer: Monitor) -> None:
         super().__init__()
@@ -185,7 +185,7 @@ class _Estimating(Monitor):
 
 
 class _Measuring(_Estimating):
-    """Passes on scores, but no progress: how many will be measured is not known."""
+    """Forwards scores, but no progress: the number of measurements is not known in advance."""
 
     def receive(self, progress: Progress) -> None:
         pass

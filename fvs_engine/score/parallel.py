@@ -2,7 +2,7 @@
 
 The threads of a kernel wait for each other at its end, dozens of times per view. Alone on two cores a view is
 then measured 1.4 times as fast as by one thread. Beside a process that keeps one core busy it takes three
-times as long, because the system lets the kernel's second thread wait. Views need not wait for each other.
+times as long, because the scheduler delays the kernel's second thread. Views do not wait for each other.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,8 +22,8 @@ def map_in_order(
     """The results of ``function``, in the order of ``items``.
 
     On a CPU it is called in as many threads as kernels may use here, and kernels use one thread in each of
-    them. The first exception ends it: items that have not begun are left out. Results wait to be taken, so
-    they should be small.
+    them. The first exception ends it: items that have not begun are left out. Results are held until they are
+    consumed, so they should be small.
     """
     threads = min(numba.get_num_threads(), len(items))
     if device.type != "cpu" or threads < 2:

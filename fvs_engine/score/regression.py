@@ -12,14 +12,14 @@ from fvs_engine.plan.distances import distances_between
 Floats = NDArray[np.float64]
 
 LENGTHS = (0.3, 1.0, 3.0)
-"""Distances of views over which the errors of estimates are alike, to choose from."""
+"""Candidate correlation lengths of the errors of estimates, in distances of views."""
 NOISES = (0.01, 0.1, 0.5)
-"""Variances of the part of an error that other views do not share, as shares of that which they do."""
+"""Candidate variances of the independent part of an error, as shares of the correlated part."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Scores as they are expected [N], and their standard deviations [N]."""
+    """Expected scores [N], and their standard deviations [N]."""
 
     means: Floats
     deviations: Floats
@@ -31,7 +31,7 @@ def predict(estimates: Floats, points: Floats, measured: NDArray[np.int64], scor
     ``estimates`` [N] and ``points`` [N, D], the poses (``view_points``). A score is a linear function of its
     estimate, plus an error that covaries as exp(−distance / length) between views, plus one of its own:
     universal kriging. Length and share of the latter are those of the greatest restricted likelihood. With
-    equal estimates their mean takes the place of the line.
+    equal estimates their mean replaces the line.
     """
     spread = estimates[measured].std()
     trend = np.stack(

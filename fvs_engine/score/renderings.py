@@ -17,7 +17,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
 
 MIN_COVERAGE = 0.1
-"""Coverage below which a view's score is not compared with others'."""
+"""Coverage below which a view's score is not comparable with others."""
 
 _BATCH_PIXELS = 1 << 23
 """Pixels per batch on a GPU; each thread of a CPU takes one image at a time."""

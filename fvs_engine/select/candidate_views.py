@@ -1,4 +1,4 @@
-"""Views of a dataset as candidates of the model, and how well a model knew one of them."""
+"""Views of a dataset as candidates in the model frame, and the PSNR of a registered view."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -17,8 +17,8 @@ def comparable_views(
 ) -> tuple[PinholeView, ...]:
     """Views of the dataset (name → camera) in the model frame.
 
-    Scores of different image sizes cannot be compared, so views with another image size than most get the
-    most frequent camera.
+    Scores of different image sizes cannot be compared, so views of other image sizes get the most frequent
+    camera.
     """
     if not cameras:
         return ()

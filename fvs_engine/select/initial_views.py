@@ -32,7 +32,7 @@ def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
     chosen = [first]
     while len(chosen) < count:
         separation = distances[chosen].min(axis=0)
-        separation[chosen] = -1.0  # below views that coincide with a chosen one
+        separation[chosen] = -1.0  # ranks below views that coincide with a chosen one
         chosen.append(int(np.argmax(separation)))
     return chosen
 

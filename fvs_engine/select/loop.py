@@ -90,7 +90,7 @@ class SelectionLoop:
         self.dataset = dataset
         self.settings = settings
         self.scene = scene
-        """Of the visited views."""
+        """The growing scene of the visited views."""
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
@@ -193,7 +193,7 @@ class SelectionLoop:
             return ()
         monitor.report(STAGE, len(self.visited), self.settings.budget)
         warnings: tuple[str, ...] = ()
-        if self._pending is None:  # else ``step`` finishes the pending choice
+        if self._pending is None:  # otherwise ``step`` finishes the pending choice
             warnings, _ = self._add(self.visited, monitor)
             self._train(monitor)
         self._begun = True
@@ -215,7 +215,7 @@ class SelectionLoop:
         return record
 
     def choose(self, monitor: Monitor) -> Choice | StopReason:
-        """Choose the view that ``step`` visits next, once, or return why the selection ends here.
+        """Choose the view that ``step`` visits next, unless that was done; or return why the selection ends.
 
         Raises ``InvalidInputError`` when the dataset's poses contradict the photographs, ``Cancelled`` with
         everything on disk, and what ``begin`` raises.
@@ -234,7 +234,7 @@ class SelectionLoop:
         return self._pending
 
     def expected(self) -> Expectation:
-        """What to expect of the renders of all views that may be visited, by the quick model."""
+        """The quality to expect of all views that may be visited, rendered by the quick model."""
         targets = self.context(self.unvisited, self.align()).planning
         return Expectations(self._seen).at(targets.variance.variance)
 

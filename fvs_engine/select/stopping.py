@@ -12,7 +12,7 @@ from fvs_engine.plan.reach import Reach
 from fvs_engine.select.loop_records import StopReason
 
 _LEAST_SHARE = 1e-6
-"""Of the way to a view: what is left of the travel and is less is rounding."""
+"""Tolerance for rounding, as a share of the way to a view."""
 
 
 class Clock:

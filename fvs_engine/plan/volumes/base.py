@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_CORNERS = 200
-"""Of a polygon or a path: every one costs time for every position."""
+"""Maximum number of corners of a polygon or path: each costs time for every position."""
 LEAST_EXTENT = 1e-9
 """Smallest extent as a share of the coordinates: less is rounding."""
 _CHUNK = 4_096

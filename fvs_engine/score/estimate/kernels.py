@@ -1,4 +1,4 @@
-"""The power spectrum of a view from its splats: what the view would show, without its pixels.
+"""The power spectrum of a view, computed from its splats without rendering pixels.
 
 A splat with the screen covariance Σ adds a Gaussian to the image, whose power at the frequency f is known:
 (2π)² |Σ| exp(−4π² fᵀ Σ f), times the square of its contrast. Splats are taken as independent of one another,
@@ -30,9 +30,9 @@ CELL, HALF_CELL = F(CELL_PX), F(CELL_PX / 2)
 CELL_VARIANCE = F(CELL_PX * CELL_PX / 12)
 """The variance of a cell's own area: a splat averaged over cells is wider by it."""
 SIGMAS = F(2)
-"""How far from its centre, in standard deviations, a splat is spread over cells."""
+"""Radius, in standard deviations, within which a splat is spread over cells."""
 LEAST_SEEN = F(1e-3)
-"""A splat that is seen by less adds nothing that counts."""
+"""A splat of lower visibility contributes nothing that matters."""
 
 XX, XY, YY = 2, 3, 4  # the screen covariance, where a rendered record has the factors of its ellipse
 RECORD_SIZE = 10
@@ -131,7 +131,7 @@ def _determinant(record: Floats) -> float:
 
 @inlined_kernel
 def _hidden(cells: Floats, first_row: int, end_row: int, first_column: int, end_column: int) -> bool:
-    """Whether next to no light comes through these cells."""
+    """Whether almost no light passes these cells."""
     for row in range(first_row, end_row):
         for column in range(first_column, end_column):
             if cells[row, column, 3] >= LEAST_SEEN:

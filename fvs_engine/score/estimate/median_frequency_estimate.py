@@ -20,7 +20,7 @@ _CPU = torch.device("cpu")
 
 
 def compile_kernels(monitor: Monitor) -> None:
-    """Have the kernels of the estimate compiled where they are not yet; that is what ``monitor`` sees."""
+    """Compile the kernels of the estimate unless they are cached; ``monitor`` reports the compilation."""
     ensure_compiled("fvs_engine.score.estimate.warm_up", kernels.cover, monitor)
 
 
@@ -28,8 +28,9 @@ def compile_kernels(monitor: Monitor) -> None:
 class MedianFrequencyEstimate:
     """Estimates the median frequency (``MedianFrequency``) of a candidate without a rendering; on the CPU.
 
-    Estimates are lower than the scores, by much the same for all candidates of a model, and colours are those
-    of degree 0. A view that the model fills by less than ``min_coverage`` is reported as ``low-coverage``.
+    Estimates are lower than the scores, by about the same for all candidates of a model, and colours are
+    those of degree 0. A view that the model fills by less than ``min_coverage`` is reported as
+    ``low-coverage``.
     """
 
     min_coverage: float = MIN_COVERAGE

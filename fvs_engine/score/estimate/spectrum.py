@@ -1,4 +1,4 @@
-"""The power of a view at some frequencies, which stand for all of them."""
+"""The power of a view at a sample of frequencies."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What the estimate needs of a model, prepared once for all views."""
+"""The data of a model that the estimate needs, prepared once for all views."""
 
 from dataclasses import dataclass
 

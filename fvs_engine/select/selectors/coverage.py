@@ -1,4 +1,4 @@
-"""COVER: the view whose Gaussians were seen least, or only from other directions."""
+"""COVER: chooses the view whose Gaussians were seen least, or only from other directions."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Selectors by information gain: how much a view would add to what is known of the parameters."""
+"""Selectors by information gain: the information that a view would add about the parameters."""
 
 import zlib
 from collections.abc import Callable

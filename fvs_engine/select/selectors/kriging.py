@@ -1,4 +1,4 @@
-"""The selector that plans: the views that leave the targets best surrounded at the end of the budget."""
+"""Kriging selector: plans the views that leave the least variance of the targets at the end of the budget."""
 
 import math
 
@@ -16,16 +16,16 @@ from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
 
 TRAVEL = 1e-4
-"""Variance that one spread of the targets less of travel is worth: some 0.002 dB. It orders planned views."""
+"""Price of travel, in variance per spread of the targets: some 0.002 dB. It orders planned views."""
 
 
 class Kriging:
     """Scores a candidate by the mean kriging variance of the targets at the end of the budget.
 
     All remaining views are planned at every step (``plan_views``, or ``plan_way`` where reach is limited),
-    and the score is what the plan leaves if the candidate is visited next. Planned views would leave the
-    same, so a small price for travel puts the first stop of the shortest route before the others. Where
-    poses are estimated, the plan keeps to views that are likely to be registered (``Familiarity``).
+    and the score is what the plan leaves if the candidate is visited next. All planned views would score the
+    same, so a small price for travel puts the first stop of the shortest route first. Where poses are
+    estimated, the plan keeps to views that are likely to be registered (``Familiarity``).
 
     With a ``fleet``, the plan keeps to the distance that is left, and its vehicles share it (``FleetPlan``).
     Where reach is limited, each vehicle plans an equal share of the views, beside what all have visited.
@@ -46,7 +46,7 @@ class Kriging:
         targets = context.planning
         planned, travel = _planned(context, targets)
         price = TRAVEL / targets.spread if targets.spread > 0 else 0.0
-        # A view that cannot be registered takes nothing from the variance. Where none in reach can be, the
+        # A view that cannot be registered does not lower the variance. Where none in reach can be, the
         # likeliest goes first: it leads back to what is known.
         unlikely = targets.variance.variance + TRAVEL * (1.0 - targets.chances)
         ends = np.where(np.isfinite(planned), planned, unlikely) + price * travel

@@ -1,4 +1,4 @@
-"""Selectors that score what the model shows of the candidates, and use nothing else."""
+"""Selectors that score renders of the candidates only."""
 
 from dataclasses import dataclass
 
@@ -55,7 +55,7 @@ def median_frequency_fast() -> ScorerSelector:
 def median_frequency_estimate() -> ScorerSelector:
     """The paper's selector without a render: all scores are estimates (``MedianFrequencyEstimate``).
 
-    Source: the outlook of the paper, which wishes for one. Cost: a tenth of a render per candidate.
+    Source: the outlook of the paper, which suggests one. Cost: a tenth of a render per candidate.
     """
     return ScorerSelector(MedianFrequencyEstimate())
 
