@@ -1,4 +1,4 @@
-"""What a runner planned, in the world frame."""
+"""Conversion of a runner's plan to the world frame."""
 
 from collections.abc import Sequence
 

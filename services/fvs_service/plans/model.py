@@ -118,7 +118,7 @@ class PlanRequest(Model):
 
 
 class Expectation(Model):
-    """How well the targets are known, and the PSNR to expect of their renders."""
+    """The variance of the targets, and the PSNR to expect of their renders."""
 
     variance: Number
     """The mean kriging variance of the targets: 1 where no image is near, towards 0 among many."""
@@ -192,7 +192,7 @@ class CandidateTerms(Model):
 
 
 class Plan(Model):
-    """A plan. It is not kept: asking again takes a fraction of a second."""
+    """A plan. It is not stored: planning again takes a fraction of a second."""
 
     scene_id: str
     snapshot_id: str

@@ -17,7 +17,7 @@ from fvs_service.rankings.in_model import clearance, views_in_volume
 from fvs_service.rankings.model import InVolume, Orbit
 from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import in_world, poses_in
-from fvs_service.rankings.question import TakenPoses, taken_cameras
+from fvs_service.rankings.preparation import TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
@@ -33,12 +33,12 @@ _MOST_UPDATES = 50
 _MOST_TERMS = 200
 
 ReadRequest: TypeAlias = Callable[[], PlanRequest]
-"""Gives a request; it is called in a thread, once the permission is checked."""
+"""Reads a request; it is called in a thread, after the permission check."""
 
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What is known of a plan before the runner makes it."""
+    """A plan before the runner makes it."""
 
     request: PlanRequest
     scene: SceneHead
@@ -48,7 +48,7 @@ class _Prepared:
     photographed: frozenset[str]
     targets: tuple[str, ...]
     images: tuple[str, ...]
-    question: PlanViews
+    model_request: PlanViews
 
 
 class Plans:
@@ -76,11 +76,11 @@ class Plans:
         """
         with self._limit.slot(principal.tenant_id):
             prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s)
-            flight = await self._runners.plan(prepared.question)
+            flight = await self._runners.plan(prepared.model_request)
             return await run_sync(_answer, prepared, flight)
 
     def _prepare(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> _Prepared:
-        """What to ask the runner."""
+        """Prepare the request to the runner."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
@@ -117,7 +117,7 @@ class Plans:
         require_on_earth({**served, **starts})
         scale = frame.world_from_model.scale
         images = tuple(view.image for view in cameras.views)
-        question = PlanViews(
+        model_request = PlanViews(
             scene_id=scene.id,
             endpoint=endpoint,
             snapshot_id=snapshot.id,
@@ -134,7 +134,9 @@ class Plans:
             home=request.home,
             updates=self._updates(scene_id),
         )
-        return _Prepared(request, scene, snapshot, frame, left, photographed, tuple(served), images, question)
+        return _Prepared(
+            request, scene, snapshot, frame, left, photographed, tuple(served), images, model_request
+        )
 
     def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
         """The images that each snapshot of a scene added, and the quality that it measured on them."""
@@ -194,7 +196,7 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         warnings=warnings_of(
             snapshot.alignment,
             in_model=request.in_model,
-            candidates=len(flight.generated or prepared.question.views),
+            candidates=len(flight.generated or prepared.model_request.views),
             registrable=mission.registrable,
         ),
     )

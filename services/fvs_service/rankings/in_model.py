@@ -1,4 +1,4 @@
-"""Candidates of a volume, and what vehicles keep to, in the model frame: requests have the world frame."""
+"""Conversion of volumes and vehicles' constraints from the world frame of requests to the model frame."""
 
 from collections.abc import Sequence
 

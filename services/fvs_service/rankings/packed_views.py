@@ -1,6 +1,6 @@
 """Views of one camera as JSON: all poses are one list of numbers.
 
-A question about 24 views is written and read in a third of the time that a document per view takes.
+A request with 24 views is serialised and parsed in a third of the time that a document per view takes.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class _Packed(Record):
         """Pack views; they must have one camera."""
         camera = views[0].camera if views else None
         if any(view.camera != camera for view in views):
-            raise ValueError("the views of a question must have one camera")
+            raise ValueError("the views of a request must have one camera")
         matrices = np.empty((len(views), 3, 4))
         for matrix, view in zip(matrices, views, strict=True):
             matrix[:, :3], matrix[:, 3] = view.camera_from_model.rotation, view.camera_from_model.translation

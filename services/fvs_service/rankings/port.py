@@ -26,10 +26,10 @@ class ViewImage(StrEnum):
     SPECTRUM = "spectrum"
 
 
-class Question(Record):
-    """A request about one scene. Who asks with which API key, and how long they wait, changes no answer.
+class ModelRequest(Record):
+    """A request to the model of one scene. API key and timeout do not affect the result.
 
-    ``endpoint`` is that of the scene's runner, when the asker has found one; it is not sent.
+    ``endpoint`` is that of the scene's runner, if it is known already; it is not sent.
     """
 
     scene_id: str
@@ -39,7 +39,7 @@ class Question(Record):
     timeout_s: float = 60.0
 
 
-class RankViews(Question):
+class RankViews(ModelRequest):
     """Rank ``views``, named by candidate id, of one camera, by ``method`` with the model of a scene.
 
     ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
@@ -67,8 +67,8 @@ class RankedViews(Record):
     """All candidates in order, and the model that scored them: that of a snapshot, after ``iterations``.
 
     ``fallback`` names the rule that ordered candidates when the method could not, else None. ``registrable``:
-    how many are likely to be registered (None: the method does not ask). ``seconds`` is the time of scoring,
-    ``waited_s`` that in the runner's queue.
+    how many are likely to be registered (None: the method does not compute it). ``seconds`` is the time of
+    scoring, ``waited_s`` that in the runner's queue.
     """
 
     snapshot_id: str
@@ -85,7 +85,7 @@ RankingSteps: TypeAlias = AsyncGenerator[tuple[CandidateScore, ...] | RankedView
 """Scores as they become known, and last the ranking."""
 
 
-class RenderView(Question):
+class RenderView(ModelRequest):
     """Make an image of one view of a snapshot; the result over the protocol is the PNG in base 64."""
 
     kind: Literal["render"] = "render"
@@ -119,13 +119,13 @@ class ViewsInVolume(Record):
 
 
 class Clearance(Record):
-    """What vehicles keep to, in the model frame: ``safety``, their distance from matter, and ``no_fly``."""
+    """Constraints of vehicles, in the model frame: ``safety``, their distance from matter, and ``no_fly``."""
 
     safety: float = 0.0
     no_fly: tuple[Volume, ...] = ()
 
 
-class GenerateViews(Question):
+class GenerateViews(ModelRequest):
     """Generate ``views``, clear of matter by ``clearance``."""
 
     kind: Literal["generate"] = "generate"
@@ -139,7 +139,7 @@ class GeneratedViews(Record):
     views: PackedViews
 
 
-class PlanViews(Question):
+class PlanViews(ModelRequest):
     """Plan a flight through some of ``views``, named by candidate id; all in the model frame and its unit.
 
     ``generate`` makes candidates instead of ``views``. With a ``clearance`` legs go around what is in the
@@ -168,7 +168,7 @@ class PlanViews(Question):
 
 
 class PlannedFlight(Record):
-    """A mission through views of a question, or through those ``generated`` for it, in the model frame."""
+    """A mission through views of a request, or through those ``generated`` for it, in the model frame."""
 
     mission: Mission
     generated: PackedViews = ()
@@ -177,10 +177,10 @@ class PlannedFlight(Record):
 class SceneRunners(Protocol):
     """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
-    Equal questions at the same time are computed once. A call that is cancelled stops the computation, unless
-    others wait for it. All methods raise ``UnavailableError`` when no runner can answer now,
-    ``LimitExceededError`` when too many ask (both with ``retry_after_s``), ``DeadlineError`` after
-    ``timeout_s``, and what ``fvs_service.errors.from_engine`` makes of the engine's errors.
+    Equal concurrent requests are computed once. A call that is cancelled stops the computation, unless others
+    wait for it. All methods raise ``UnavailableError`` when no runner can answer now, ``LimitExceededError``
+    when there are too many requests (both with ``retry_after_s``), ``DeadlineError`` after ``timeout_s``, and
+    what ``fvs_service.errors.from_engine`` makes of the engine's errors.
     """
 
     @property

@@ -25,7 +25,7 @@ def poses_in(
     wanted: PoseFrame | None,
     current: FramePose | VehiclePose | None,
 ) -> tuple[FramePose | VehiclePose, ...]:
-    """The poses ``names`` of candidates, in the frame that a request ``wanted``, or in which it asks.
+    """The poses ``names`` of candidates, in the frame that a request ``wanted``, or in its own frame.
 
     ``poses`` are world_from_camera by id. Without a wanted frame the poses come back as they were ``given``;
     generated ones in the frame of the ``current`` pose, else geodetic in a georeferenced scene, else in the

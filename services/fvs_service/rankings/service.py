@@ -26,7 +26,7 @@ from fvs_service.rankings.model import (
 )
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.pose_frames import in_world
-from fvs_service.rankings.question import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
+from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
@@ -42,7 +42,7 @@ from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
 
 ReadRequest: TypeAlias = Callable[[], RankingRequest]
-"""Gives a request; it is called in a thread, once the permission is checked."""
+"""Reads a request; it is called in a thread, after the permission check."""
 
 
 class Rankings:
@@ -91,8 +91,12 @@ class Rankings:
             prepared = await self._prepared(principal, scene_id, read, timeout_s, key)
             if isinstance(prepared, Ranking):
                 return prepared
-            question = prepared.question
-            result = await self._runners.rank(question) if question.views else _unscored(prepared.snapshot)
+            model_request = prepared.model_request
+            result = (
+                await self._runners.rank(model_request)
+                if model_request.views
+                else _unscored(prepared.snapshot)
+            )
             return await run_sync(self._finish, principal, prepared, result)
 
     async def stream(
@@ -110,8 +114,8 @@ class Rankings:
                 yield RankingPart(ranking=prepared)
                 return
             result = _unscored(prepared.snapshot)
-            if prepared.question.views:
-                async with aclosing(self._runners.stream(prepared.question)) as parts:
+            if prepared.model_request.views:
+                async with aclosing(self._runners.stream(prepared.model_request)) as parts:
                     async for part in parts:
                         if isinstance(part, RankedViews):
                             result = part
@@ -144,7 +148,7 @@ class Rankings:
     async def _prepared(
         self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float, key: str | None
     ) -> PreparedRanking | Ranking:
-        """What to ask the runner, once the candidates are known; or the ranking that was made before."""
+        """The request to the runner, once the candidates are known; or the ranking that was made before."""
         found = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
         if not isinstance(found, BegunRanking):
             return found
@@ -161,7 +165,7 @@ class Rankings:
         timeout_s: float,
         key: str | None,
     ) -> PreparedRanking | BegunRanking | Ranking:
-        """What to ask the runner, or the ranking that was made with the same idempotency key.
+        """The request to the runner, or the ranking that was made with the same idempotency key.
 
         Candidates of a volume are not known yet: only the runner can generate them.
         """
@@ -235,7 +239,7 @@ class Rankings:
             ),
             created_at=now(),
         )
-        # A ranking that a power cut undoes can be asked for again; a sync would take as long as all else.
+        # A ranking that a power cut undoes can be requested again; a sync would take as long as the rest.
         with self._database.writing(principal.tenant_id, scene_id, durable=False) as session:
             scene_head_of(session, principal, scene_id)  # it may have been deleted meanwhile
             earlier = self._earlier(session, principal, prepared.remembered)
@@ -250,7 +254,7 @@ class Rankings:
     def _prepare_render(
         self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float
     ) -> RenderView | bytes:
-        """What to ask the runner; the PNG, if it was made before."""
+        """The request to the runner; or the PNG, if it was made before."""
         ranking = self.get(principal, ranking_id)
         candidate = next((item for item in ranking.candidates if item.id == candidate_id), None)
         if candidate is None:
@@ -262,7 +266,7 @@ class Rankings:
         frame = WorldFrame(scene.origin, ranking.alignment)
         camera = self._frames.cameras(ranking.snapshot_id).camera.pinhole
         (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
-        question = RenderView(
+        model_request = RenderView(
             scene_id=scene.id,
             endpoint=endpoint,
             snapshot_id=ranking.snapshot_id,
@@ -271,11 +275,11 @@ class Rankings:
             view=view,
             image=image,
         )
-        key = _render_key(ranking_id, candidate_id, question)
+        key = _render_key(ranking_id, candidate_id, model_request)
         if self._blobs.exists(key):
             return self._blobs.read(key)
         self._require_room()
-        return question
+        return model_request
 
     def _keep_render(self, png: bytes, key: str, scene_id: str) -> None:
         """Store a render, unless its ranking was deleted meanwhile."""
@@ -305,7 +309,7 @@ class Rankings:
 def _scored(
     prepared: PreparedRanking, scores: Sequence[engine.CandidateScore]
 ) -> tuple[ScoredCandidate, ...]:
-    """Scored candidates as the client asked for them."""
+    """Scored candidates in the form that the client requested."""
     poses, distances = prepared.poses, prepared.distances
     return tuple(ScoredCandidate.of(one, distances.get(one.name), poses[one.name]) for one in scores)
 
@@ -316,5 +320,7 @@ def _unscored(snapshot: Snapshot) -> RankedViews:
     return RankedViews(snapshot_id=snapshot.id, iterations=metrics.iterations, gaussians=metrics.gaussians)
 
 
-def _render_key(ranking_id: str, candidate_id: str, question: RenderView) -> str:
-    return f"{ranking_prefix(question.scene_id, ranking_id)}{candidate_id}/{question.image.value}.png"
+def _render_key(ranking_id: str, candidate_id: str, model_request: RenderView) -> str:
+    return (
+        f"{ranking_prefix(model_request.scene_id, ranking_id)}{candidate_id}/{model_request.image.value}.png"
+    )

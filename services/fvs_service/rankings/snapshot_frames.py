@@ -1,4 +1,4 @@
-"""What rankings and plans ask about a snapshot again and again: its cameras, geometry and frames."""
+"""Cached cameras, geometry and frames of snapshots, for rankings and plans."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -24,9 +24,9 @@ _CACHED_SNAPSHOTS = 64
 
 
 class SnapshotFrames:
-    """Cameras, geometry and frames of snapshots, cached: a snapshot never changes, and many questions use it.
+    """Cameras, geometry and frames of snapshots, cached: a snapshot never changes, and many requests use it.
 
-    ``most_candidates`` is the largest number of candidates in a question.
+    ``most_candidates`` is the largest number of candidates in a request.
     """
 
     def __init__(self, database: Database, snapshots: Snapshots, most_candidates: int) -> None:

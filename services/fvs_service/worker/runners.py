@@ -41,11 +41,11 @@ _START_AGAIN_S = 2.0
 _POLL_S = 0.1
 _FEW_VIEWS = 100
 _SMALL_BYTES = 16_384
-"""Questions with few views are written, and small responses read, on the event loop: a thread costs more."""
+"""Small requests are serialised, and small responses parsed, on the event loop: a thread costs more."""
 _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
-_Question: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
+_Request: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
 
 
 class LeasedRunners:
@@ -102,14 +102,14 @@ class LeasedRunners:
         self._connections.close()
         await asyncio.sleep(0)  # the event loop closes them in its next round
 
-    def _span(self, request: _Question, views: int) -> AbstractContextManager[Span]:
+    def _span(self, request: _Request, views: int) -> AbstractContextManager[Span]:
         return self._tracing.span(
             f"runner: {request.kind}",
             {"fvs.scene_id": request.scene_id, "fvs.snapshot_id": request.snapshot_id, "fvs.views": views},
             kind="CLIENT",
         )
 
-    async def _ask(self, request: _Question, parse: Callable[[Any], T]) -> T:
+    async def _ask(self, request: _Request, parse: Callable[[Any], T]) -> T:
         """The scene's runner's answer. Large messages are written and read in a thread, not on the loop."""
         until = time.monotonic() + request.timeout_s
         try:
@@ -124,8 +124,8 @@ class LeasedRunners:
         except RunnerError as error:
             raise error_of(error.failure) from error
 
-    async def _call(self, request: _Question, until: float) -> bytes:
-        """The runner's response; asks again when the runner died or moved."""
+    async def _call(self, request: _Request, until: float) -> bytes:
+        """The runner's response; repeats the request when the runner died or moved."""
         async with aclosing(self._addressed(request, until)) as addressed:
             async for endpoint, line in addressed:
                 with contextlib.suppress(RunnerGoneError):
@@ -133,7 +133,7 @@ class LeasedRunners:
         raise AssertionError  # the endpoints do not end
 
     async def _parts(self, request: RankViews, until: float) -> RankingSteps:
-        """What the runner sends; asks again when the runner died or moved."""
+        """The parts that the runner sends; repeats the request when the runner died or moved."""
         async with aclosing(self._addressed(request, until)) as addressed:
             async for endpoint, line in addressed:
                 with contextlib.suppress(RunnerGoneError):
@@ -142,7 +142,7 @@ class LeasedRunners:
                             yield await run_sync(_part, document)
                     return
 
-    async def _addressed(self, request: _Question, until: float) -> AsyncGenerator[tuple[str, bytes], None]:
+    async def _addressed(self, request: _Request, until: float) -> AsyncGenerator[tuple[str, bytes], None]:
         """The endpoint of the scene's runner and the request as a line, again and again, until one answers.
 
         Starts a runner if need be. Raises ``UnavailableError`` when there has been none for too long, or is
@@ -175,7 +175,7 @@ class LeasedRunners:
         return None if holder is None else holder.endpoint
 
 
-async def _line(request: _Question, until: float) -> bytes:
+async def _line(request: _Request, until: float) -> bytes:
     """The request as it is sent, with the time that is left."""
     left = request.model_copy(update={"timeout_s": max(0.0, until - time.monotonic())})
     if isinstance(left, RenderView | GenerateViews) or len(left.views) <= _FEW_VIEWS:

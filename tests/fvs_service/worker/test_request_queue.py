@@ -9,7 +9,7 @@ from fvs_service.errors import DeadlineError, LimitExceededError
 from fvs_service.worker.protocol.messages import StageProgress
 from fvs_service.worker.runner.job_monitor import JobMonitor
 from fvs_service.worker.runner.pace import Pace
-from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
+from fvs_service.worker.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
@@ -18,7 +18,7 @@ SOON_S = 10.0
 
 
 class Asking:
-    """Threads that ask one queue, as the runner's connections do; questions are computed view by view."""
+    """Threads that send requests to one queue, as the runner's connections do, computed view by view."""
 
     def __init__(self, pool: ThreadPoolExecutor) -> None:
         self.queue = RequestQueue(most=4, most_per_key=2)
@@ -27,7 +27,7 @@ class Asking:
         self.steps: dict[str, threading.Semaphore] = {}
         self._pool = pool
 
-    def question(self, key: str, views: int = 1) -> Question:
+    def task(self, key: str, views: int = 1) -> Task:
         steps = self.steps.setdefault(key, threading.Semaphore(0))
 
         def compute(monitor: Monitor) -> str:
@@ -41,7 +41,7 @@ class Asking:
                 monitor.report("score", done + 1, views)
             return f"answer to {key}"
 
-        return Question(key, "median-frequency", views, compute)
+        return Task(key, "median-frequency", views, compute)
 
     def ask(
         self,
@@ -52,11 +52,11 @@ class Asking:
         gone: Callable[[], bool] = lambda: False,
         pass_on: Callable[[Sequence[Any]], object] | None = None,
     ) -> "Future[Any]":
-        """Ask, and return once the question is in the queue."""
+        """Send a request, and return once it is in the queue."""
         before = self.length
         joined = key in self.steps
-        asker = Asker(api_key, timeout_s, gone, pass_on)
-        asking = self._pool.submit(self.queue.ask, self.question(key, views), asker)
+        requester = Requester(api_key, timeout_s, gone, pass_on)
+        asking = self._pool.submit(self.queue.compute, self.task(key, views), requester)
         until(lambda: asking.done() or self.length > before or joined)
         return asking
 
@@ -81,7 +81,7 @@ def asking() -> Asking:
         yield Asking(pool)
 
 
-def test_training_waits_for_a_question(asking: Asking) -> None:
+def test_training_waits_for_a_request(asking: Asking) -> None:
     monitor, went_on = JobMonitor(lambda _stage: None, asking.queue), threading.Event()
     asked = asking.ask("a")
     thread = threading.Thread(target=lambda: (monitor.check(), went_on.set()))
@@ -93,9 +93,9 @@ def test_training_waits_for_a_question(asking: Asking) -> None:
     assert asked.result()[0] == "answer to a"
 
 
-def test_a_new_model_answers_its_first_question_before_training_goes_on(asking: Asking) -> None:
+def test_a_new_model_answers_its_first_request_before_training_continues(asking: Asking) -> None:
     monitor, went_on = JobMonitor(lambda _stage: None, asking.queue), threading.Event()
-    thread = threading.Thread(target=lambda: (monitor.wait_for_first_questions(), went_on.set()))
+    thread = threading.Thread(target=lambda: (monitor.wait_for_first_requests(), went_on.set()))
     thread.start()
     time.sleep(0.2)  # somebody hears of the model
     asking.ask("a")
@@ -105,20 +105,20 @@ def test_a_new_model_answers_its_first_question_before_training_goes_on(asking: 
     thread.join()
 
 
-def test_a_model_that_nobody_asks_delays_training_a_moment(asking: Asking) -> None:
+def test_a_model_without_requests_delays_training_a_moment(asking: Asking) -> None:
     began = time.monotonic()
-    JobMonitor(lambda _stage: None, asking.queue).wait_for_first_questions()
+    JobMonitor(lambda _stage: None, asking.queue).wait_for_first_requests()
     assert 0.9 < time.monotonic() - began < SOON_S
 
 
-def test_a_stopped_job_waits_for_no_question(asking: Asking) -> None:
+def test_a_stopped_job_waits_for_no_request(asking: Asking) -> None:
     monitor = JobMonitor(lambda _stage: None, asking.queue)
     monitor.cancel()
     with pytest.raises(Cancelled):
-        monitor.wait_for_first_questions()
+        monitor.wait_for_first_requests()
 
 
-def test_questions_without_end_do_not_stop_training(asking: Asking) -> None:
+def test_requests_without_end_do_not_stop_training(asking: Asking) -> None:
     asking.ask("a")
     began = time.monotonic()
     JobMonitor(lambda _stage: None, asking.queue).check()
@@ -126,7 +126,7 @@ def test_questions_without_end_do_not_stop_training(asking: Asking) -> None:
     asking.answer("a")
 
 
-def test_questions_are_computed_one_by_one_in_the_order_of_arrival(asking: Asking) -> None:
+def test_requests_are_computed_one_by_one_in_the_order_of_arrival(asking: Asking) -> None:
     asked = [asking.ask(key, api_key=key) for key in "abc"]
     until(lambda: asking.computed == ["a"])
     assert asking.queue.status.waiting == 2
@@ -137,17 +137,17 @@ def test_questions_are_computed_one_by_one_in_the_order_of_arrival(asking: Askin
     assert all(one.result()[1] > 0 for one in asked[1:])
 
 
-def test_a_question_that_fails_lets_the_next_one_go(asking: Asking) -> None:
+def test_a_request_that_fails_lets_the_next_one_go(asking: Asking) -> None:
     def fail(_monitor: Monitor) -> None:
         raise KeyError("no such thing")
 
     with pytest.raises(KeyError):
-        asking.queue.ask(Question("bad", "fisher", 1, fail), Asker("mine", 60.0, lambda: False))
+        asking.queue.compute(Task("bad", "fisher", 1, fail), Requester("mine", 60.0, lambda: False))
     asking.steps["a"] = threading.Semaphore(1)
     assert asking.ask("a").result()[0] == "answer to a"
 
 
-def test_the_same_question_is_computed_once_for_all_who_ask_it(asking: Asking) -> None:
+def test_equal_requests_are_computed_once(asking: Asking) -> None:
     asked = [asking.ask("a", api_key=str(number)) for number in range(8)]
     assert asking.length == 1
     asking.answer("a")
@@ -155,7 +155,7 @@ def test_the_same_question_is_computed_once_for_all_who_ask_it(asking: Asking) -
     assert asking.computed == ["a"]
 
 
-def test_everyone_who_asks_gets_all_results_before_the_answer(asking: Asking) -> None:
+def test_every_requester_gets_all_results_before_the_answer(asking: Asking) -> None:
     first: list[str] = []
     later: list[str] = []
     asked = [asking.ask("a", views=5, pass_on=first.extend)]
@@ -168,27 +168,27 @@ def test_everyone_who_asks_gets_all_results_before_the_answer(asking: Asking) ->
     assert first == later == [f"a{number}" for number in range(5)]
 
 
-def test_a_computation_stops_only_when_all_who_asked_are_gone(asking: Asking) -> None:
+def test_a_computation_stops_only_when_all_requesters_are_gone(asking: Asking) -> None:
     gone = [threading.Event(), threading.Event()]
     asked = [asking.ask("a", views=100, gone=one.is_set) for one in gone]
     until(lambda: asking.computed == ["a"])
     gone[0].set()
-    with pytest.raises(AskerGoneError):
+    with pytest.raises(RequesterGoneError):
         asked[0].result(SOON_S)
     asking.answer("a")
     time.sleep(0.05)
     assert not asking.stopped
     gone[1].set()
-    with pytest.raises(AskerGoneError):
+    with pytest.raises(RequesterGoneError):
         asked[1].result(SOON_S)
     until(lambda: asking.stopped == ["a"] and asking.length == 0)
 
 
-def test_a_question_that_waits_is_dropped_with_its_asker(asking: Asking) -> None:
+def test_a_request_that_waits_is_dropped_with_its_requester(asking: Asking) -> None:
     gone = threading.Event()
     first, second = asking.ask("a"), asking.ask("b", gone=gone.is_set)
     gone.set()
-    with pytest.raises(AskerGoneError):
+    with pytest.raises(RequesterGoneError):
         second.result(SOON_S)
     assert asking.length == 1
     asking.answer("a")
@@ -196,7 +196,7 @@ def test_a_question_that_waits_is_dropped_with_its_asker(asking: Asking) -> None
     assert asking.computed == ["a"]
 
 
-def test_a_question_that_waits_is_dropped_at_its_deadline(asking: Asking) -> None:
+def test_a_request_that_waits_is_dropped_at_its_deadline(asking: Asking) -> None:
     first = asking.ask("a")
     with pytest.raises(DeadlineError):
         asking.ask("b", timeout_s=0.1).result(SOON_S)
@@ -214,12 +214,12 @@ def test_a_computation_is_stopped_at_its_deadline(asking: Asking) -> None:
     assert asking.stopped == asking.computed
 
 
-def test_who_asks_again_after_hanging_up_gets_a_computation_that_is_not_stopped(asking: Asking) -> None:
+def test_a_request_repeated_after_hanging_up_gets_a_computation_that_is_not_stopped(asking: Asking) -> None:
     gone = threading.Event()
     first = asking.ask("a", gone=gone.is_set)
     until(lambda: asking.computed == ["a"])
     gone.set()
-    with pytest.raises(AskerGoneError):
+    with pytest.raises(RequesterGoneError):
         first.result(SOON_S)
     again = asking.ask("a")
     until(lambda: asking.computed == ["a", "a"])
@@ -259,7 +259,7 @@ def test_retry_after_is_when_the_queue_has_room_again(asking: Asking) -> None:
         one.result(SOON_S)
 
 
-def test_a_question_that_takes_long_is_computed_when_nobody_waits_before_it(asking: Asking) -> None:
+def test_a_request_that_takes_long_is_computed_when_nobody_waits_before_it(asking: Asking) -> None:
     asking.queue._pace.add("median-frequency", 1, 1000.0)
     asking.steps["a"] = threading.Semaphore(1)
     assert asking.ask("a", timeout_s=60.0).result(SOON_S)[0] == "answer to a"

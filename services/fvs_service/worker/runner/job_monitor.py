@@ -8,8 +8,8 @@ from fvs_service.worker.protocol.messages import StageProgress
 from fvs_service.worker.runner.request_queue import RequestQueue
 
 _REPORT_EVERY_S = 0.5
-_FIRST_QUESTIONS_S = 1.0
-"""Time for the worker to commit a new model, and for those who follow the scene to hear of it and to ask."""
+_FIRST_REQUESTS_S = 1.0
+"""Time for the worker to commit a new model, and for clients to be notified and to send requests."""
 _POLL_S = 0.1
 
 
@@ -31,13 +31,13 @@ class JobMonitor(Monitor):
         super().check()
         self._requests.wait_until_empty()
 
-    def wait_for_first_questions(self) -> None:
+    def wait_for_first_requests(self) -> None:
         """Wait a second for rankings by a model that was just published, and until they are answered.
 
-        Whoever waited for the model asks now, and is answered sooner than beside a training that begins.
+        Clients that waited for the model send requests now, and get faster answers than beside a training.
         """
-        end = time.monotonic() + _FIRST_QUESTIONS_S
-        while time.monotonic() < end and not self._requests.wait_for_question(_POLL_S):
+        end = time.monotonic() + _FIRST_REQUESTS_S
+        while time.monotonic() < end and not self._requests.wait_for_request(_POLL_S):
             self.check()
         self.check()
 

@@ -1,7 +1,8 @@
 """The queue of a scene's rankings and renders: one is computed at a time, before training.
 
-A question is computed once for all who ask it while it is queued or computed, each over a connection of its
-own. When the last of them has hung up, or its time is up, it leaves the queue, or stops between two views.
+Equal requests that arrive while one is queued or computed share one computation, each over its own
+connection. When the last requester has hung up or timed out, the computation leaves the queue, or stops
+between two views.
 """
 
 import math
@@ -23,8 +24,8 @@ _POLL_S = 0.1
 
 
 @dataclass(frozen=True)
-class Question:
-    """What to compute: ``views`` of one ``kind``, whose pace is measured. Equal keys have equal answers."""
+class Task:
+    """Work to do: ``views`` of one ``kind``, whose pace is measured. Equal keys have equal results."""
 
     key: str
     kind: str
@@ -33,10 +34,10 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class Asker:
-    """Who asks: with which API key, for how long, and whether the connection has ended since.
+class Requester:
+    """The sender of a request: its API key, timeout, and whether its connection has ended.
 
-    ``pass_on`` gets the results that are known before the answer, in the thread that asks.
+    ``pass_on`` gets the partial results before the answer, in the requester's thread.
     """
 
     api_key: str
@@ -45,12 +46,12 @@ class Asker:
     pass_on: Callable[[Sequence[Any]], object] | None = None
 
 
-class AskerGoneError(Exception):
-    """The connection over which the question came has ended: the answer has no receiver."""
+class RequesterGoneError(Exception):
+    """The connection of the request has ended: nobody receives the answer."""
 
 
 class QueueStatus(Record):
-    """The state of a queue: questions that wait, that are computed, and the time until all are answered."""
+    """The state of a queue: tasks that wait, tasks that are computed, and the time until all are done."""
 
     waiting: int
     computing: int
@@ -58,14 +59,14 @@ class QueueStatus(Record):
 
 
 class _Computation:
-    """A question in the queue, and those who wait for its answer."""
+    """A task in the queue, and the requesters that wait for its answer."""
 
-    def __init__(self, question: Question) -> None:
-        self.question = question
-        self.askers: set[Asker] = set()
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.requesters: set[Requester] = set()
         self.answer: Future[Any] = Future()
         self.results: list[Any] = []
-        """The results that are known so far."""
+        """The partial results so far."""
         self.monitor = Monitor(self._on_progress, self.results.extend)
         self.started = math.inf
         self.share = 0.0
@@ -74,16 +75,16 @@ class _Computation:
         if progress.share is not None and progress.stage != "compile":
             self.share = progress.share
 
-    def pass_on(self, asker: Asker, known: int) -> int:
-        """Pass the results after the first ``known`` on to an asker; returns how many there are."""
+    def pass_on(self, requester: Requester, known: int) -> int:
+        """Pass the results after the first ``known`` on to a requester; returns how many there are."""
         results = self.results[known:]
-        if results and asker.pass_on is not None:
-            asker.pass_on(results)
+        if results and requester.pass_on is not None:
+            requester.pass_on(results)
         return known + len(results)
 
     def left_s(self, pace: Pace) -> float:
         """The time until it is answered, once it is the first."""
-        expected_s = pace.expected_s(self.question.kind, self.question.views)
+        expected_s = pace.expected_s(self.task.kind, self.task.views)
         if self.started == math.inf:
             return expected_s
         elapsed_s = time.monotonic() - self.started
@@ -91,10 +92,10 @@ class _Computation:
 
 
 class RequestQueue:
-    """Computes questions first in, first out, in a thread of its own.
+    """Computes tasks first in, first out, in its own thread.
 
     Each uses all cores, so two at once would take twice as long and twice the memory. At most ``most``
-    different questions are in the queue, and ``most_per_key`` of one API key.
+    different tasks are in the queue, and ``most_per_key`` of one API key.
     """
 
     def __init__(self, most: int, most_per_key: int) -> None:
@@ -105,35 +106,35 @@ class RequestQueue:
         self._pace = Pace()
         threading.Thread(target=self._compute_all, daemon=True, name="rankings").start()
 
-    def ask(self, question: Question, asker: Asker) -> tuple[Any, float]:
-        """The answer, and the seconds that it waited for others. Raises what the computation raises.
+    def compute(self, task: Task, requester: Requester) -> tuple[Any, float]:
+        """The task's answer, and the seconds that it waited for others; raises what the computation raises.
 
-        ``LimitExceededError`` when the queue is too long, also to be answered in time; ``DeadlineError``
-        when the asker's time is up, ``AskerGoneError`` when its connection does.
+        ``LimitExceededError`` when the queue is full, or too long for an answer in time; ``DeadlineError``
+        when the requester's time is up, ``RequesterGoneError`` when its connection has ended.
         """
         arrived, known = time.monotonic(), 0
-        computation = self._enter(question, asker)
+        computation = self._enter(task, requester)
         try:
             while not wait((computation.answer,), _POLL_S).done:
-                if asker.gone():
-                    raise AskerGoneError
-                if time.monotonic() - arrived >= asker.timeout_s:
-                    raise deadline_passed(asker.timeout_s)
-                known = computation.pass_on(asker, known)
+                if requester.gone():
+                    raise RequesterGoneError
+                if time.monotonic() - arrived >= requester.timeout_s:
+                    raise deadline_passed(requester.timeout_s)
+                known = computation.pass_on(requester, known)
         finally:
-            self._leave(computation, asker)
+            self._leave(computation, requester)
         answer = computation.answer.result()
-        computation.pass_on(asker, known)
+        computation.pass_on(requester, known)
         return answer, max(0.0, computation.started - arrived)
 
     def wait_until_empty(self) -> None:
-        """Wait until no question is left, but for 2 s at most."""
+        """Wait until the queue is empty, for 2 s at most."""
         if self._queue:
             with self._changed:
                 self._changed.wait_for(lambda: not self._queue, _LONGEST_PAUSE_S)
 
-    def wait_for_question(self, timeout_s: float) -> bool:
-        """Wait until there is a question, but for ``timeout_s`` at most; returns whether there is one."""
+    def wait_for_request(self, timeout_s: float) -> bool:
+        """Wait until the queue has a task, for ``timeout_s`` at most; returns whether it has one."""
         with self._changed:
             return bool(self._changed.wait_for(lambda: self._queue, timeout_s))
 
@@ -146,32 +147,34 @@ class RequestQueue:
                 waiting=len(self._queue) - computing, computing=computing, expected_s=self._expected_s()
             )
 
-    def _enter(self, question: Question, asker: Asker) -> _Computation:
+    def _enter(self, task: Task, requester: Requester) -> _Computation:
         with self._changed:
             for computation in self._queue:
-                if computation.question.key == question.key and not computation.monitor.cancelled:
-                    computation.askers.add(asker)
+                if computation.task.key == task.key and not computation.monitor.cancelled:
+                    computation.requesters.add(requester)
                     return computation
-            self._require_room(question, asker)
-            computation = _Computation(question)
-            computation.askers.add(asker)
+            self._require_room(task, requester)
+            computation = _Computation(task)
+            computation.requesters.add(requester)
             self._queue.append(computation)
             self._changed.notify_all()
             return computation
 
-    def _require_room(self, question: Question, asker: Asker) -> None:
-        theirs = [one for one in self._queue if any(other.api_key == asker.api_key for other in one.askers)]
+    def _require_room(self, task: Task, requester: Requester) -> None:
+        theirs = [
+            one for one in self._queue if any(other.api_key == requester.api_key for other in one.requesters)
+        ]
         if len(self._queue) >= self._most:
             raise _full("The scene", len(self._queue), self._queue[0].left_s(self._pace))
         if len(theirs) >= self._most_per_key:
             raise _full("This API key", len(theirs), self._expected_s(until=theirs[0]))
         waits_s = self._expected_s()
-        late_s = waits_s + self._pace.expected_s(question.kind, question.views) - asker.timeout_s
+        late_s = waits_s + self._pace.expected_s(task.kind, task.views) - requester.timeout_s
         if self._queue and late_s > 0:
             raise LimitExceededError(
                 f"The rankings before this one take {waits_s:.0f} s, so it cannot be answered within "
-                f"{asker.timeout_s:.0f} s.",
-                hint="Ask again later, or for fewer candidates.",
+                f"{requester.timeout_s:.0f} s.",
+                hint="Try again later, or with fewer candidates.",
                 retry_after_s=max(1, math.ceil(min(late_s, waits_s))),
             )
 
@@ -180,10 +183,10 @@ class RequestQueue:
         end = len(self._queue) if until is None else self._queue.index(until) + 1
         return sum(computation.left_s(self._pace) for computation in self._queue[:end])
 
-    def _leave(self, computation: _Computation, asker: Asker) -> None:
+    def _leave(self, computation: _Computation, requester: Requester) -> None:
         with self._changed:
-            computation.askers.discard(asker)
-            if computation.askers or computation.answer.done():
+            computation.requesters.discard(requester)
+            if computation.requesters or computation.answer.done():
                 return
             computation.monitor.cancel()
             if computation.started == math.inf:
@@ -199,15 +202,15 @@ class RequestQueue:
             self._compute(computation)
 
     def _compute(self, computation: _Computation) -> None:
-        question, answer, error = computation.question, None, None
+        task, answer, error = computation.task, None, None
         try:
-            answer = question.compute(computation.monitor)
+            answer = task.compute(computation.monitor)
             computation.share = 1.0
         except Exception as raised:
             error = raised
         with self._changed:
             seconds = time.monotonic() - computation.started
-            self._pace.add(question.kind, question.views * computation.share, seconds)
+            self._pace.add(task.kind, task.views * computation.share, seconds)
             self._queue.remove(computation)
             self._changed.notify_all()
         if error is None:
@@ -219,6 +222,6 @@ class RequestQueue:
 def _full(whose: str, questions: int, free_in_s: float) -> LimitExceededError:
     return LimitExceededError(
         f"{whose} has {questions} rankings in the queue, and no more are allowed.",
-        hint="Ask again when some of them are answered.",
+        hint="Try again when some of them are answered.",
         retry_after_s=max(1, math.ceil(free_in_s)),
     )

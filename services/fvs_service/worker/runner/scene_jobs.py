@@ -61,7 +61,7 @@ Warn = Callable[[str], None]
 Quarantine = Callable[[Mapping[str, str]], None]
 """Takes the digests of images to quarantine, with the reasons."""
 Publish = Callable[[Literal["first", "quick"], JobOutcome], None]
-"""Takes what an update has made before its end: the model of the first images, the quick model of all."""
+"""Receives an update's intermediate models: that of the first images, and the quick one of all images."""
 
 
 class SceneJobs:
@@ -92,7 +92,7 @@ class SceneJobs:
     ) -> JobOutcome | None:
         """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
 
-        None when the request leaves the training to another worker, which goes on from the checkpoint.
+        None when the request leaves the training to another worker, which continues from the checkpoint.
         """
         try:
             if request.request.kind is JobKind.UPDATE:
@@ -121,7 +121,7 @@ class SceneJobs:
                 hint="Send more images that overlap; start with eight or more.",
             )
         scene = self._open_scene(request, len(images), monitor, warn)
-        # Whoever includes a quarantined image again wants it tried again.
+        # An image that was included again after its quarantine is tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
             new = request.snapshot_id is None
@@ -146,7 +146,7 @@ class SceneJobs:
                 monitor.report("quick snapshot", 0, 1)
                 publish("quick", outcome(quick, "quick"))
                 if self._rasterizer.device.type == "cpu":  # a GPU has other scenes to train
-                    monitor.wait_for_first_questions()
+                    monitor.wait_for_first_requests()
             full = scene.train("full", monitor)
         discard_images(self._folder.images, images)
         monitor.report("snapshot", 0, 1)

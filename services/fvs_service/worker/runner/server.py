@@ -43,10 +43,10 @@ from fvs_service.worker.runner.listener import Listener
 from fvs_service.worker.runner.model_states import ModelStates
 from fvs_service.worker.runner.planning import generate_views, plan_views
 from fvs_service.worker.runner.ranking import rank_views, render_view
-from fvs_service.worker.runner.request_queue import Asker, AskerGoneError, Question, RequestQueue
+from fvs_service.worker.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 from fvs_service.worker.runner.scene_jobs import SceneJobs
 
-QuestionT = TypeVar("QuestionT", RankViews, RenderView, GenerateViews, PlanViews)
+RequestT = TypeVar("RequestT", RankViews, RenderView, GenerateViews, PlanViews)
 
 _log = logging.getLogger(__name__)
 
@@ -93,7 +93,7 @@ class RunnerServer:
         try:
             while True:
                 self._respond(connection, REQUEST.validate_json(connection.receive_line()))
-        except (RunnerGoneError, AskerGoneError):
+        except (RunnerGoneError, RequesterGoneError):
             pass
         except Exception:
             _log.exception("A request cannot be read.")
@@ -101,7 +101,7 @@ class RunnerServer:
     def _respond(self, connection: Connection, request: Request) -> None:
         try:
             response = {"result": self._result(connection, request)}
-        except (RunnerGoneError, AskerGoneError):
+        except (RunnerGoneError, RequesterGoneError):
             raise
         except Exception as error:
             if not isinstance(error, EngineError | ServiceError):
@@ -157,18 +157,18 @@ class RunnerServer:
     def _ask(
         self,
         connection: Connection,
-        request: QuestionT,
+        request: RequestT,
         kind: str,
         views: int,
-        compute: Callable[[QuestionT, Monitor], Any],
+        compute: Callable[[RequestT, Monitor], Any],
         pass_on: Callable[[Sequence[Any]], object] | None = None,
     ) -> tuple[Any, float]:
-        """The answer to a question in its turn, and the seconds that it waited."""
+        """Compute a request in its turn; returns the answer and the seconds that it waited."""
         self._used = time.monotonic()
         key = request.model_dump_json(exclude={"api_key", "timeout_s", "streamed"})
-        question = Question(key, kind, views, lambda monitor: compute(request, monitor))
-        asker = Asker(request.api_key, request.timeout_s, connection.ended, pass_on)
-        return self._requests.ask(question, asker)
+        task = Task(key, kind, views, lambda monitor: compute(request, monitor))
+        requester = Requester(request.api_key, request.timeout_s, connection.ended, pass_on)
+        return self._requests.compute(task, requester)
 
     def _rank(self, request: RankViews, monitor: Monitor) -> RankedViews:
         state = self._states.of_snapshot(request.snapshot_id)

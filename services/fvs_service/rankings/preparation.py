@@ -1,4 +1,4 @@
-"""What a ranking asks a runner for, and what is known of the ranking before its candidates are scored."""
+"""Preparation of a ranking: the request to the runner, and everything that is known before scoring."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose |
 
 @dataclass(frozen=True)
 class PreparedRanking:
-    """What is known of a ranking before its candidates are scored.
+    """A ranking before its candidates are scored.
 
-    By id: the ``poses`` of the answer, and the distances. What can be done before scoring is done before: it
-    takes several times as long afterwards, when scoring has replaced what the processor's caches held.
+    By id: the ``poses`` of the answer, and the distances. Whatever can be prepared before scoring is:
+    afterwards it takes several times as long, because scoring has displaced the processor's caches.
     """
 
     request: RankingRequest
@@ -42,13 +42,13 @@ class PreparedRanking:
     poses: Mapping[str, FramePose | VehiclePose]
     distances: Mapping[str, float]
     excluded: Mapping[str, engine.RankedCandidate]
-    question: RankViews
+    model_request: RankViews
     remembered: IdempotencyKey
 
 
 @dataclass(frozen=True)
 class BegunRanking:
-    """What is known of a ranking before its candidates are.
+    """A ranking before its candidates are known.
 
     ``taken`` are world_from_camera of views that count as visited, by names that no candidate has.
     """
@@ -99,7 +99,7 @@ class BegunRanking:
             for name, candidate in excluded.items()
             if candidate.status is CandidateStatus.OUT_OF_RANGE
         }
-        question = RankViews(
+        model_request = RankViews(
             scene_id=self.scene.id,
             endpoint=self.endpoint,
             snapshot_id=self.snapshot.id,
@@ -125,7 +125,7 @@ class BegunRanking:
             dict(zip(poses, answered, strict=True)),
             distances,
             excluded,
-            question,
+            model_request,
             self.remembered,
         )
 
