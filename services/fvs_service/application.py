@@ -94,7 +94,7 @@ def open_storage(settings: Settings, tracing: Tracing | None = None) -> Abstract
 
 
 def open_existing_storage(settings: Settings, *, migrate: bool = False) -> AbstractContextManager[Storage]:
-    """Open the storage of a service that has run before, for commands that only look at it.
+    """Open the storage of a service that has run before, for commands that only inspect it.
 
     Creates nothing, and migrates the schema only if ``migrate``. Raises ``NotFoundError`` when the database
     or the blobs should be on this machine and are not, and ``IncompatibleDatabaseError`` when the schema has

@@ -176,7 +176,10 @@ class ConflictError(
 
 
 class OffsetMismatchError(
-    ConflictError, code="offset-mismatch", title="The upload goes on at another offset", rpc_status="ABORTED"
+    ConflictError,
+    code="offset-mismatch",
+    title="The upload continues at another offset",
+    rpc_status="ABORTED",
 ):
     """The bytes of a resumable upload do not begin where those that have arrived end."""
 

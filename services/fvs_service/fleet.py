@@ -1,4 +1,4 @@
-"""The fleet as the database knows it: which workers live, which jobs wait and run."""
+"""The fleet in the database: live workers, and waiting and running jobs."""
 
 from collections.abc import Mapping
 

@@ -56,7 +56,7 @@ class Metrics:
         )
         self.loop_lag = Histogram(
             "fvs_loop_lag_seconds",
-            "How late the event loop runs what is due.",
+            "Delay of the event loop's tasks that are due.",
             buckets=_LAGS,
             registry=self.registry,
         )

@@ -1,4 +1,4 @@
-"""What the service can do: its features and limits."""
+"""Capabilities of the service: its features and limits."""
 
 import importlib.metadata
 from typing import Annotated
@@ -23,7 +23,7 @@ class Capabilities(Model):
     """The methods of rankings."""
     generators: tuple[str, ...] = ("orbit", "grid", "dataset", "around-current", "in-volume")
     mission_formats: tuple[str, ...] = tuple(one.value for one in MissionFormat)
-    """What missions are written for."""
+    """The formats of missions."""
     image_formats: tuple[str, ...]
     job_kinds: tuple[str, ...] = tuple(kind.value for kind in JobKind)
     workers: tuple[WorkerStatus, ...]

@@ -1,4 +1,4 @@
-"""What log lines of requests have beside their method, path and status."""
+"""Fields of requests' log lines, besides method, path and status."""
 
 from collections.abc import Mapping
 from http import HTTPStatus

@@ -1,4 +1,4 @@
-"""The lag of the event loop: how late it runs what is due."""
+"""The lag of the event loop: the delay of tasks that are due."""
 
 import asyncio
 import time

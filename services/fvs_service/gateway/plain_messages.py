@@ -1,4 +1,4 @@
-"""Pydantic's errors said plainly: "it must …", of which the subject is the field."""
+"""Plain messages for pydantic's errors: "it must …", with the field as the subject."""
 
 import re
 from collections.abc import Mapping

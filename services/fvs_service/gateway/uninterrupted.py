@@ -1,7 +1,7 @@
 """Work that the end of a request does not interrupt.
 
-Cancelling a task that waits for a thread does not end the thread: it goes on with files that have no owner
-any longer.
+Cancelling a task that waits for a thread does not end the thread: it continues with files that no longer have
+an owner.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 async def to_its_end(work: Coroutine[Any, Any, T]) -> T:
-    """The result of ``work``; a cancellation takes effect when it has ended."""
+    """The result of ``work``; a cancellation takes effect after it has ended."""
     task, cancelled = asyncio.ensure_future(work), False
     while not task.done():
         try:

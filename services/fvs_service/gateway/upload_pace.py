@@ -1,4 +1,4 @@
-"""How slowly an upload may arrive."""
+"""The minimum speed of uploads."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""The end of uploads that nobody resumes."""
+"""Expiry of uploads that nobody resumes."""
 
 import asyncio
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _log = structlog.get_logger()
 
 
 async def prune_regularly(every_s: float, *prunes: Callable[[], None]) -> None:
-    """Call all of ``prunes``, which delete what has expired, again and again until cancelled."""
+    """Call all of ``prunes``, which delete what has expired, regularly until cancelled."""
     while True:
         for prune in prunes:
             try:

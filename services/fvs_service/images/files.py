@@ -1,4 +1,4 @@
-"""The files of images: where the service stores them, and how they are named for the engine.
+"""The files of images: their keys in the blob store, and their names for the engine.
 
 Nothing here needs the database.
 """

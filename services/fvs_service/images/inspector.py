@@ -23,7 +23,7 @@ from fvs_service.images.model import Verdict
 _log = structlog.get_logger()
 
 _KEPT_BYTES = 256_000_000
-"""Memory that a child keeps from one image for the next: returning it to the kernel and asking for it again
+"""Memory that a child keeps from one image for the next: returning it to the kernel and requesting it again
 takes a third of an inspection."""
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
 """Parameters of ``mallopt`` (glibc)."""

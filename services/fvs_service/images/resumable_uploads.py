@@ -241,7 +241,7 @@ def unknown_upload() -> NotFoundError:
     """The error for an upload that does not exist, has expired, or belongs to others."""
     return NotFoundError(
         "There is no such upload.",
-        hint="It may have expired. Create it again: POST /v1/uploads returns where it goes on.",
+        hint="It may have expired. Create it again: POST /v1/uploads returns its offset.",
     )
 
 
@@ -249,7 +249,7 @@ def beyond_end(size_bytes: int) -> PayloadTooLargeError:
     """The error for bytes after the last one of an upload."""
     return PayloadTooLargeError(
         f"The body goes beyond the {size_bytes} bytes that Upload-Length declares.",
-        hint="HEAD returns the offset at which the upload goes on.",
+        hint="HEAD returns the offset at which the upload continues.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Places for uploads: how many a tenant may send at once, and which one gives way when all are held.
+"""Upload places: they limit a tenant's concurrent uploads, and decide which one gives way to a new one.
 
 An upload that has held its place for a grace period gives way to one of a key that holds fewer places; after
 a longer time it gives way to any. The slowest goes first.

@@ -120,7 +120,7 @@ RankingId = Annotated[str, _id("rnk", "ranking")]
 
 
 Permission: TypeAlias = Callable[[], None]
-"""Checks that the caller may do what the route does, in a thread; raises ``ServiceError``."""
+"""Checks the caller's permission for the route, in a thread; raises ``ServiceError``."""
 
 
 async def to_create_scenes(caller: Caller) -> Permission:

@@ -1,4 +1,4 @@
-"""How long a client waits for an answer that is computed: ``X-Timeout-S``, and until it hangs up."""
+"""Timeouts of computed answers: ``X-Timeout-S``, and cancellation when the client hangs up."""
 
 import asyncio
 from collections.abc import Awaitable

@@ -29,7 +29,7 @@ from fvs_service.telemetry import Metrics
 
 
 class Reception:
-    """What the requests of one caller do with an upload."""
+    """Operations of one caller's requests on an upload."""
 
     def __init__(
         self, app: Application, metrics: Metrics, caller: Principal, upload: ResumableUpload
@@ -37,7 +37,7 @@ class Reception:
         self._app, self._metrics, self._caller, self._upload = app, metrics, caller, upload
 
     async def offset(self) -> int:
-        """Where the upload goes on; if all bytes have arrived, the image has been stored.
+        """The offset at which the upload continues; if all bytes have arrived, the image has been stored.
 
         Only then: a gateway that was killed between both must not tell the client that it is done.
         """
@@ -48,7 +48,7 @@ class Reception:
             return await self._stored()
 
     async def receive(self, request: Request, offset: int, checksum: Checksum | None) -> int:
-        """Append the body, which begins at ``offset``; returns where the upload goes on.
+        """Append the body, which begins at ``offset``; returns the offset at which the upload continues.
 
         Raises ``OffsetMismatchError``, ``ChecksumMismatchError``, ``PayloadTooLargeError``, and the errors of
         storing an image.
@@ -64,7 +64,7 @@ class Reception:
                 if arrived != offset:
                     raise OffsetMismatchError(
                         f"{arrived} bytes of the upload have arrived, not {offset}.",
-                        hint="HEAD returns the offset at which it goes on.",
+                        hint="HEAD returns the offset at which it continues.",
                     )
                 if arrived < upload.size_bytes:
                     arrived = await self._append(request, place, checksum)

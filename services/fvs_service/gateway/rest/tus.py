@@ -26,20 +26,20 @@ PATH = "/v1/uploads"
 VERSION = "1.0.0"
 EXTENSIONS = "creation,creation-with-upload,expiration,checksum,termination"
 ALGORITHMS = ("sha256", "sha1")
-"""Of checksums; the protocol demands the second."""
+"""Checksum algorithms; the protocol requires the second."""
 MEDIA_TYPE = "application/offset+octet-stream"
 _OVERRIDING = ("DELETE", "HEAD", "PATCH")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _NUMBER = re.compile(r"[0-9]{1,18}")
 _MAX_METADATA_BYTES = 8_192
 _OF_BROWSERS = frozenset({"filetype", "type", "relativePath"})
-"""Metadata that common clients add by themselves; they say nothing that the bytes do not."""
+"""Metadata that common clients add by themselves; the bytes have the same information."""
 _METADATA_HINT = "Write each as a name, a space, and its value in base64; separate them by commas."
 
 
 @dataclass(frozen=True)
 class UploadMetadata:
-    """What ``Upload-Metadata`` says of an upload."""
+    """The contents of ``Upload-Metadata``."""
 
     scene_id: str
     digest: str
@@ -48,7 +48,7 @@ class UploadMetadata:
 
 @dataclass(frozen=True)
 class Checksum:
-    """What ``Upload-Checksum`` declares of the bytes of one request."""
+    """The checksum that ``Upload-Checksum`` declares for the bytes of one request."""
 
     algorithm: str
     expected: bytes
@@ -59,7 +59,7 @@ class Checksum:
 
 
 class TusProtocol:
-    """Names the version in every response to an upload, and lets a POST stand for another method."""
+    """Adds the version to every response to an upload, and supports ``X-HTTP-Method-Override``."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -85,7 +85,7 @@ class TusProtocol:
 
 
 def is_upload(path: str) -> bool:
-    """Whether a path is that of a resumable upload, or where they are created."""
+    """Whether a path is that of a resumable upload, or of their collection."""
     return path == PATH or path.startswith(f"{PATH}/")
 
 

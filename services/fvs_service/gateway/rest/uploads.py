@@ -24,12 +24,10 @@ router = json_router(tus.PATH, "uploads")
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _BODY: dict[str, Any] = {"requestBody": {"required": False, "content": {tus.MEDIA_TYPE: _BINARY}}}
 _CREATED: dict[int | str, dict[str, Any]] = {
-    201: {"description": "`Location` is the upload, `Upload-Offset` where it goes on."}
+    201: {"description": "`Location` is the upload, `Upload-Offset` where it continues."}
 }
 _APPENDED: dict[int | str, dict[str, Any]] = {
-    204: {
-        "description": "`Upload-Offset` is where the upload goes on; `Content-Location` is the stored image."
-    }
+    204: {"description": "`Upload-Offset` is its next offset; `Content-Location` is the stored image."}
 }
 _STATE: dict[int | str, dict[str, Any]] = {200: {"description": "`Upload-Offset` of `Upload-Length` bytes."}}
 
@@ -109,7 +107,7 @@ async def create_upload(
     _metadata: _Metadata = None,
     _sum: _Sum = None,
 ) -> Response:
-    """Create an upload, or find that of the same image, which goes on where it stopped.
+    """Create an upload, or find that of the same image, which continues where it stopped.
 
     The body may be the beginning of the image; it is not used when bytes of it have arrived before.
     """
@@ -132,8 +130,8 @@ async def get_upload(
 ) -> Response:
     """Return how many bytes of an upload have arrived, in headers.
 
-    When all have, the image is stored. An upload that cannot go on, because its scene is full, is not found:
-    creating it again tells why.
+    When all have, the image is stored. An upload that cannot continue, because its scene is full, is not
+    found: creating it again tells why.
     """
     try:
         offset = await Reception(app, metrics, caller, upload).offset()

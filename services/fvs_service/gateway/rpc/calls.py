@@ -1,4 +1,4 @@
-"""What all calls have in common: id, API key, deadline, parsing, errors, a log line, metrics.
+"""Common handling of all calls: id, API key, deadline, parsing, errors, a log line, metrics.
 
 Messages arrive as bytes and leave as bytes: nothing is parsed before the caller is known, and neither parsing
 nor serialising runs on the event loop.
@@ -56,7 +56,7 @@ MAX_ID_CHARACTERS = 128
 MAX_CALLS = 2_048
 """Maximum number of concurrent calls of all tenants."""
 _CALLS_PER_TENANT = 512
-"""Calls that a tenant may have open at once: others find a place in the server's total."""
+"""Maximum number of open calls per tenant, so that the server's total has room for others."""
 _LISTS_AT_ONCE = 32
 """Messages with lists of a tenant that are read and parsed at once, which takes several times their bytes.
 The others stay with their clients until then."""
@@ -72,7 +72,7 @@ _log = structlog.get_logger()
 
 @dataclass
 class Gateway:
-    """What calls use of the gateway.
+    """The parts of the gateway that calls use.
 
     ``request_within_s``: the time within which a request must arrive; ``running``: the tasks of the calls,
     which a stop cuts.
@@ -92,7 +92,7 @@ class Gateway:
 
     @classmethod
     def of(cls, state: State, request_within_s: float) -> "Gateway":
-        """What the calls of an application with this state use: the same as its requests over REST."""
+        """The same parts of the application that its requests over REST use."""
         return cls(
             state.application,
             state.feed,
@@ -217,7 +217,7 @@ class Call:
 
 
 async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[Call], Awaitable[T]]) -> T:
-    """The result of ``work``; whatever fails ends the call with a status that has the reason."""
+    """The result of ``work``; any failure ends the call with a status that has the reason."""
     metadata = {key: value for key, value in context.invocation_metadata() or () if isinstance(value, str)}
     request_id = request_id_of(metadata.get(HEADER, ""))
     call = Call(gateway, context, metadata)
@@ -277,7 +277,7 @@ def _forget_frames(error: BaseException | None) -> None:
     """Drop the tracebacks of an error and its causes.
 
     They hold the frames of the call, with its messages, and these hold the error: a cycle, which would stay
-    in memory until Python looks for such.
+    in memory until the next garbage collection.
     """
     while error is not None:
         error.__traceback__ = None

@@ -1,6 +1,6 @@
 """Conversion between models and messages of ``fvs.v1``, derived from the descriptors.
 
-A message has its model's fields under their names. What protobuf has no form for follows a few rules:
+A message has its model's fields under their names. What protobuf cannot express follows a few rules:
 
 * ``None`` is an absent field, and absent fields of requests have the defaults of the model;
 * an enum value is the model's in capitals after the enum's name: ``JOB_STATE_QUEUED`` is "queued"; zero is
@@ -77,7 +77,7 @@ def write(model: Model, kind: type[MessageT]) -> MessageT:
 
 @dataclass(frozen=True)
 class _Field:
-    """What conversion needs of a field's descriptor, whose properties are slow."""
+    """Properties of a field's descriptor, cached because the descriptor's own are slow."""
 
     repeated: bool
     message: Descriptor | None
@@ -105,7 +105,7 @@ def _fields(descriptor: Descriptor) -> Mapping[str, _Field]:
 
 
 def _document(message: Message, path: str) -> Any:
-    """What pydantic validates: objects, lists and values under the names of the model."""
+    """The document that pydantic validates: objects, lists and values under the names of the model."""
     descriptor = message.DESCRIPTOR
     union = _union(descriptor)
     if union is not None:

@@ -26,7 +26,7 @@ async def download(
     sha256: str,
     content: Callable[[int, int], Iterator[bytes]],
 ) -> AsyncIterator[DownloadPart]:
-    """What is downloaded, then the bytes from ``request.start`` up to ``request.stop``.
+    """The description of the download, then the bytes from ``request.start`` up to ``request.stop``.
 
     Raises ``RangeError`` for a range that is empty or begins outside of the bytes.
     """

@@ -1,4 +1,4 @@
-"""How long health and reflection wait for requests: gRPC itself waits forever, and its calls are limited."""
+"""Timeouts of requests to health and reflection: gRPC itself waits forever, and its calls are limited."""
 
 import asyncio
 import inspect

@@ -1,4 +1,4 @@
-"""What requests have in common: pages, idempotency keys, digests. All raise ``InvalidRequestError``."""
+"""Common parts of requests: pages, idempotency keys, digests. All raise ``InvalidRequestError``."""
 
 from typing import Annotated, TypeVar
 
