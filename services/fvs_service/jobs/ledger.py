@@ -1,4 +1,4 @@
-"""The ledger of jobs: what workers read and write. Every write is fenced by the scene's lease."""
+"""The ledger of jobs: the workers' reads and writes. Every write is fenced by the scene's lease."""
 
 import time
 from collections.abc import Mapping

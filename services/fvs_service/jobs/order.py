@@ -165,7 +165,7 @@ class Order:
         return frozenset(job.scene_id for job in self.running)
 
     def _within_tenant(self, job: OpenJob) -> tuple[bool, bool, int, bool, int, str]:
-        """The order of a tenant's jobs; those that cannot have a turn come last, those begun go on first."""
+        """The order of a tenant's jobs; those that cannot have a turn come last, begun ones before others."""
         blocked = job.scene_id in self._scenes_in_turn or job.not_before_ms > self.now_ms
         return blocked, not job.cancel_requested, self._rank(job), not job.begun, job.served_ms, job.id
 

@@ -21,7 +21,7 @@ _MESSAGES = {
     WaitReason.SCENE: "Another job of the scene goes first; updates go before fine models.",
     WaitReason.TENANT_LIMIT: "The limit of your running jobs is reached.",
     WaitReason.MEMORY: "The workers' memory is in use.",
-    WaitReason.DISK: "The service's disk is full; the job goes on when there is room.",
+    WaitReason.DISK: "The service's disk is full; the job continues when there is room.",
     WaitReason.NO_WORKER: "No worker is alive.",
 }
 

@@ -1,7 +1,7 @@
 """The kinds of work of jobs: each has a queue of its own where workers are set to do one kind.
 
-An update begins with structure from motion, on the CPU, and goes on with training, where a GPU helps; a fine
-model is training alone. A job waits for a worker that does what it needs next.
+An update begins with structure from motion, on the CPU, and continues with training, where a GPU helps; a
+fine model is training alone. A job waits for a worker that does what it needs next.
 """
 
 from enum import StrEnum

@@ -28,7 +28,7 @@ class Altitudes:
 
     @classmethod
     def of(cls, datum: AltitudeDatum, home_m: float | None, geoid_m: float | None) -> "Altitudes":
-        """The conversion of a scene: above takeoff, home is at 0 if nothing else is said."""
+        """The conversion of a scene: above takeoff, home is at 0 unless it is given."""
         return cls(datum, 0.0 if home_m is None and datum is AltitudeDatum.TAKEOFF else home_m, geoid_m)
 
     def height(self, altitude_m: float) -> float | None:
@@ -36,7 +36,7 @@ class Altitudes:
         return None if self.home_m is None else altitude_m - self.home_m
 
     def offset(self, target: AltitudeDatum) -> float | None:
-        """What to add to an altitude to have it above ``target``; None when that is not known."""
+        """The offset from an altitude to that above ``target``; None when it is not known."""
         if target is AltitudeDatum.TAKEOFF:
             return None if self.home_m is None else -self.home_m
         if target is self.datum:

@@ -11,11 +11,11 @@ from fvs_service.missions.objections import Objections
 from fvs_service.scenes.model import AltitudeDatum
 
 _SAME_M = 0.5
-"""A way up or down that is shorter is none."""
+"""Shorter vertical ways are ignored."""
 _CLEAR_OF_GROUND_M = 2.0
-"""A takeoff goes at least so high."""
+"""Minimum height of a takeoff."""
 MOST_NAMED = 16
-"""Views whose reasons an error, or the answer, names."""
+"""Maximum number of views whose reasons an error or answer gives."""
 
 
 @dataclass(frozen=True)

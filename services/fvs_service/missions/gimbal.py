@@ -1,4 +1,4 @@
-"""What a gimbal makes of a view's roll: it keeps the camera level."""
+"""Roll of views: a gimbal keeps the camera level."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def levelled(point: Waypoint) -> Waypoint:
 
 
 def objection(view: Waypoint) -> str | None:
-    """Why the roll of a view cannot be flown; None is nothing."""
+    """Why the roll of a view cannot be flown; None if it can."""
     if abs(view.roll_deg) <= _LEVEL_DEG:
         return None
     return f"it is rolled by {view.roll_deg:.1f}°, and a gimbal keeps level"

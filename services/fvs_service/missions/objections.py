@@ -14,7 +14,7 @@ _ROUNDING_DEG = 1e-6
 
 
 class Objections:
-    """What the options of a mission say against views and ways; None is nothing.
+    """Objections of a mission's options to views and ways; None is no objection.
 
     ``altitudes`` are the scene's; ``ground_m`` is the altitude of the model's lowest point, which counts as
     the ground where home's altitude is not known. Raises ``InvalidRequestError`` for options that need home's

@@ -17,11 +17,11 @@ from fvs_service.snapshots.model import PinholeIntrinsics
 from fvs_service.storage.database import Database
 
 ReadRequest: TypeAlias = Callable[[], MissionRequest]
-"""Gives a request; it is called in a thread, once the permission is checked."""
+"""Reads a request; it is called in a thread, after the permission check."""
 
 
 class Missions:
-    """Writes missions. Nothing is kept: the same views give the same bytes again."""
+    """Writes missions. Nothing is stored: the same views give the same bytes again."""
 
     def __init__(self, database: Database, frames: SnapshotFrames, rankings: Rankings) -> None:
         self._database, self._frames, self._rankings = database, frames, rankings
@@ -76,7 +76,7 @@ def _given(ranking: Ranking) -> bool:
 
 
 def _require_sure_axes(alignment: Alignment, *, given: bool) -> None:
-    """Raise ``InvalidRequestError`` for poses that follow from a rotation which is not known."""
+    """Raise ``InvalidRequestError`` for poses that depend on a rotation which is not known."""
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not given:
         raise InvalidRequestError(
             "The photographs lie on a line, so the model may be turned about it by tens of degrees: a "

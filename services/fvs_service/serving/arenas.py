@@ -13,7 +13,7 @@ _ARENAS = 2
 
 
 def limit_arenas() -> None:
-    """Let all threads of this process share a few arenas; does nothing where the C library is not glibc."""
+    """Let all threads of this process share a few arenas; no effect where the C library is not glibc."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_ARENA_MAX, _ARENAS)

@@ -1,6 +1,6 @@
-"""What a transaction does right before and right after its commit.
+"""Hooks that run right before and right after a transaction's commit.
 
-SQLAlchemy has events for it; to listen to those of one session takes as long as an insert.
+SQLAlchemy has events for it; but listening to those of one session takes as long as an insert.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Whether the blob store answers, for probes and metrics: asked seldom, and never waited for long."""
+"""Whether the blob store answers, for probes and metrics: checked rarely, with a short timeout."""
 
 import threading
 import time
@@ -18,7 +18,7 @@ _WITHIN_S = 3.0
 class StoreCheck:
     """Checks the store on demand, one check at a time. Safe to use from any thread.
 
-    While a store does not answer, only the first who ask wait for it.
+    While a store does not answer, only the first callers wait for it.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class StoreCheck:
             ) from error
 
     def _current(self) -> tuple[Future[None], float]:
-        """The answer, which may still be to come, and when it was asked for."""
+        """The answer, which may be pending, and the time of its request."""
         with self._lock:
             answer = self._answer
             if answer is None or (answer.done() and self._clock() - self._asked_at > _FRESH_S):

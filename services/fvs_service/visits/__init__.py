@@ -1,1 +1,1 @@
-"""What vehicles report of views: that they fly there, took the photograph, or could not."""
+"""Visits: reports of vehicles that they fly to a view, took its photograph, or failed."""

@@ -45,7 +45,7 @@ class Attempts:
         self._runs = JobRuns(storage, scenes, room)
 
     def run(self, ticket: JobTicket) -> WaitReason | None:
-        """Run an attempt to its end, or that of its turn; returns what it lacks for going on, if anything.
+        """Run an attempt to its end, or that of its turn; returns the resource that it lacks, if any.
 
         When a process dies there is a new try. The attempt fails after ``MAX_TRIES`` tries without progress.
         """

@@ -19,7 +19,7 @@ _AFTER_ERROR_S = 0.5
 _log = structlog.get_logger()
 
 RunJob = Callable[[JobTicket], WaitReason | None]
-"""Runs a job's turn; returns what the job lacked for going on, if anything."""
+"""Runs a job's turn; returns the resource that the job lacked, if any."""
 
 
 class Dispatcher:
@@ -65,7 +65,7 @@ class Dispatcher:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take no more jobs; those that run go on."""
+        """Take no more jobs; running ones continue."""
         self._stopping.set()
         self.wake()
         self._thread.join(_STOP_S)  # it may be waiting for the database

@@ -57,7 +57,7 @@ _LOOK_EVERY_S = 0.5
 _REPORT_EVERY_S = 2.0
 """The remaining time is also reported in a stage that reports no progress for this long."""
 _RESUMABLE = ("quick training", "train")
-"""Stages that go on from where they were stopped; others start again."""
+"""Stages that resume where they were stopped; others start again."""
 
 _log = structlog.get_logger()
 
@@ -134,7 +134,7 @@ class JobRuns:
             raise  # the runner itself is alive, and keeps its model
         except JobPausedError as paused:
             if paused.obstacle is None:
-                self._copies.store(scene.lease)  # another machine may go on
+                self._copies.store(scene.lease)  # another machine may continue
             if paused.needs is not None:
                 ledger.needs(scene.lease, job.id, paused.needs)
             raise
@@ -165,7 +165,7 @@ class JobRuns:
             set_working_bytes(session, job.scene_id, _size_bytes(folder))
 
     def _compute_and_commit(self, leased: LeasedScene, job: Job) -> None:
-        """Do what no earlier try has committed."""
+        """Run and commit the stages that no earlier try has committed."""
         if self._storage.ledger.stage(job.id, _SNAPSHOT_STAGE) is not None:
             return
         images = self._images_of(leased, job)
@@ -266,7 +266,7 @@ class JobRuns:
                 stop.check()
 
     def _end_of(self, failure: Failure, stop: "_Stop", stage: str | None, request: RunJob) -> Exception:
-        """What a runner's failure means for the job."""
+        """The error that ends the job's turn after a runner's failure."""
         if stop.reason is not None and failure.code in (Cancelled.code, ProcessDiedError.code):
             return stop.reason
         if self._scenes.stopping:
@@ -328,7 +328,7 @@ class _Stop:
         self.reason: _CanceledError | JobPausedError | _SupersededError | None = None
 
     def came_to(self, progress: float, *, stage: str, new_stage: bool) -> None:
-        """Take note of the job's progress; the moment at which a stage begins is a good one to stop at."""
+        """Record the job's progress; the beginning of a stage is a good moment to stop."""
         self._turn_may_end = progress > self._job.progress and (new_stage or stage in _RESUMABLE)
         if new_stage:
             self._looked = 0.0
@@ -362,7 +362,7 @@ class _Stop:
 
 
 class _Responses:
-    """What a runner sends back for a job, read by a thread into a queue."""
+    """A runner's responses to a job, read by a thread into a queue."""
 
     def __init__(self, endpoint: str, request: RunJob) -> None:
         self._connection = connect(endpoint, _CONNECT_S)

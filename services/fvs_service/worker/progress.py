@@ -32,7 +32,7 @@ _FINE = {
     "snapshot": (0.98, 1.00),
 }
 PARTS = {JobKind.UPDATE: _UPDATE, JobKind.FINE: _FINE}
-"""The part of a job, from and to, that each stage is; stages that are not listed do not count."""
+"""Start and end of each stage as shares of the job; stages that are not listed do not count."""
 
 
 class JobProgress:

@@ -45,7 +45,7 @@ _TRAINING = ("quick training", "train")
 _TRAIN_POWER = 1.25
 """Iterations slow down as Gaussians are added: a share s of them takes s to this power of the time."""
 _OVERDUE = 0.15
-"""A stage that exceeds its usual time is expected to go on for this share of its time so far."""
+"""A stage that exceeds its usual time is expected to last for this share of its time so far."""
 _SMOOTHING = 0.1
 _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03
@@ -80,7 +80,7 @@ class RemainingTime:
         self._resumed = resumed
 
     def add(self, progress: StageProgress) -> float | None:
-        """Take note of a stage's progress; returns the remaining time in seconds, None while unknown."""
+        """Record a stage's progress; returns the remaining time in seconds, None while unknown."""
         self._elapse()
         share = 0.0 if progress.share is None else min(1.0, max(0.0, progress.share))
         if progress.stage in _TRAINING:
@@ -89,7 +89,7 @@ class RemainingTime:
             self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0
             self._seconds.setdefault(progress.stage, 0.0)
             if self._resumed and self._share_at_start > 0:
-                self._end = None  # it goes on where an earlier try came to: no reason to approach slowly
+                self._end = None  # it resumes where an earlier try stopped: no reason to approach slowly
         self._share = share
         return self.now()
 

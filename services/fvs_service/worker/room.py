@@ -9,7 +9,7 @@ _LOOK_EVERY_S = 0.5
 
 
 class Room:
-    """Whether jobs may start and go on: the disk of the service's folder has more than its reserve left.
+    """Whether jobs may start and continue: the disk of the service's folder has more than its reserve left.
 
     The reserve is what the database, and the checkpoint of a job that stops, are written into. A job starts
     only with some room more, so that it does not stop at once.

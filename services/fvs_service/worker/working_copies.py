@@ -1,8 +1,9 @@
-"""Working copies: the folders of scenes in the object store, so that another machine goes on from them.
+"""Working copies: the folders of scenes in the object store, so that another machine can continue from them.
 
-A scene's working copy is a tar of what its jobs go on from. It is stored before a snapshot is committed and
-when a turn ends; the scene's row names the newest. A worker whose folder does not come from that one replaces
-it. An older copy than the snapshot's would do, too: updates add all images that a folder lacks.
+A scene's working copy is a tar of the files that its jobs continue from. It is stored before a snapshot is
+committed and when a turn ends; the scene's row names the newest. A worker whose folder does not come from
+that one replaces it. An older copy than the snapshot's would do, too: updates add all images that a folder
+lacks.
 """
 
 import shutil

@@ -201,7 +201,7 @@ def _heading(waypoint: Waypoint) -> Iterator[str]:
 
 
 def _actions(mission: Mission, number: int, waypoint: Waypoint) -> Iterator[str]:
-    """What is done at a view: turn the gimbal, stand still, take a photograph."""
+    """The actions at a view: turn the gimbal, hold still, take a photograph."""
     if waypoint.name is None:
         return
     actions = (
@@ -254,7 +254,7 @@ def _photograph(name: str) -> tuple[str, ...]:
 
 
 def _above_sea(mission: Mission) -> float:
-    """What to take from an altitude for the template's height: the geoid's, or nothing above home."""
+    """Offset of the template's height: the geoid's height, or 0 above home."""
     return 0.0 if _relative(mission) else mission.options.geoid_height_m or 0.0
 
 

@@ -17,7 +17,7 @@ DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.SEA_LEVEL})
 _MOST_ITEMS = 65_535
 """``MISSION_COUNT`` has 16 bits."""
 _AFTER_PHOTOGRAPH_S = 1.0
-"""A camera is kept still for so long once it is told to take a photograph."""
+"""Time for which a camera is kept still after the command to take a photograph."""
 _TURN_S = 4.0
 """An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
 _TARGETING = 2.0
@@ -27,7 +27,7 @@ _KEEP_THROTTLE = -1.0
 
 
 class Frame(IntEnum):
-    """``MAV_FRAME``: what coordinates of a command are."""
+    """``MAV_FRAME``: the frame of a command's coordinates."""
 
     GLOBAL = 0
     MISSION = 2
@@ -77,7 +77,7 @@ def items_of(mission: Mission) -> tuple[Item, ...]:
 
 
 def frame_of(mission: Mission) -> Frame:
-    """What altitudes of the mission are to an autopilot."""
+    """The frame of the mission's altitudes for an autopilot."""
     return Frame.GLOBAL_RELATIVE_ALT if mission.datum is AltitudeDatum.TAKEOFF else Frame.GLOBAL
 
 

@@ -1,4 +1,4 @@
-"""Which module writes which format, and what its files are called."""
+"""Registry of the formats: the module that writes each, and the names of its files."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,7 +5,7 @@ from fvs_service.jobs.first_model import FIRST_MODEL, PARTS
 
 
 class FirstModelMonitor(Monitor):
-    """Reports all stages of the first model as one: the job runs them again, on all images."""
+    """Reports all stages of the first model as one; the job repeats them later on all images."""
 
     def __init__(self, monitor: Monitor) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""How a runner ends whose worker, frozen or cut off from the database, does not extend the lease in time."""
+"""Ends a runner whose worker, frozen or cut off from the database, does not extend the lease in time."""
 
 import os
 import select

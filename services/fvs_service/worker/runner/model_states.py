@@ -49,12 +49,12 @@ class ModelState:
 
     @cached_property
     def matter(self) -> Matter:
-        """What the Gaussians show to be solid."""
+        """The matter that the Gaussians show."""
         return matter_of(self.gaussians)
 
     @cached_property
     def observations(self) -> Observations:
-        """The sparse points and who saw them."""
+        """The sparse points and the cameras that saw them."""
         return self.read_observations()
 
 

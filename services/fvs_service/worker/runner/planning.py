@@ -59,7 +59,7 @@ def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ..
 
 
 def _seen(updates: Sequence[UpdateQuality], by_image: dict[str, PinholeView], spread: float) -> list[Seen]:
-    """The mean PSNR of each update's new images before they were learnt, and their mean variance then.
+    """The mean PSNR of each update's new images before they were trained on, and their mean variance then.
 
     By their present poses: those of the time are gone, and the model frame stays the same.
     """

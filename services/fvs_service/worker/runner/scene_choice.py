@@ -1,4 +1,4 @@
-"""How a scene is reconstructed and trained: chosen by its first update, the same for all later ones."""
+"""Settings of reconstruction and training that a scene's first update chooses for all later ones."""
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_text_atomically
@@ -12,7 +12,7 @@ from fvs_service.worker.runner.scene_folder import SceneFolder
 
 
 class SceneChoice(Record):
-    """What the first update of a scene chose."""
+    """The choice of a scene's first update."""
 
     long_side_px: int
     initial_iterations: int
