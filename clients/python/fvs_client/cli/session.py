@@ -59,7 +59,7 @@ def find_scene(client: Client, name: str) -> Scene:
 
 
 def confirm(question: str, *, yes: bool) -> None:
-    """Ask whether to go on, unless the answer is given; ends the command otherwise."""
+    """Ask for confirmation unless it is given; ends the command without it."""
     try:
         agreed = yes or typer.confirm(question)
     except typer.Abort:  # nobody is there to answer

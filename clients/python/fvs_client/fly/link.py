@@ -67,7 +67,7 @@ class Link:
         self._reader.start()
 
     def close(self) -> None:
-        """End the connection; the vehicle goes on with what it does."""
+        """End the connection; the vehicle continues what it does."""
         self._closed = True
         self._reader.join(timeout=5.0)
         with contextlib.suppress(OSError, AttributeError):  # pymavlink's, of a link that is broken
@@ -159,7 +159,7 @@ class Link:
                     self.changed.wait(left)
         raise NoAnswerError(
             f"The vehicle does not answer a {what}, sent {_TRIES} times.",
-            hint="Check the link. The vehicle goes on with what it does.",
+            hint="Check the link. The vehicle continues what it does.",
         )
 
     def _wanted(self) -> Any:

@@ -16,7 +16,7 @@ class FlightLog:
     """Writes events to a file, if there is one, and says them.
 
     An event has its time ``t_s`` since the beginning, the vehicle's position and battery, and a text, which
-    is empty for those that are not said.
+    is empty for those that are not given.
     """
 
     path: Path | None
@@ -50,7 +50,7 @@ class FlightLog:
             if not self._failed:
                 self._failed = True
                 self._say(
-                    f"{self.path} cannot be written: {error.strerror}. The flight goes on without its log."
+                    f"{self.path} cannot be written: {error.strerror}. The flight continues without its log."
                 )
 
     def _say(self, text: str) -> None:

@@ -33,7 +33,7 @@ class Equipment:
 
 @dataclass(frozen=True)
 class VehicleState:
-    """What a vehicle has said of itself last. Altitudes are above sea level, heights above home."""
+    """The state that a vehicle reported last. Altitudes are above sea level, heights above home."""
 
     latitude_deg: float = math.nan
     longitude_deg: float = math.nan
@@ -89,7 +89,7 @@ class Vehicle:
             raise
 
     def close(self) -> None:
-        """End the connection; the vehicle goes on with what it does."""
+        """End the connection; the vehicle continues what it does."""
         self._link.close()
 
     def __enter__(self) -> "Vehicle":
@@ -100,14 +100,14 @@ class Vehicle:
 
     @property
     def state(self) -> VehicleState:
-        """What the vehicle has said last; raises ``NoAnswerError`` after a silence of 20 s."""
+        """The state that the vehicle reported last; raises ``NoAnswerError`` after a silence of 20 s."""
         with self._link.changed:
             self._link.require_heard()
             return self._state
 
     @property
     def last_state(self) -> VehicleState:
-        """What the vehicle has said last, however long ago."""
+        """The state that the vehicle reported last, however long ago."""
         with self._link.changed:
             return self._state
 
@@ -178,7 +178,7 @@ class Vehicle:
         )
 
     def pause(self) -> None:
-        """Stop where it is; ``resume`` goes on with the mission."""
+        """Stop where it is; ``resume`` continues the mission."""
         self.set_mode(Mode.PAUSE)
 
     def resume(self) -> None:

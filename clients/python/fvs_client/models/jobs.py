@@ -60,7 +60,7 @@ class WaitReason(Word):
     MEMORY = "memory"
     """The workers' memory is in use."""
     DISK = "disk"
-    """The service's disk is full; the job goes on when there is room."""
+    """The service's disk is full; the job continues when there is room."""
     NO_WORKER = "no-worker"
     """No worker is alive."""
 

@@ -90,7 +90,7 @@ class CandidateTerms(Answer):
 
 
 class Plan(Answer):
-    """A plan. It is not kept: asking again takes a fraction of a second."""
+    """A plan. It is not stored: planning again takes a fraction of a second."""
 
     scene_id: str
     snapshot_id: str

@@ -53,7 +53,7 @@ class Drain:
         gone = not self._outbox.in_place()
         if gone and not self._outbox_gone:
             self._say(
-                f"{self._outbox.path} was deleted or replaced. Sending goes on, but `status` "
+                f"{self._outbox.path} was deleted or replaced. Sending continues, but `status` "
                 "does not see it. Start again when the folder is back: no photograph is stored twice."
             )
         self._outbox_gone = gone

@@ -11,7 +11,7 @@ class State(StrEnum):
 
     WAITING = "waiting"
     SENDING = "sending"
-    """Sending has begun; an interrupted one goes on from its offset."""
+    """Sending has begun; after an interruption it resumes at its offset."""
     SENT = "sent"
     """The service has acknowledged its digest."""
     REFUSED = "refused"

@@ -19,7 +19,7 @@ _OTHER_OFFSET = 409
 
 
 class PutOffError(Exception):
-    """A more urgent photograph goes first; this one goes on later where it is."""
+    """A more urgent photograph goes first; this one resumes later."""
 
 
 class ResumableCarrier:
@@ -60,7 +60,7 @@ class ResumableCarrier:
         return self._confirmed(photograph, require_success(answer))
 
     def _create(self, photograph: Photograph, file: BinaryIO) -> tuple[str, int]:
-        """Create an upload, or find the one of the same image, which goes on; its id and offset."""
+        """Create an upload, or find that of the same image to resume; returns its id and offset."""
         fresh = photograph.state is State.WAITING
         self._outbox.begin(photograph.number, None)
         headers = {
