@@ -8,9 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from fvs_engine import errors as engine
-from fvs_service.disclosure import without_paths
-
 
 @dataclass(frozen=True)
 class FieldError:
@@ -386,21 +383,3 @@ def deadline_passed(timeout_s: float) -> DeadlineError:
 def stopping() -> UnavailableError:
     """The error for a request that ends because the service stops."""
     return UnavailableError("The service is stopping.", hint="Send the request again.", retry_after_s=5)
-
-
-_OF_ENGINE: tuple[tuple[type[engine.EngineError], type[ServiceError]], ...] = (
-    (engine.InvalidInputError, InvalidRequestError),
-    (engine.Cancelled, UnavailableError),
-    (engine.BackendUnavailableError, UnavailableError),
-)
-
-
-def from_engine(error: engine.EngineError) -> ServiceError:
-    """The service's error for one of the engine's, with file names in place of paths."""
-    message, hint = without_paths(error.message), without_paths(error.hint)
-    if error.code == "disk-full":
-        return OutOfSpaceError("The disk is full.", hint="Free some space on the service's disk.")
-    for kind, service_kind in _OF_ENGINE:
-        if isinstance(error, kind):
-            return service_kind(message, hint=hint)
-    return InternalError(message, hint=hint)

@@ -1,6 +1,6 @@
 import pytest
 from fvs_service.disclosure import without_paths
-from fvs_service.errors import from_engine
+from fvs_service.engine_errors import from_engine
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.storage import storage_error

@@ -180,7 +180,7 @@ class SceneRunners(Protocol):
     Equal concurrent requests are computed once. A call that is cancelled stops the computation, unless others
     wait for it. All methods raise ``UnavailableError`` when no runner can answer now, ``LimitExceededError``
     when there are too many requests (both with ``retry_after_s``), ``DeadlineError`` after ``timeout_s``, and
-    what ``fvs_service.errors.from_engine`` makes of the engine's errors.
+    what ``fvs_service.engine_errors.from_engine`` makes of the engine's errors.
     """
 
     @property

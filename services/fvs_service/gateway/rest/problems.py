@@ -13,6 +13,7 @@ from starlette.routing import Match
 
 from fvs_engine.errors import EngineError
 from fvs_service import errors
+from fvs_service.engine_errors import from_engine
 from fvs_service.errors import ServiceError
 from fvs_service.gateway import validation
 from fvs_service.model import Model
@@ -107,7 +108,7 @@ async def _service_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _engine_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, EngineError)
-    return problem_response(request, errors.from_engine(error))
+    return problem_response(request, from_engine(error))
 
 
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:

@@ -23,6 +23,7 @@ from fvs_engine.errors import EngineError
 from fvs_service.application import Application
 from fvs_service.auth import bearer_key
 from fvs_service.concurrency import ConcurrencyLimit, TenantTurns
+from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
@@ -32,7 +33,6 @@ from fvs_service.errors import (
     ServiceError,
     SlowRequestError,
     UnauthenticatedError,
-    from_engine,
     stopping,
 )
 from fvs_service.events.feed import EventFeed

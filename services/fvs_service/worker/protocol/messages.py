@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
     DeadlineError,
     InternalError,
@@ -24,7 +25,6 @@ from fvs_service.errors import (
     OutOfSpaceError,
     ServiceError,
     UnavailableError,
-    from_engine,
 )
 from fvs_service.images.model import Image
 from fvs_service.jobs.model import JobRequest
