@@ -16,7 +16,8 @@ from fvs_service.images.repository import usable_images
 from fvs_service.jobs.model import JobError, WaitReason
 from fvs_service.jobs.repository import find_job
 from fvs_service.jobs.ticket import JobTicket
-from fvs_service.worker.job_run import ChildDiedError, JobPausedError, JobRuns
+from fvs_service.worker.job_run import ChildDiedError, JobRuns
+from fvs_service.worker.job_stop import JobPausedError
 from fvs_service.worker.leased_scenes import LeasedScenes, NoMemoryError
 from fvs_service.worker.memory import job_need_bytes
 from fvs_service.worker.protocol.connection import RunnerGoneError

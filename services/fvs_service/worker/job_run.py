@@ -2,13 +2,10 @@
 
 import contextlib
 import os
-import queue
 import shutil
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import structlog
 
@@ -30,17 +27,13 @@ from fvs_service.snapshots.artifacts import ALIGNMENT
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.tracing import Span
+from fvs_service.worker.job_responses import JobResponses
 from fvs_service.worker.job_size import size_of
+from fvs_service.worker.job_stop import CanceledError, JobPausedError, JobStop, SupersededError
 from fvs_service.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.worker.progress import JobProgress
-from fvs_service.worker.protocol.connection import (
-    RunnerError,
-    RunnerGoneError,
-    call,
-    connect,
-    exchange,
-)
-from fvs_service.worker.protocol.messages import CancelJob, Failure, JobOutcome, RunJob, StageProgress
+from fvs_service.worker.protocol.connection import RunnerGoneError
+from fvs_service.worker.protocol.messages import Failure, JobOutcome, RunJob, StageProgress
 from fvs_service.worker.remaining_time import COMMIT, RemainingTime
 from fvs_service.worker.room import Room
 from fvs_service.worker.stage_spans import StageSpans
@@ -48,41 +41,14 @@ from fvs_service.worker.working_copies import WorkingCopies
 
 _RESTORE, _SNAPSHOT_STAGE = "restore", "snapshot"
 _POLL_S = 0.2
-_CONNECT_S = 5.0
-_STOP_S = 1.0
-"""A runner that does not stop a canceled job within this time is killed: under 2 s with the polling."""
-_SAVE_S = 60.0
-"""Time within which a paused runner must save its checkpoint."""
-_LOOK_EVERY_S = 0.5
 _REPORT_EVERY_S = 2.0
 """The remaining time is also reported in a stage that reports no progress for this long."""
-_RESUMABLE = ("quick training", "train")
-"""Stages that resume where they were stopped; others start again."""
 
 _log = structlog.get_logger()
 
 
-class JobPausedError(Exception):
-    """The job's turn has ended and it continues later; ``obstacle`` is what it lacks, if anything.
-
-    ``needs`` is the work that another worker does next.
-    """
-
-    def __init__(self, obstacle: WaitReason | None = None, needs: Work | None = None) -> None:
-        super().__init__()
-        self.obstacle, self.needs = obstacle, needs
-
-
 class ChildDiedError(Exception):
     """The SfM child died under the runner: its stage starts again."""
-
-
-class _CanceledError(Exception):
-    """The job was canceled."""
-
-
-class _SupersededError(Exception):
-    """The next update of the scene waits; the job's quick model is its result."""
 
 
 class _JobFailedError(Exception):
@@ -122,7 +88,7 @@ class JobRuns:
         ledger = self._storage.ledger
         try:
             self._compute_and_commit(scene, job)
-        except _CanceledError:
+        except CanceledError:
             ledger.cancel(scene.lease, job.id)
         except _JobFailedError as failed:
             span.fail(failed.error.code)
@@ -151,7 +117,7 @@ class JobRuns:
             )
             span.fail(failure.code)
             ledger.fail(scene.lease, job.id, failure)
-        except _SupersededError:
+        except SupersededError:
             self._copies.store(scene.lease)  # another machine may run the next update
             ledger.succeed(scene.lease, job.id)
         except BaseException:
@@ -182,7 +148,7 @@ class JobRuns:
         )
         remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
         with StageSpans(
-            self._storage.tracing, expected=(JobPausedError, _CanceledError, _SupersededError)
+            self._storage.tracing, expected=(JobPausedError, CanceledError, SupersededError)
         ) as spans:
             spans.came_to(_RESTORE)
             self._copies.restore(job.scene_id)
@@ -221,9 +187,9 @@ class JobRuns:
         spans: StageSpans,
     ) -> JobOutcome:
         """Have the runner run the job; records its progress and warnings, and cancels or pauses it."""
-        responses = _Responses(scene.endpoint, request)
+        responses = JobResponses(scene.endpoint, request)
         progress = JobProgress(job.kind)
-        stop = _Stop(self._storage, self._room, scene, job)
+        stop = JobStop(self._storage, self._room, scene, job)
         stage: str | None = None
         reported = time.monotonic()
         while True:
@@ -265,7 +231,7 @@ class JobRuns:
             with contextlib.suppress(StorageUnavailableError):
                 stop.check()
 
-    def _end_of(self, failure: Failure, stop: "_Stop", stage: str | None, request: RunJob) -> Exception:
+    def _end_of(self, failure: Failure, stop: JobStop, stage: str | None, request: RunJob) -> Exception:
         """The error that ends the job's turn after a runner's failure."""
         if stop.reason is not None and failure.code in (Cancelled.code, ProcessDiedError.code):
             return stop.reason
@@ -305,90 +271,6 @@ class JobRuns:
         self._storage.snapshots.commit(leased.lease, job, stage, made)
 
 
-class _Stop:
-    """Why and since when a running job is being stopped, if it is.
-
-    It is canceled by its flag, and paused when the disk comes to the reserve or when its turn ends. A turn
-    ends only where little work is lost, and once the job has come farther than in its earlier turns: else it
-    might never get past a long stage.
-
-    ``may_be_superseded``: the quick model of an update is committed. The full one is not finished when the
-    scene's next update waits, which trains a model of more images.
-    """
-
-    def __init__(self, storage: Storage, room: Room, scene: LeasedScene, job: Job) -> None:
-        self._storage = storage
-        self._room = room
-        self._scene = scene
-        self._job = job
-        self._turn_may_end = False
-        self._looked = time.monotonic()
-        self._since = 0.0
-        self.may_be_superseded = False
-        self.reason: _CanceledError | JobPausedError | _SupersededError | None = None
-
-    def came_to(self, progress: float, *, stage: str, new_stage: bool) -> None:
-        """Record the job's progress; the beginning of a stage is a good moment to stop."""
-        self._turn_may_end = progress > self._job.progress and (new_stage or stage in _RESUMABLE)
-        if new_stage:
-            self._looked = 0.0
-
-    def check(self) -> None:
-        """Stop the job when there is a reason to; raises the reason when the runner does not stop in time."""
-        found = self._new_reason()
-        if found is not None:
-            self.reason, self._since = found, time.monotonic()
-            _request_stop(self._scene.endpoint)
-        patience_s = _STOP_S if isinstance(self.reason, _CanceledError) else _SAVE_S
-        if self.reason is not None and time.monotonic() - self._since > patience_s:
-            self._scene.child.kill()  # the lease stays, so that the job's end can be recorded
-            raise self.reason
-
-    def _new_reason(self) -> "_CanceledError | JobPausedError | _SupersededError | None":
-        if isinstance(self.reason, _CanceledError):
-            return None
-        if self._storage.ledger.cancel_requested(self._job.id):
-            return _CanceledError()
-        if self.reason is not None or time.monotonic() - self._looked < _LOOK_EVERY_S:
-            return None
-        self._looked = time.monotonic()
-        if self._room.used_up:
-            return JobPausedError(WaitReason.DISK)
-        if self.may_be_superseded and self._storage.queue.update_waits(self._job.scene_id):
-            return _SupersededError()
-        if self._storage.queue.must_pause(self._job.id, turn_may_end=self._turn_may_end):
-            return JobPausedError()
-        return None
-
-
-class _Responses:
-    """A runner's responses to a job, read by a thread into a queue."""
-
-    def __init__(self, endpoint: str, request: RunJob) -> None:
-        self._connection = connect(endpoint, _CONNECT_S)
-        self._connection.set_timeout(None)
-        self._received: queue.Queue[Any] = queue.Queue()
-        threading.Thread(target=self._receive, args=(request,), daemon=True).start()
-
-    def next(self, timeout_s: float) -> Any:
-        """The next document, a ``Failure``, a ``RunnerGoneError``; None when there is none in time."""
-        try:
-            return self._received.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
-
-    def _receive(self, request: RunJob) -> None:
-        try:
-            for document in exchange(self._connection, request):
-                self._received.put(document)
-        except RunnerError as error:
-            self._received.put(error.failure)
-        except RunnerGoneError as error:
-            self._received.put(error)
-        finally:
-            self._connection.close()
-
-
 def _patiently(scene: LeasedScene, write: Callable[[], object]) -> None:
     """Write to the database; waits while it cannot be reached, as long as the runner has its lease."""
     while True:
@@ -410,8 +292,3 @@ def _size_bytes(folder: Path) -> int:
             with contextlib.suppress(FileNotFoundError):
                 total += Path(parent, name).lstat().st_size
     return total
-
-
-def _request_stop(endpoint: str) -> None:
-    with contextlib.suppress(RunnerGoneError, RunnerError):  # a runner that does not stop is killed
-        call(endpoint, CancelJob(), _STOP_S)

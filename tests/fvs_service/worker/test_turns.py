@@ -13,7 +13,7 @@ import pytest
 from fvs_service.jobs import ledger, order, queue
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
-from fvs_service.worker import attempts, job_run, room
+from fvs_service.worker import attempts, job_stop, room
 from fvs_service.worker.attempts import MAX_TRIES
 from fvs_service.worker.dispatcher import Dispatcher
 from fvs_service.worker.heartbeat import Heartbeats
@@ -79,7 +79,7 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
     monkeypatch.setattr(order, "_SETTLED_MS", 0)
-    monkeypatch.setattr(job_run, "_LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(job_stop, "_LOOK_EVERY_S", 0.0)
     monkeypatch.setattr(room, "_LOOK_EVERY_S", -1.0)
     # A job that lacks something says so until it may try again: see `_let_all_try_again`.
     monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 1_000_000)
