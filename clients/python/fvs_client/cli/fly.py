@@ -170,7 +170,7 @@ def fly(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Fly a vehicle from view to view: ask, fly, photograph, send, update the model, ask again.
+    """Fly a vehicle from view to view: rank, fly, photograph, send, update the model, repeat.
 
     Ctrl-C sends it home; a second one ends this program, and leaves the vehicle to its autopilot. Lines on a
     terminal: `pause`, `resume`, `home`. Needs the extra `fly` of fvs-client.

@@ -1,1 +1,1 @@
-"""Flies a vehicle that speaks MAVLink from view to view: ask, fly, photograph, send, ask again."""
+"""Flies a vehicle that speaks MAVLink from view to view: rank, fly, photograph, send, repeat."""

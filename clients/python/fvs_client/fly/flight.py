@@ -1,4 +1,4 @@
-"""A flight: ask for views, fly there, photograph them, send the photographs, update the model, ask again.
+"""A flight: request views, fly there, photograph them, send the photographs, update the model, repeat.
 
 Each mission ends at home. After a leg the vehicle waits for the next one; when none comes in time, because
 the service, the link or this program is gone, it returns by itself. While it gets a mission, tenths of a
