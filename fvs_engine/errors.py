@@ -72,7 +72,7 @@ class NoProcessError(EngineError):
 
 
 class TrainingError(EngineError):
-    """Training cannot start or cannot go on (nothing to train on, or the numbers diverged)."""
+    """Training cannot start or cannot continue (nothing to train on, or the numbers diverged)."""
 
     code = "training-failed"
 

@@ -18,7 +18,7 @@ NamedT = TypeVar("NamedT", bound=_Named)
 
 
 _SEED = 0
-"""Of a random choice: all runs on the same names hold out the same."""
+"""Seed of a random choice: all runs on the same names hold out the same views."""
 
 
 def hold_out(

@@ -2,7 +2,7 @@
 
 The threads of a kernel wait for each other at its end. Alone on two cores, steps of a quick model take 0.7 of
 the time that they take with one thread. Beside a process of the same priority that keeps one core busy they
-take twice as long, because the system lets the second thread wait.
+take twice as long, because the scheduler delays the second thread.
 """
 
 import time
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import numba
 
 _TRY_EVERY = 12
-"""One step of so many has the other number of threads."""
+"""One in this many steps uses the other number of threads."""
 _NEWEST = 0.2
 """Weight of the newest step in the smoothed time: two threads are slow now and then, and then very slow."""
 _NEWEST_TRIAL = 0.5
@@ -40,7 +40,7 @@ class FasterThreads:
 
     @contextmanager
     def step(self) -> Iterator[None]:
-        """One step: what runs in the block."""
+        """Run one step, the code in the block."""
         self._steps += 1
         trial = self._smooth_s is not None and self._steps % _TRY_EVERY == 0
         before, started = numba.get_num_threads(), self._clock()

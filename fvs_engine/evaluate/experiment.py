@@ -65,8 +65,8 @@ class ExperimentFolder:
     def claim(self, dataset: Dataset, protocol: Protocol) -> None:
         """Create the folder, or check that it holds runs of this dataset under this protocol.
 
-        The time limit may differ: runs that a shorter one ended go on. Raises ``OutputExistsError`` when it
-        holds something else.
+        The time limit may differ: runs that a shorter one ended continue. Raises ``OutputExistsError`` when
+        it holds something else.
         """
         given = ExperimentIdentity(dataset=dataset.name, fingerprint=fingerprint(dataset), protocol=protocol)
         owned = OwnedFolder(self.root, "experiment.json", ExperimentIdentity, "experiment")
@@ -100,7 +100,7 @@ def run_experiment(
     """Run every method with every seed and write the report; finished runs are only read.
 
     The report is written after every run, so that a stop leaves one. A run that fails is named in it and
-    tried again by the next call; the others go on. ``calibrated``: in the runs of one method (``farthest``
+    retried by the next call; the others continue. ``calibrated``: in the runs of one method (``farthest``
     when it is among them, else the first), the scores of all methods are recorded.
 
     Stage ``experiment``, in views added over all runs. Raises ``InvalidInputError`` for unknown methods, a

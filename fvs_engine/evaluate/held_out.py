@@ -22,7 +22,7 @@ Lpips = Callable[[ArrayLike, ArrayLike], float]
 
 
 _SEEDS_APART = 1_000
-"""Between the seeds of trainings of the same views: runs have small ones."""
+"""Distance between the seeds of trainings of the same views; runs have small seeds."""
 
 
 def evaluate(

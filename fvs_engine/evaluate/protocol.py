@@ -162,7 +162,7 @@ PRESETS: dict[ProtocolName, Protocol] = {
 """``paper``: the method's own setting, Algorithm 1 with its schedule. ``fisherrf``: FisherRF's 20 views on
 Mip-NeRF360, any view may be next. ``nearest5``: as on a vehicle, only the five nearest unvisited views may be
 next, and the given ones lie side by side. ``travel``: any view may be next, but a run ends where the vehicle
-has flown as far as the capture did, or so far as is asked for, and with 20 views at most."""
+has flown as far as the capture did, or as requested, and with 20 views at most."""
 
 
 def protocol_from_preset(preset: str, **changes: object) -> Protocol:

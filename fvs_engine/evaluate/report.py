@@ -12,13 +12,13 @@ BASELINES = ("farthest", "random")
 
 _Value = Callable[[Evaluation], float | None]
 _Reached = Sequence[tuple[Run, Evaluation]]
-"""Runs, with what was measured of each at one number of views, or one share of the travel."""
+"""Runs with their measurements at one number of views, or one share of the travel."""
 _BySeed = dict[str, dict[int, float]]
 """A number by method and seed."""
 
 
 class Measures(Record):
-    """What was measured of one selector, over the seeds whose runs got that far.
+    """Measurements of one selector, over the seeds whose runs got that far.
 
     ``gains``: its PSNR less a baseline's, seed by seed, and ``unvisited_gains`` the same over the views that
     may still be visited. ``training_sd_db``: between models of the same views; None where each has one model.
@@ -51,7 +51,7 @@ class Row(Measures):
 
     @property
     def place(self) -> float:
-        """Where it stands in tables and plots: the number of views."""
+        """Its position in tables and plots: the number of views."""
         return self.visited
 
 
@@ -64,7 +64,7 @@ class TravelRow(Measures):
 
     @property
     def place(self) -> float:
-        """Where it stands in tables and plots: the travel that is allowed."""
+        """Its position in tables and plots: the allowed travel."""
         return self.limit
 
 
@@ -163,7 +163,7 @@ def _travel_rows(runs: Sequence[Run], protocol: Protocol) -> tuple[TravelRow, ..
 
 
 def _measured(reached: _Reached) -> list[tuple[Measures, _Reached]]:
-    """The ``Measures`` of each method, and what they are of; best PSNR first."""
+    """Each method's ``Measures`` with their runs; best PSNR first."""
     held_out, unvisited = (
         _by_seed(reached, value) for value in (lambda e: e.mean_psnr_db, lambda e: e.mean_unvisited_db)
     )

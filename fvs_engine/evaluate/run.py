@@ -132,7 +132,7 @@ def execute(
     monitor: Monitor,
     on_step: Callable[[int, Evaluation | None], None],
 ) -> Run:
-    """Do the rest of a run. ``on_step(visited views, the last evaluation)`` is called after every step.
+    """Finish a run. ``on_step(visited views, the last evaluation)`` is called after every step.
 
     A run that lacks a calibration of the plan starts again: its earlier models are not kept.
     Raises ``Cancelled`` with everything on disk, and what the loop raises.
@@ -165,7 +165,7 @@ def execute(
 
 
 def _limits(protocol: Protocol) -> dict[float, float]:
-    """How far a vehicle flies at most at each share of the travel."""
+    """The maximum travel of a vehicle at each share of it."""
     whole = (protocol.max_travel or 0.0) * (1 + _TOLERANCE)
     return {share: share * whole for share in protocol.travel_shares}
 
@@ -247,7 +247,7 @@ def _manifest_of(selection: Path) -> SelectionManifest:
 
 
 def _fork(start: Path, selection: Path, settings: LoopSettings) -> None:
-    """Copy a selection that has chosen nothing yet, to go on by other settings; whole or not at all."""
+    """Copy a selection that has chosen nothing yet, to continue with other settings; whole or not at all."""
     partial = selection.with_name(f".{selection.name}.partial")
     with storage_errors(selection):
         shutil.rmtree(partial, ignore_errors=True)

@@ -11,7 +11,7 @@ from fvs_engine.errors import StorageError
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _IN_THE_WAY = {errno.ENOTDIR, errno.EEXIST}
-_RESUME_HINT = "Free some space and run the same command again: it goes on from the last good state."
+_RESUME_HINT = "Free some space and run the same command again: it resumes from the last good state."
 
 
 class DiskFullError(StorageError):

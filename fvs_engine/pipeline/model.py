@@ -46,7 +46,7 @@ class TrainedModel:
 
 
 def open_model(root: Path) -> TrainedModel:
-    """Read the last good state of an output folder, also while a training goes on in it.
+    """Read the last good state of an output folder, also during a training in it.
 
     Raises ``InvalidInputError`` when it is not an output folder or has no trained model yet.
     """

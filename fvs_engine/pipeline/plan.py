@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Flight:
-    """What vehicles keep to: ``safety``, their distance from matter, and ``no_fly``, files of volumes.
+    """Constraints of vehicles: ``safety``, their distance from matter, and ``no_fly``, files of volumes.
 
     ``volume``: a file with a volume in which ``count`` candidates are generated, which look where ``aim``
     says. All in units of the model.

@@ -4,7 +4,7 @@ manifest.json                  settings, photographs, cameras, training so far
 images/                        the photographs, upright, 8-bit
 sfm/                           features, matches and the COLMAP model of the photographs
 undistorted/                   images/ and sparse/: pinhole cameras, opened by COLMAP and splat viewers
-splat/checkpoint.safetensors   training can go on from here
+splat/checkpoint.safetensors   training resumes from here
 splat/point_cloud.ply          the Gaussians, in the layout that splat viewers read
 splat/point_cloud.spz          the same, compressed and rounded
 metrics.json                   quality on held-out views, and what the training cost

@@ -13,7 +13,7 @@ _WINDOW_M = (0.9, 1.1)
 _SILL_M = 0.8
 _BETWEEN_WINDOWS_M = 1.6
 _PLASTER_CONTRAST = 0.25
-"""Of the unlike plaster between windows, as a share of other textures'."""
+"""Contrast of the plaster between windows, which differs, as a share of other textures'."""
 
 
 def lookalike_courtyard(alike: LookAlike, seed: int = 0, half_width_m: float = 4.0, boxes: int = 3) -> World:

@@ -1,4 +1,4 @@
-"""What a simulated vehicle photographs: the light that reaches its camera, from anywhere."""
+"""Sceneries that a simulated vehicle photographs: the light that reaches its camera from anywhere."""
 
 from typing import Protocol
 
@@ -18,7 +18,7 @@ class Scenery(Protocol):
 
     @property
     def camera(self) -> Camera:
-        """That of all photographs."""
+        """The camera of all photographs."""
         ...
 
     def light(self, world_from_camera: RigidTransform) -> Array:

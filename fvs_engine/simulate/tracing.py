@@ -1,4 +1,4 @@
-"""Ray casting: what light reaches each pixel."""
+"""Ray casting: the light that reaches each pixel."""
 
 import numba
 import numpy as np

@@ -1,7 +1,7 @@
 """A multicopter as a point mass: limits, battery, wind, and a GPS receiver that errs.
 
-Positions are ENU in m, yaw is clockwise from north and pitch up, both in degrees. The vehicle steers by where
-it believes to be: it is where the errors of its receiver take it.
+Positions are ENU in m, yaw is clockwise from north and pitch up, both in degrees. The vehicle steers by its
+estimated position: it is where the errors of its receiver take it.
 """
 
 from dataclasses import dataclass, field
@@ -62,7 +62,7 @@ class GpsErrors:
 
 @dataclass
 class Goal:
-    """Where a vehicle is to be, as it believes, and how it and its gimbal look."""
+    """The goal of a vehicle: the position by its own estimate, its yaw and its gimbal's pitch."""
 
     position: Array
     yaw_deg: float
@@ -83,11 +83,11 @@ class Vehicle:
     endurance_s: float = 1500.0
     seed: int = 0
     position: Array = field(default_factory=lambda: np.zeros(3))
-    """Where it is [3]."""
+    """The true position [3]."""
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
-    """Of the gimbal."""
+    """Pitch of the gimbal."""
     battery: float = 1.0
     flown_m: float = 0.0
     """Length of its way, in steps of a metre: a hover adds nothing."""
@@ -105,7 +105,7 @@ class Vehicle:
 
     @property
     def believed(self) -> Array:
-        """Where it believes to be [3]: fixes are averaged, so that the bias alone is left."""
+        """The estimated position [3]: fixes are averaged, so that only the bias is left."""
         return self.position + self._bias
 
     def fix(self) -> Array:

@@ -67,7 +67,7 @@ class VehicleCamera:
             "captured_at": taken_at.isoformat(),
         }
         path = self.folder / name
-        # The sidecar first: who finds the photograph finds all that is known of it.
+        # The sidecar first: a photograph that exists has its metadata.
         with replacing(path.with_name(f"{name}.json")) as temporary:
             temporary.write_text(json.dumps(sidecar), encoding="utf-8")
         with replacing(path) as temporary:
@@ -91,7 +91,7 @@ class VehicleCamera:
             file.write(json.dumps(document) + "\n")
 
     def _exposed(self, vehicle: Vehicle) -> NDArray[np.uint8]:
-        """What the sensor sees along the way that the vehicle flies in the exposure time."""
+        """The light on the sensor, along the way that the vehicle flies in the exposure time."""
         still = float(np.linalg.norm(vehicle.velocity)) * self.exposure_s <= _BLURRED_M
         ways = [0.0] if still else (np.linspace(-0.5, 0.5, _EXPOSURES) * self.exposure_s).tolist()
         light = np.mean([self._light(vehicle, after_s) for after_s in ways], axis=0)

@@ -126,7 +126,7 @@ class _Track:
 
 @dataclass(frozen=True, eq=False)
 class _Reports:
-    """What the cameras' attitudes determine: the direction of gravity in the model, and headings."""
+    """The direction of gravity in the model and the headings, as the cameras' attitudes determine them."""
 
     down: Array | None
     headings: Headings

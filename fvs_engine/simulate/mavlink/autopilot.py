@@ -30,7 +30,7 @@ _SYSTEM = 1
 
 
 class Autopilot:
-    """Flies ``vehicle`` as ground stations on the ``link`` say, in the way of a ``firmware``.
+    """Flies ``vehicle`` by commands of ground stations on the ``link``, in the way of a ``firmware``.
 
     ``link`` is pymavlink's name of our end, such as ``tcpin:127.0.0.1:5760``. ``origin`` is home, and the
     origin of the vehicle's ENU positions. Simulated time is ``speed_up`` times as fast as real time.
@@ -53,17 +53,17 @@ class Autopilot:
         self._speed_up, self._say = speed_up, say
         self._link: Any = mavutil.mavlink_connection(link, source_system=_SYSTEM, source_component=1)
         self._state, kind = FlightState(), FIRMWARES[firmware]
-        parameters = Parameters(kind, self._tell)
-        gimbal = Gimbal(vehicle, self._state, self._tell)
+        parameters = Parameters(kind, self._emit)
+        gimbal = Gimbal(vehicle, self._state, self._emit)
         shutter = Camera(
-            vehicle, camera, self._state, self.faults, lambda: self._telemetry.place(), self._tell, say
+            vehicle, camera, self._state, self.faults, lambda: self._telemetry.place(), self._emit, say
         )
         others = {} if self.faults.no_camera else dict(shutter.messages)
         others |= {} if self.faults.no_gimbal else gimbal.messages
-        self._telemetry = Telemetry(vehicle, origin, self._state, kind, self._tell, speed_up, others)
+        self._telemetry = Telemetry(vehicle, origin, self._state, kind, self._emit, speed_up, others)
         self._mission = MissionProtocol(
             self._state,
-            self._tell,
+            self._emit,
             self._mission_replaced,
             lambda: self.faults.refuses_missions,
             kind.unknown,
@@ -77,10 +77,10 @@ class Autopilot:
             self.faults,
             parameters,
             lambda: self._mission.items,
-            lambda number: self._tell("mission_item_reached_send", number),
+            lambda number: self._emit("mission_item_reached_send", number),
             self._text,
         )
-        commands = Commands(self._pilot, shutter, self._telemetry, kind, self.faults, self._tell)
+        commands = Commands(self._pilot, shutter, self._telemetry, kind, self.faults, self._emit)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "MISSION_COUNT": self._mission.on_count,
             "MISSION_ITEM_INT": self._mission.on_item_int,
@@ -143,9 +143,9 @@ class Autopilot:
 
     def _text(self, text: str) -> None:
         self._say(text)
-        self._tell("statustext_send", mavlink.MAV_SEVERITY_INFO, text.encode()[:50])
+        self._emit("statustext_send", mavlink.MAV_SEVERITY_INFO, text.encode()[:50])
 
-    def _tell(self, name: str, *fields: Any, **more: Any) -> None:
+    def _emit(self, name: str, *fields: Any, **more: Any) -> None:
         if not self.faults.silent:
             with contextlib.suppress(OSError):
                 getattr(self._link.mav, name)(*fields, **more)

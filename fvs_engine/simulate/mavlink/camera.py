@@ -17,9 +17,9 @@ _SENSOR_MM = 36.0
 
 
 class Camera:
-    """Photographs with ``camera``, and sends messages by ``tell``; ``place`` is where it believes to be.
+    """Photographs with ``camera``, and sends messages by ``emit``; ``place`` returns the estimated position.
 
-    Each photograph's message can be asked for again, by its number, as those who lost it do.
+    Each photograph's message can be requested again by its number, after a loss.
     """
 
     def __init__(
@@ -29,11 +29,11 @@ class Camera:
         state: FlightState,
         faults: Faults,
         place: Callable[[], tuple[int, int, int, int]],
-        tell: Callable[..., None],
+        emit: Callable[..., None],
         say: Callable[[str], None],
     ) -> None:
         self._vehicle, self._camera, self._state, self._faults = vehicle, camera, state, faults
-        self._place, self._tell, self._say = place, tell, say
+        self._place, self._emit, self._say = place, emit, say
         self._taken: list[Callable[[], None]] = []
 
     @property
@@ -47,7 +47,7 @@ class Camera:
         }
 
     def photograph(self) -> None:
-        """Take a photograph, and tell of it."""
+        """Take a photograph, and send its message."""
         number = len(self._taken)
         file: str | None = None
         self._state.photographs += 1
@@ -56,12 +56,12 @@ class Camera:
             self._say(f"photograph {file}")
         quaternion = level_quaternion(self._vehicle.yaw_deg, self._vehicle.pitch_deg)
         outcome = (number, int(file is not None), (file or "").encode())
-        told = (self._state.clock_ms, 0, 0, *self._place(), quaternion, *outcome)
-        self._taken.append(partial(self._tell, "camera_image_captured_send", *told))
+        fields = (self._state.clock_ms, 0, 0, *self._place(), quaternion, *outcome)
+        self._taken.append(partial(self._emit, "camera_image_captured_send", *fields))
         self._taken[-1]()
 
     def tell_again(self, number: int) -> bool:
-        """Tell of photograph ``number`` again; False if there is none."""
+        """Send the message of photograph ``number`` again; False if there is none."""
         if not 0 <= number < len(self._taken):
             return False
         self._taken[number]()
@@ -73,21 +73,21 @@ class Camera:
         height_mm = _SENSOR_MM * lens.height / lens.width
         sensor = (_SENSOR_MM * lens.fx / lens.width, _SENSOR_MM, height_mm, lens.width, lens.height, 0)
         more = (mavlink.CAMERA_CAP_FLAGS_CAPTURE_IMAGE, 0, b"", gimbal.NUMBER)
-        self._tell("camera_information_send", self._state.clock_ms, *names, 1, *sensor, *more)
+        self._emit("camera_information_send", self._state.clock_ms, *names, 1, *sensor, *more)
 
     def _settings(self) -> None:
-        self._tell("camera_settings_send", self._state.clock_ms, mavlink.CAMERA_MODE_IMAGE)
+        self._emit("camera_settings_send", self._state.clock_ms, mavlink.CAMERA_MODE_IMAGE)
 
     def _storage(self) -> None:
         total, used, free = (size / _MIB for size in shutil.disk_usage(self._camera.folder))
         status = (1, 1, mavlink.STORAGE_STATUS_READY)
-        told = (*status, total, used, free, math.nan, math.nan)
-        self._tell("storage_information_send", self._state.clock_ms, *told)
+        fields = (*status, total, used, free, math.nan, math.nan)
+        self._emit("storage_information_send", self._state.clock_ms, *fields)
 
     def _status(self) -> None:
         free_mib = shutil.disk_usage(self._camera.folder).free / _MIB
-        told = (0, 0, 0.0, 0, free_mib, self._state.photographs)
-        self._tell("camera_capture_status_send", self._state.clock_ms, *told)
+        fields = (0, 0, 0.0, 0, free_mib, self._state.photographs)
+        self._emit("camera_capture_status_send", self._state.clock_ms, *fields)
 
 
 def _padded(name: str) -> list[int]:

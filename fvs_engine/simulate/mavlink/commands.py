@@ -17,7 +17,7 @@ _UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
 
 
 class Commands:
-    """Does what ground stations command, and answers by ``tell``."""
+    """Executes the commands of ground stations, and answers with ``emit``."""
 
     def __init__(
         self,
@@ -26,20 +26,20 @@ class Commands:
         telemetry: Telemetry,
         firmware: Firmware,
         faults: Faults,
-        tell: Callable[..., None],
+        emit: Callable[..., None],
     ) -> None:
         self._pilot, self._camera, self._telemetry = pilot, camera, telemetry
-        self._firmware, self._faults, self._tell = firmware, faults, tell
+        self._firmware, self._faults, self._emit = firmware, faults, emit
 
     def on_command(self, message: Any) -> None:
-        """Do a command, and answer whoever sent it."""
+        """Execute a command, and answer its sender."""
         parameters = (message.param1, message.param2, message.param3, message.param4)
         result = self._do(message.command, parameters)
         sender = {"target_system": message.get_srcSystem(), "target_component": message.get_srcComponent()}
-        self._tell("command_ack_send", message.command, result, **sender)
+        self._emit("command_ack_send", message.command, result, **sender)
 
     def _do(self, command: int, parameters: tuple[float, float, float, float]) -> int:
-        """Do a command; returns a ``MAV_RESULT``."""
+        """Execute a command; returns a ``MAV_RESULT``."""
         first, second, third, _ = parameters
         match command:
             case mavlink.MAV_CMD_COMPONENT_ARM_DISARM:

@@ -1,4 +1,4 @@
-"""Firmwares whose MAVLink a simulated autopilot speaks: what ArduCopter and PX4 do differently.
+"""Firmwares that a simulated autopilot imitates: the differences of ArduCopter and PX4.
 
 https://ardupilot.org/copter/docs/parameters.html, https://docs.px4.io/main/en/advanced_config/parameter_reference.html;
 PX4's modes are ``main << 16 | sub << 24`` (``px4_custom_mode.h``).
@@ -20,15 +20,15 @@ class Meaning(Enum):
     SPEED = auto()
     """Between waypoints, until a mission changes it."""
     RADIUS = auto()
-    """How near to a waypoint it is there."""
+    """Distance from a waypoint at which it counts as reached."""
     RETURN_HEIGHT = auto()
-    """How high above home it returns."""
+    """Height above home of its return."""
     LOW_BATTERY = auto()
     """The share of the battery at which it returns."""
     EMPTY_BATTERY = auto()
     """The share of the battery at which it lands."""
     CAPACITY = auto()
-    """Of the battery, which relates the other parameters to shares; it cannot be changed."""
+    """Capacity of the battery, which relates the other parameters to shares; it cannot be changed."""
     LOST_LINK = auto()
     """What happens without ground stations: nothing, which cannot be changed."""
 
@@ -46,13 +46,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Firmware:
-    """What one firmware does."""
+    """The behaviour of one firmware."""
 
     autopilot: int
     """``MAV_AUTOPILOT``."""
     version: int
     modes: Mapping[Mode, tuple[str, int, int]]
-    """Name, number and number below it, as ``MAV_CMD_DO_SET_MODE`` has them; the first of equals is told."""
+    """Name, number and sub-number, as in ``MAV_CMD_DO_SET_MODE``; of equal ones the first is reported."""
     has_sub_modes: bool
     home_is_first: bool
     """Whether the first item of a mission is home, and is not flown."""

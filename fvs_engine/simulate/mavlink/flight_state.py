@@ -1,11 +1,11 @@
-"""The state of a simulated autopilot that its telemetry tells."""
+"""The state of a simulated autopilot that its telemetry reports."""
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
 
 class Mode(Enum):
-    """What an autopilot flies; each firmware has its own numbers and names for it."""
+    """Flight modes of an autopilot; each firmware has its own numbers and names for them."""
 
     MISSION = auto()
     GUIDED = auto()
@@ -24,16 +24,16 @@ HOLDING = frozenset({Mode.GUIDED, Mode.LOITER, Mode.BRAKE})
 
 @dataclass
 class FlightState:
-    """What an autopilot does."""
+    """The state of an autopilot."""
 
     mode: Mode = Mode.LOITER
     armed: bool = False
     item: int = 0
-    """Of the mission, which is flown."""
+    """The item of the mission that is flown."""
     time_s: float = 0.0
-    """Since it was switched on."""
+    """Simulated time since it was switched on."""
     photographs: int = 0
-    """How many were tried."""
+    """Number of photographs that were tried."""
 
     @property
     def clock_ms(self) -> int:
@@ -43,7 +43,7 @@ class FlightState:
 
 @dataclass
 class Faults:
-    """What goes wrong on purpose, and what is not there."""
+    """Injected faults, and missing parts."""
 
     failing_photographs: set[int] = field(default_factory=set)
     """Numbers of photographs, from 0, that fail."""

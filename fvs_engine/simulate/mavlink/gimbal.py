@@ -19,10 +19,10 @@ _FLAGS = (
 
 
 class Gimbal:
-    """Sends messages by ``tell``."""
+    """Sends messages by ``emit``."""
 
-    def __init__(self, vehicle: Vehicle, state: FlightState, tell: Callable[..., None]) -> None:
-        self._vehicle, self._state, self._tell = vehicle, state, tell
+    def __init__(self, vehicle: Vehicle, state: FlightState, emit: Callable[..., None]) -> None:
+        self._vehicle, self._state, self._emit = vehicle, state, emit
 
     @property
     def messages(self) -> Mapping[int, Callable[[], None]]:
@@ -35,14 +35,14 @@ class Gimbal:
 
     def _attitude(self) -> None:
         quaternion, unknown = level_quaternion(0.0, self._vehicle.pitch_deg), (math.nan,) * 3
-        told = (0, 0, self._state.clock_ms, _FLAGS, quaternion, *unknown, 0)
-        self._tell("gimbal_device_attitude_status_send", *told, gimbal_device_id=NUMBER)
+        fields = (0, 0, self._state.clock_ms, _FLAGS, quaternion, *unknown, 0)
+        self._emit("gimbal_device_attitude_status_send", *fields, gimbal_device_id=NUMBER)
 
     def _information(self) -> None:
         limits = self._vehicle.limits
         pitch = (math.radians(limits.gimbal_lowest_deg), math.radians(limits.gimbal_highest_deg))
         angles = (0.0, 0.0, *pitch, 0.0, 0.0)
-        self._tell("gimbal_manager_information_send", self._state.clock_ms, _ABLE, NUMBER, *angles)
+        self._emit("gimbal_manager_information_send", self._state.clock_ms, _ABLE, NUMBER, *angles)
 
     def _status(self) -> None:
-        self._tell("gimbal_manager_status_send", self._state.clock_ms, _FLAGS, NUMBER, 0, 0, 0, 0)
+        self._emit("gimbal_manager_status_send", self._state.clock_ms, _FLAGS, NUMBER, 0, 0, 0, 0)

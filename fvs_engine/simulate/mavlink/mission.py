@@ -45,7 +45,7 @@ _ABOVE_SEA = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
 _ABOVE_HOME = frozenset({mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 _NOWHERE = frozenset({mavlink.MAV_FRAME_MISSION})
 _MOST_ITEMS = 700
-"""As many as ArduPilot's boards store."""
+"""Maximum number of items, as on ArduPilot's boards."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Item:
         return None
 
     def position(self, origin: GeodeticPosition, here: Array) -> Array:
-        """Where it is [3]; zeros mean ``here``, as in ArduPilot."""
+        """The item's position [3]; zeros mean ``here``, as in ArduPilot."""
         if self.frame in _NOWHERE or (self.latitude_deg == 0.0 and self.longitude_deg == 0.0):
             return here.copy()
         above_m = self.altitude_m if self.frame in _ABOVE_HOME else self.altitude_m - origin.altitude_m

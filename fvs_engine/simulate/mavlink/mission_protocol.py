@@ -10,7 +10,7 @@ from fvs_engine.simulate.mavlink.flight_state import FlightState
 from fvs_engine.simulate.mavlink.mission import Item, Reception
 
 _AGAIN_S = 0.2
-"""An item is not asked for more often: what comes twice would be answered twice, and so on."""
+"""Minimum time between two requests of an item: every duplicate would be answered, and so on."""
 
 
 class MissionProtocol:
@@ -22,13 +22,13 @@ class MissionProtocol:
     def __init__(
         self,
         state: FlightState,
-        tell: Callable[..., None],
+        emit: Callable[..., None],
         replaced: Callable[[], None],
         refuses: Callable[[], bool],
         unknown: frozenset[int],
     ) -> None:
         self.items: list[Item] = []
-        self._state, self._tell, self._replaced, self._refuses = state, tell, replaced, refuses
+        self._state, self._emit, self._replaced, self._refuses = state, emit, replaced, refuses
         self._unknown = unknown
         self._reception: Reception | None = None
         self._requested_s = -math.inf
@@ -48,11 +48,11 @@ class MissionProtocol:
             self._request(0)
 
     def on_item_int(self, message: Any) -> None:
-        """Receive an item, and ask for the next one."""
+        """Receive an item, and request the next one."""
         reception = self._reception
         if reception is None:
             if message.seq == len(self.items) - 1:  # whoever sends it has not heard that all is there
-                self._tell("mission_ack_send", *_sender(message), mavlink.MAV_MISSION_ACCEPTED)
+                self._emit("mission_ack_send", *_sender(message), mavlink.MAV_MISSION_ACCEPTED)
             return
         if message.seq != len(reception.items):  # one of an earlier request: ours may be lost
             if time.monotonic() - self._requested_s > _AGAIN_S:
@@ -70,22 +70,22 @@ class MissionProtocol:
             self._request(len(reception.items))
 
     def on_request_list(self, message: Any) -> None:
-        """Tell how many items there are."""
+        """Send the number of items."""
         self._station = _sender(message)
-        self._tell("mission_count_send", *self._station, len(self.items))
+        self._emit("mission_count_send", *self._station, len(self.items))
 
     def on_request_int(self, message: Any) -> None:
         """Send an item."""
         self._station = _sender(message)
         if not 0 <= message.seq < len(self.items):
-            self._tell("mission_ack_send", *self._station, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+            self._emit("mission_ack_send", *self._station, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
         item = self.items[message.seq]
         factor = 1e7 if item.frame != mavlink.MAV_FRAME_MISSION else 1.0
         place = (round(item.latitude_deg * factor), round(item.longitude_deg * factor), item.altitude_m)
         current = int(message.seq == self._state.item)
         fields = (message.seq, item.frame, item.command, current, 1, *item.parameters, *place)
-        self._tell("mission_item_int_send", *self._station, *fields)
+        self._emit("mission_item_int_send", *self._station, *fields)
 
     def on_clear_all(self, message: Any) -> None:
         """Forget the mission."""
@@ -94,16 +94,16 @@ class MissionProtocol:
 
     def _request(self, number: int) -> None:
         self._requested_s = time.monotonic()
-        self._tell("mission_request_int_send", *self._station, number)
+        self._emit("mission_request_int_send", *self._station, number)
 
     def _refuse(self, result: int) -> None:
         self._reception = None
-        self._tell("mission_ack_send", *self._station, result)
+        self._emit("mission_ack_send", *self._station, result)
 
     def _accept(self, items: list[Item]) -> None:
         self.items, self._reception = list(items), None
         self._replaced()
-        self._tell("mission_ack_send", *self._station, mavlink.MAV_MISSION_ACCEPTED)
+        self._emit("mission_ack_send", *self._station, mavlink.MAV_MISSION_ACCEPTED)
 
 
 def _sender(message: Any) -> tuple[int, int]:

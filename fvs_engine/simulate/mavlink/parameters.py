@@ -11,10 +11,10 @@ from fvs_engine.simulate.mavlink.firmware import Firmware, Meaning
 
 
 class Parameters:
-    """Answers ground stations by ``tell``; values out of range are not taken, and the answer shows that."""
+    """Answers ground stations by ``emit``; values out of range are rejected, which the answer shows."""
 
-    def __init__(self, firmware: Firmware, tell: Callable[..., None]) -> None:
-        self._tell, self._meanings = tell, firmware.parameters
+    def __init__(self, firmware: Firmware, emit: Callable[..., None]) -> None:
+        self._emit, self._meanings = emit, firmware.parameters
         self._kinds = {kind.name: kind for kind in firmware.parameters.values()}
         self._values = {name: kind.value for name, kind in self._kinds.items()}
 
@@ -46,4 +46,4 @@ class Parameters:
 
     def _send(self, name: str) -> None:
         index, kind = list(self._values).index(name), mavlink.MAV_PARAM_TYPE_REAL32
-        self._tell("param_value_send", name.encode(), self._values[name], kind, len(self._values), index)
+        self._emit("param_value_send", name.encode(), self._values[name], kind, len(self._values), index)

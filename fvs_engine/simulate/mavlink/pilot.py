@@ -21,7 +21,7 @@ _TAKEOFF_SHARE = 0.95
 
 
 class Pilot:
-    """Flies ``vehicle``; ``items`` returns its mission, ``reached`` and ``text`` tell what happens."""
+    """Flies ``vehicle``; ``items`` returns its mission, ``reached`` and ``text`` report events."""
 
     def __init__(
         self,
@@ -96,13 +96,13 @@ class Pilot:
             self._state.item, self._item_begun = number, False
 
     def mission_replaced(self) -> None:
-        """Begin the new mission at its beginning, once it is told to fly it."""
+        """Start the new mission from its beginning when it is commanded to fly it."""
         self._state.item, self._item_begun = 0, False
         if self._state.mode is Mode.MISSION:
             self.enter(Mode.LOITER, "its mission was replaced")
 
     def do(self, command: int, parameters: tuple[float, float, float, float]) -> bool:
-        """Do what takes no time: turn, point the gimbal, photograph. False on the ground."""
+        """Do an instant command: turn, point the gimbal, photograph. False on the ground."""
         goal, first = self._goal, parameters[0]
         if goal is None:
             return False
@@ -122,7 +122,7 @@ class Pilot:
         return True
 
     def _decide(self) -> None:
-        """What the vehicle does next."""
+        """The goal of the vehicle's next step."""
         if not self._state.armed or self._goal is None:
             return
         battery, mode = self._vehicle.battery, self._state.mode

@@ -1,4 +1,4 @@
-"""What a simulated autopilot tells of itself and its vehicle: at intervals, or when it is asked to.
+"""Telemetry of a simulated autopilot and its vehicle, at intervals or on request.
 
 https://mavlink.io/en/messages/common.html
 """
@@ -24,7 +24,7 @@ _OFTEN_S, _SELDOM_S = 0.2, 1.0
 
 
 class Telemetry:
-    """Sends messages by ``tell``. Simulated time, and what is told in it, is ``speed_up`` times as fast.
+    """Sends messages by ``emit``. Simulated time and its messages are ``speed_up`` times as fast.
 
     ``others`` are messages of the camera and the gimbal.
     """
@@ -35,12 +35,12 @@ class Telemetry:
         origin: GeodeticPosition,
         state: FlightState,
         firmware: Firmware,
-        tell: Callable[..., None],
+        emit: Callable[..., None],
         speed_up: float,
         others: Mapping[int, Callable[[], None]],
     ) -> None:
         self._vehicle, self._origin, self._state, self._firmware = vehicle, origin, state, firmware
-        self._tell, self._speed_up = tell, speed_up
+        self._emit, self._speed_up = emit, speed_up
         often: dict[int, Callable[[], None]] = {
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._position,
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -80,7 +80,7 @@ class Telemetry:
         return send is not None
 
     def set_interval(self, message: int, interval_us: float) -> bool:
-        """Send a message so often, 0: as by default, negative: not at all. False if there is none like it."""
+        """Set a message's interval; 0: the default, negative: never. False if there is no such message."""
         if message not in self._messages:
             return False
         interval_s = self._defaults.get(message, -1.0) if interval_us == 0 else interval_us * 1e-6
@@ -92,7 +92,7 @@ class Telemetry:
         return True
 
     def place(self) -> tuple[int, int, int, int]:
-        """Where it believes to be: degrees times 1e7, mm above sea level, mm above home."""
+        """The estimated position: degrees times 1e7, mm above sea level, mm above home."""
         believed = self._vehicle.believed
         here = geodetic_from_enu(believed, self._origin)
         above_sea_mm, above_home_mm = round(here.altitude_m * 1e3), round(float(believed[2]) * 1e3)
@@ -107,46 +107,46 @@ class Telemetry:
         state = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
         kinds = (mavlink.MAV_TYPE_QUADROTOR, self._firmware.autopilot)
         custom_mode = self._firmware.custom_mode(self._state.mode)
-        self._tell("heartbeat_send", *kinds, flags, custom_mode, state)
+        self._emit("heartbeat_send", *kinds, flags, custom_mode, state)
 
     def _position(self) -> None:
         east, north, up = self._vehicle.velocity
         speeds = (round(100.0 * north), round(100.0 * east), round(-100.0 * up))
         heading = round(self._vehicle.yaw_deg * 100.0) % 36_000
-        self._tell("global_position_int_send", self._clock, *self.place(), *speeds, heading)
+        self._emit("global_position_int_send", self._clock, *self.place(), *speeds, heading)
 
     def _attitude(self) -> None:
         yaw = math.radians((self._vehicle.yaw_deg + 180.0) % 360.0 - 180.0)
-        self._tell("attitude_send", self._clock, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+        self._emit("attitude_send", self._clock, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
 
     def _status(self) -> None:
-        self._tell("sys_status_send", 0, 0, 0, 0, _UNKNOWN_16, -1, self._battery_percent, 0, 0, 0, 0, 0, 0)
+        self._emit("sys_status_send", 0, 0, 0, 0, _UNKNOWN_16, -1, self._battery_percent, 0, 0, 0, 0, 0, 0)
 
     def _current(self) -> None:
-        self._tell("mission_current_send", self._state.item)
+        self._emit("mission_current_send", self._state.item)
 
     def _battery(self) -> None:
         kinds = (mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO)
         left_s = round(self._vehicle.battery * self._vehicle.endurance_s)
         used_mah = round((1.0 - self._vehicle.battery) * CAPACITY_MAH)
-        told = (32_767, [_UNKNOWN_16] * 10, -1, used_mah, -1)
-        self._tell("battery_status_send", 0, *kinds, *told, self._battery_percent, left_s)
+        fields = (32_767, [_UNKNOWN_16] * 10, -1, used_mah, -1)
+        self._emit("battery_status_send", 0, *kinds, *fields, self._battery_percent, left_s)
 
     def _gps(self) -> None:
         noise_mm = round(self._vehicle.gps.noise_m * 1e3)
         unknown = (_UNKNOWN_16,) * 4
         fix = (mavlink.GPS_FIX_TYPE_3D_FIX, *self.place()[:3], *unknown, _UNKNOWN_8)
         accuracy = {"h_acc": noise_mm, "v_acc": round(1.5 * noise_mm)}
-        self._tell("gps_raw_int_send", self._clock * 1_000, *fix, **accuracy)
+        self._emit("gps_raw_int_send", self._clock * 1_000, *fix, **accuracy)
 
     def _speeds(self) -> None:
         velocity, altitude_m = self._vehicle.velocity, self.place()[2] * 1e-3
         speed = float(np.hypot(*velocity[:2]))
         heading = round(self._vehicle.yaw_deg) % 360
-        self._tell("vfr_hud_send", speed, speed, heading, 0, altitude_m, float(velocity[2]))
+        self._emit("vfr_hud_send", speed, speed, heading, 0, altitude_m, float(velocity[2]))
 
     def _system_time(self) -> None:
-        self._tell("system_time_send", _BEGAN_S * 1_000_000 + self._clock * 1_000, self._clock)
+        self._emit("system_time_send", _BEGAN_S * 1_000_000 + self._clock * 1_000, self._clock)
 
     def _home(self) -> None:
         origin = self._origin
@@ -155,7 +155,7 @@ class Telemetry:
             round(origin.longitude_deg * 1e7),
             round(origin.altitude_m * 1e3),
         )
-        self._tell("home_position_send", *place, 0.0, 0.0, 0.0, _NO_TURN, math.nan, math.nan, math.nan)
+        self._emit("home_position_send", *place, 0.0, 0.0, 0.0, _NO_TURN, math.nan, math.nan, math.nan)
 
     def _version(self) -> None:
         able = (
@@ -165,7 +165,7 @@ class Telemetry:
             | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         )
         none = [0] * 8
-        self._tell("autopilot_version_send", able, self._firmware.version, 0, 0, 0, none, none, none, 0, 0, 1)
+        self._emit("autopilot_version_send", able, self._firmware.version, 0, 0, 0, none, none, none, 0, 0, 1)
 
     @property
     def _clock(self) -> int:
