@@ -82,8 +82,8 @@ class Recording:
     @property
     def jump(self) -> float:
         """The largest jump of the predicted end between two estimates, as a share of the job's time."""
-        said = [one for one in self.estimates if one.eta_s is not None and one.at_s >= _FROM * self.took_s]
-        ends = [one.at_s + one.eta_s for one in said if one.eta_s is not None]
+        known = [one for one in self.estimates if one.eta_s is not None and one.at_s >= _FROM * self.took_s]
+        ends = [one.at_s + one.eta_s for one in known if one.eta_s is not None]
         return float(np.abs(np.diff(ends)).max(initial=0.0)) / self.took_s
 
 
@@ -226,13 +226,13 @@ def replayed(recordings: list[Recording]) -> list[Recording]:
         known = past.setdefault((kind, size.first), [])
         remaining = RemainingTime(kind, size, known[::-1], clock=clock)
         estimates = []
-        for said in one.estimates:
-            while clock.now_s + _REPORT_EVERY_S < said.at_s and estimates:
+        for estimate in one.estimates:
+            while clock.now_s + _REPORT_EVERY_S < estimate.at_s and estimates:
                 clock.now_s += _REPORT_EVERY_S
                 estimates.append(replace(estimates[-1], at_s=clock.now_s, eta_s=remaining.now()))
-            clock.now_s = said.at_s
-            stage = StageProgress(stage=said.stage, share=share_of(kind, said))
-            estimates.append(replace(said, eta_s=remaining.add(stage)))
+            clock.now_s = estimate.at_s
+            stage = StageProgress(stage=estimate.stage, share=share_of(kind, estimate))
+            estimates.append(replace(estimate, eta_s=remaining.add(stage)))
         clock.now_s = one.took_s
         timing = remaining.finished()
         assert timing is not None
@@ -241,10 +241,10 @@ def replayed(recordings: list[Recording]) -> list[Recording]:
     return found
 
 
-def share_of(kind: JobKind, said: Estimate) -> float | None:
+def share_of(kind: JobKind, estimate: Estimate) -> float | None:
     """How far a stage had come, from the progress of the job."""
-    begin, end = PARTS[kind].get(said.stage, (0.0, 0.0))
-    return None if begin == end else min(1.0, max(0.0, (said.progress - begin) / (end - begin)))
+    begin, end = PARTS[kind].get(estimate.stage, (0.0, 0.0))
+    return None if begin == end else min(1.0, max(0.0, (estimate.progress - begin) / (end - begin)))
 
 
 def read(path: Path) -> list[Recording]:

@@ -7,7 +7,7 @@ Each subset: of a random three quarters of a scene's images a random one, and th
 from all before; of small scenes four fifths of that part. From scratch: all together. Grown: the first half
 together, the others one by one; once more with noisy pose priors, 2 % of the spread and 5°, where the true
 orientations are known. Centres are compared with the true ones, in shares of the spread; *wrong*: more than
-3 % off after a robust alignment. *truck11* has no true poses: nothing but the verdict is said of it.
+3 % off after a robust alignment. *truck11* has no true poses: only the verdict is reported.
 """
 
 import argparse

@@ -175,9 +175,9 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
         with Client(service.url) as client:
             scene_id = client.scenes.create("flight", world=WORLD).id
         began = time.monotonic()
-        with (out / f"{number:02d}-fly.log").open("w") as said:
+        with (out / f"{number:02d}-fly.log").open("w") as output:
             program = subprocess.Popen(
-                _command(service.url, scene_id, relay.url, camera, log), stdout=said, stderr=said
+                _command(service.url, scene_id, relay.url, camera, log), stdout=output, stderr=output
             )
         stack.callback(_end, program)
         _wait_for_photographs(log, after, program)

@@ -1,4 +1,4 @@
-"""Flown distance and what the model is worth: flights of 30 photographs, by several methods of ranking.
+"""Flown distance and quality of the model: flights of 30 photographs, by several methods of ranking.
 
 python benchmarks/flight_quality.py OUT                    over the made-up courtyard
 python benchmarks/flight_quality.py OUT --replay RUN       in a model of real photographs

@@ -59,7 +59,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Case:
-    """A model, of whose ``images`` some are ``wrong``, and what the versions of the gate say of it."""
+    """A model, of whose ``images`` some are ``wrong``, and how the versions of the gate judge it."""
 
     scene: str
     subset: str
@@ -120,7 +120,7 @@ def examine(scene: Scene, cache: Path, only: Sequence[str] | None, mapped_only: 
         keypoints = read_keypoints(folder.database, {i for pair in pairs for i in (pair.first, pair.second)})
         evidence = ModelEvidence(pairs, keypoints, PosePriors())
         if matches is not None:
-            evidence = replace(evidence, witness=partial(_said, matches))
+            evidence = replace(evidence, witness=partial(_unchanged, matches))
         sound = mapped(folder)
         groups = [sound]
         if sound and not mapped_only:
@@ -131,7 +131,7 @@ def examine(scene: Scene, cache: Path, only: Sequence[str] | None, mapped_only: 
     return cases
 
 
-def _said(matches: WitnessMatches) -> WitnessMatches:
+def _unchanged(matches: WitnessMatches) -> WitnessMatches:
     return matches
 
 
@@ -229,23 +229,23 @@ def summary(cases: Sequence[Case]) -> list[dict[str, object]]:
     for scene in (*dict.fromkeys(case.scene for case in cases), "all"):
         for name, judged in versions.items():
             of = [(case, judged(case)) for case in cases if scene in (case.scene, "all")]
-            seen = [(case, said) for case, said in of if said is not None]
-            sound = [said for case, said in seen if case.wrong == 0]
-            bad = [said for case, said in seen if case.wrong > 0]
+            seen = [(case, one) for case, one in of if one is not None]
+            sound = [one for case, one in seen if case.wrong == 0]
+            bad = [one for case, one in seen if case.wrong > 0]
             if seen:
                 rows.append(
                     {
                         "scene": scene,
                         "gate": name,
                         "right": len(sound),
-                        "accepted": sum(said.verdict == "accepted" for said in sound),
-                        "doubtful": sum(said.verdict == "doubtful" for said in sound),
-                        "refused": sum(said.verdict == "rejected" for said in sound),
+                        "accepted": sum(one.verdict == "accepted" for one in sound),
+                        "doubtful": sum(one.verdict == "doubtful" for one in sound),
+                        "refused": sum(one.verdict == "rejected" for one in sound),
                         "wrong": len(bad),
-                        "wrong accepted": sum(said.verdict == "accepted" and said.wrong > 0 for said in bad),
-                        "cleaned": sum(said.verdict != "rejected" and said.wrong == 0 for said in bad),
-                        "wrong doubtful": sum(said.verdict == "doubtful" and said.wrong > 0 for said in bad),
-                        "wrong refused": sum(said.verdict == "rejected" for said in bad),
+                        "wrong accepted": sum(one.verdict == "accepted" and one.wrong > 0 for one in bad),
+                        "cleaned": sum(one.verdict != "rejected" and one.wrong == 0 for one in bad),
+                        "wrong doubtful": sum(one.verdict == "doubtful" and one.wrong > 0 for one in bad),
+                        "wrong refused": sum(one.verdict == "rejected" for one in bad),
                     }
                 )
     return rows

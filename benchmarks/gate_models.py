@@ -38,7 +38,7 @@ _FEWEST = 20
 """Scenes with fewer images give the whole, runs of neighbours, and the sets of ``far_spread.py``."""
 _SPREAD_SETS = 10
 _SHIFT = 0.3
-"""Of the spread of the cameras."""
+"""Displacement of spoilt models, in shares of the spread of the cameras."""
 _STRETCH = 1.3
 _TURN_DEG = 10.0
 

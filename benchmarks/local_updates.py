@@ -5,7 +5,7 @@
         [--json local_updates.json]
 
 Known poses. From a full model of the first views, views are added one by one, Gaussians on their new sparse
-points with them, and the model goes on for some iterations after each, every second one on the new view:
+points with them, and the model is trained for some iterations after each, every second one on the new view:
 *all*: on all views and Gaussians; *local*: on the new view and its four neighbours, and what these
 see. *anew*: the full model of all views. Every eighth view is held out. The processor time is that of all
 updates (run it with NUMBA_NUM_THREADS=1 and OMP_NUM_THREADS=1, else waiting threads count, too).

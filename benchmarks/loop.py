@@ -14,7 +14,6 @@ step costs ≤ 1/20 of that at 50, and does not grow with the number of views be
 
 import argparse
 import itertools
-import os
 import tempfile
 import time
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from measurement import Timing, report
+from processor_time import so_far_s
 
 from fvs_engine.geometry.alignment.dataset import align_dataset
 from fvs_engine.monitor import Monitor
@@ -69,22 +69,16 @@ class Again:
         return self.sfm + self.train + self.score
 
 
-def processor_s() -> float:
-    """Processor time so far in seconds, with that of ended children: less noisy than wall time."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
 def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
     """Visit the next view and rank those near it; None when none is left."""
-    worked = processor_s()
+    worked = so_far_s()
     record = loop.step(Monitor())
     if not isinstance(record, StepRecord):
         print(record.message, flush=True)
         return None
     began = time.perf_counter()
     rank_nearest(loop.model, loop.scene, loop, candidates)
-    step = Step(record, time.perf_counter() - began, processor_s() - worked)
+    step = Step(record, time.perf_counter() - began, so_far_s() - worked)
     print(
         f"{record.views} views, {record.registered} registered, {step.seconds:.1f} s: {record.seconds}",
         flush=True,
@@ -103,7 +97,7 @@ def rank_nearest(model: SceneModel, scene: GrowingScene, loop: SelectionLoop, co
 def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again:
     """The state after a step, made from scratch, and as many candidates ranked."""
     names = loop.visited[: step.views]
-    worked = processor_s()
+    worked = so_far_s()
     with tempfile.TemporaryDirectory() as folder:
         scene = GrowingScene.open(
             Path(folder), loop.dataset, loop.settings.scene, loop.scene.rasterizer, Monitor()
@@ -116,7 +110,7 @@ def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again
         rank_nearest(model, scene, loop, count)
         times.append(time.perf_counter())
         sfm, train, score = (after - before for before, after in itertools.pairwise(times))
-        return Again(sfm, train, score, processor_s() - worked, len(scene.views))
+        return Again(sfm, train, score, so_far_s() - worked, len(scene.views))
 
 
 def in_model(names: list[str], scene: GrowingScene) -> list[PinholeView]:

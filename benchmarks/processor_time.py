@@ -1,4 +1,4 @@
-"""Processor time of processes, read from ``/proc`` (Linux)."""
+"""Processor time of processes; that of other processes is read from ``/proc`` (Linux)."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,12 @@ from pathlib import Path
 from fvs_service.serving.process_tree import descendants
 
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
+
+
+def so_far_s() -> float:
+    """Processor time of this process and its ended children so far, in s: less noisy than wall time."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def own_s(pid: int) -> float:

@@ -5,7 +5,7 @@
 
 Every eighth view by name is held out. Without ``--preset``, the 3DGS paper's settings are those of all
 iterations, at full size. With ``--checkpoint FILE`` the run is saved every 500 iterations and
-goes on from there when it is started again.
+resumes there when it is started again.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""How long a scene is held up by clients that ask for rankings and hang up.
+"""Delay of a scene by clients that request rankings and hang up.
 
     python benchmarks/service_abandoned.py [--clients 40] [--candidates 500] [--hang-up 1] [--same]
 
-`fvs serve` with its defaults and a model of a simulated courtyard. All clients ask at once, each on a
-connection of its own, and hang up. Then an honest client asks for 24 candidates, again whenever the service
-asks for it. Its time is compared with that of the same question before.
+`fvs serve` with its defaults and a model of a simulated courtyard. All clients send a request at
+once, each on its own connection, and hang up. Then an honest client ranks 24 candidates, and repeats its
+request whenever the service tells it to. Its time is compared with that of the same request before.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def honest_answer_s(scene: Scene) -> float:
 
 
 def abandon(url: str, scene_id: str, options: argparse.Namespace) -> dict[str, int]:
-    """All clients ask, and hang up; returns how many got which status, or none."""
+    """All clients send a request and hang up; returns the number of clients by status."""
     outcomes: dict[str, int] = {}
     ready = threading.Barrier(options.clients)
 
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=40)
     parser.add_argument("--candidates", type=int, default=500)
     parser.add_argument("--hang-up", type=float, default=1.0, metavar="S")
-    parser.add_argument("--same", action="store_true", help="all ask the same question")
+    parser.add_argument("--same", action="store_true", help="all send the same request")
     parser.add_argument("--iterations", type=int, default=300, help="of the model that ranks")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -94,12 +94,12 @@ def main() -> None:
     row: dict[str, Any] = {
         "clients": options.clients,
         "candidates": options.candidates,
-        "question": "the same" if options.same else "each its own",
+        "requests": "the same" if options.same else "each its own",
         "answers to them": ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items())),
         "honest answer before, s": before,
         "honest answer after, s": after,
     }
-    report("rankings that nobody waits for", [row], options.json)
+    report("rankings without a waiting client", [row], options.json)
 
 
 if __name__ == "__main__":

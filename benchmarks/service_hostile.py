@@ -183,7 +183,7 @@ class Round:
 
 def honest(client: httpx2.Client, scene: str, until: float, numbers: "itertools.count[int]") -> list[Round]:
     """In each round an upload, and then a ranking."""
-    question = {"generator": {"kind": "orbit", "count": 8}}
+    ranking = {"generator": {"kind": "orbit", "count": 8}}
     rounds = []
     while time.monotonic() < until:
         content = photograph(next(numbers))
@@ -192,7 +192,7 @@ def honest(client: httpx2.Client, scene: str, until: float, numbers: "itertools.
         client.post(f"/v1/scenes/{scene}/images:check", json={"digests": [digest]}).raise_for_status()
         client.put(f"/v1/scenes/{scene}/images/{digest}", content=content).raise_for_status()
         uploaded = time.perf_counter()
-        client.post(f"/v1/scenes/{scene}/rankings", json=question).raise_for_status()
+        client.post(f"/v1/scenes/{scene}/rankings", json=ranking).raise_for_status()
         rounds.append(Round(uploaded - began, time.perf_counter() - uploaded))
     return rounds
 

@@ -6,7 +6,7 @@
 
 `fvs serve` with its defaults; the photographs (six of a simulated courtyard, if none are given) become a
 scene. One client ranks while nothing else runs; then a fine model of the scene is trained, and several
-clients at a time, each with its own connection, rank without a pause. No two ask the same question, which
+clients at a time, each with its own connection, rank without a pause. No two requests are equal, which
 would be computed once for both. The time of all grows with that of scoring: the default model is small. For
 every request:
 

@@ -10,7 +10,6 @@ the spread of the true ones. Processor time is that of all processes, and indepe
 """
 
 import argparse
-import os
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 from measurement import Timing, report
 from numpy.typing import NDArray
+from processor_time import so_far_s
 
 from fvs_engine.geometry import umeyama
 from fvs_engine.monitor import Monitor
@@ -71,12 +71,6 @@ def errors(centres: Centres, truth: Centres) -> dict[str, float]:
     return dict(zip(names, distances.tolist(), strict=True))
 
 
-def processor_s() -> float:
-    """Processor time of this process and of its children that have ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
 def grow(images: Path, names: list[str], folder: Path, settings: SfmSettings) -> Iterator[Added]:
     """Reconstruct the first ten, add the others one by one; registered ones are skipped."""
     growing = GrowingReconstruction.open(folder, images, settings, Monitor())
@@ -84,9 +78,9 @@ def grow(images: Path, names: list[str], folder: Path, settings: SfmSettings) ->
     for name in names[BOOTSTRAP:]:
         if name in growing.registered:
             continue
-        begun, worked = time.perf_counter(), processor_s()
+        begun, worked = time.perf_counter(), so_far_s()
         update = growing.add([name], Monitor())
-        seconds, worked = time.perf_counter() - begun, processor_s() - worked
+        seconds, worked = time.perf_counter() - begun, so_far_s() - worked
         print(
             f"{name}: {seconds:.1f} s, processor {worked:.1f} s, {len(growing.registered)} registered, "
             f"{update.seconds}",
@@ -105,9 +99,9 @@ def compare(
     adding = Timing(min(seconds), median(seconds), max(seconds), len(seconds))
     processor = median(added.processor_s for added in around)
     with tempfile.TemporaryDirectory() as folder:
-        begun, worked = time.perf_counter(), processor_s()
+        begun, worked = time.perf_counter(), so_far_s()
         scratch = reconstruct(images, names, Path(folder), settings, Monitor())
-        from_nothing, worked = time.perf_counter() - begun, processor_s() - worked
+        from_nothing, worked = time.perf_counter() - begun, so_far_s() - worked
     print(f"{len(names)} from scratch: {from_nothing:.1f} s, {scratch.report.seconds}", flush=True)
     ours, theirs = errors(one.centres, truth), errors(scratch.reconstruction.centres(), truth)
     apart = errors(one.centres, scratch.reconstruction.centres())

@@ -164,12 +164,12 @@ def _whole() -> tuple[float, float, float]:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begun = time.monotonic()
     reading = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))"
-    said = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-c", f"{_WHOLE_CLIENT}\n{reading}"], check=True, capture_output=True, text=True
     )
     wall = time.monotonic() - begun
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, float(said.stdout)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, float(output.stdout)
 
 
 if __name__ == "__main__":

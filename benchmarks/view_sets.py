@@ -5,7 +5,7 @@
         [--hold-out every-8th random] [--long-side 256] [--max-gaussians 25000] [--json view_sets.json]
 
 Known poses. From initial views that the seed draws (far apart; side by side with --nearest and --radius), a
-selector goes on until the count is reached, and the full model of the set is trained. PSNR over the held-out
+selector runs until the count is reached, and the full model of the set is trained. PSNR over the held-out
 views and over all views that were not visited; travel in the dataset's unit, by the order of choice. The
 second table has the differences to ``farthest``, paired by seed, with 95 % intervals.
 """

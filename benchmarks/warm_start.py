@@ -1,4 +1,4 @@
-"""A quick model that goes on from a full one, beside one that is trained anew.
+"""A quick model that continues from a full one, beside one that is trained anew.
 
     python benchmarks/warm_start.py DATASET [--colmap MODEL] [--counts 10+1 20+1 20+5] [--spread far near]
         [--seed 0] [--long-side 256] [--max-gaussians 25000] [--json warm_start.json]
