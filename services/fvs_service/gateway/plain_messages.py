@@ -70,8 +70,8 @@ def plain_message(kind: str, message: str, context: Mapping[str, Any]) -> str:
         return _FORMS[context["pattern"]]
     if kind not in _MESSAGES:
         return message
-    said = _MESSAGES[kind].format_map({name: _shown(part) for name, part in context.items()})
-    return said.replace(" 1 items", " 1 item").replace(" 1 characters", " 1 character")
+    text = _MESSAGES[kind].format_map({name: _shown(part) for name, part in context.items()})
+    return text.replace(" 1 items", " 1 item").replace(" 1 characters", " 1 character")
 
 
 def _shown(part: object) -> object:

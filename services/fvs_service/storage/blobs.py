@@ -278,16 +278,16 @@ def _reachable() -> Iterator[None]:
     try:
         yield
     except (BaseError, FileNotFoundError) as error:
-        said = str(error)
-        if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in said:
+        message = str(error)
+        if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in message:
             raise
-        if isinstance(error, PermissionDeniedError | UnauthenticatedError) or "403 Forbidden" in said:
+        if isinstance(error, PermissionDeniedError | UnauthenticatedError) or "403 Forbidden" in message:
             raise StorageRefusedError(
                 "The object store refuses the service's credentials.",
                 hint="Check FVS_BLOBS__ACCESS_KEY_ID and FVS_BLOBS__SECRET_ACCESS_KEY, and their rights.",
                 retry_after_s=60,
             ) from error
-        if "NoSuchBucket" in said:
+        if "NoSuchBucket" in message:
             raise StorageRefusedError(
                 "The object store has no such bucket.",
                 hint="Create it, or correct FVS_BLOBS__URL.",

@@ -146,7 +146,7 @@ class LeasedRunners:
         """The endpoint of the scene's runner and the request as a line, again and again, until one answers.
 
         Starts a runner if need be. Raises ``UnavailableError`` when there has been none for too long, or is
-        none shortly before the deadline: a client that is told so knows more than that its time is up.
+        none shortly before the deadline: that says more than a timeout.
         """
         give_up = time.monotonic() + _START_S
         started = -math.inf

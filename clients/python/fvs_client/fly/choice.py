@@ -38,10 +38,10 @@ _BLOCKED = "the way to it from where the vehicle is leaves the geofence."
 
 
 class Choice:
-    """Asks for views, and reports what becomes of them.
+    """Chooses the next views by rankings or plans, and reports visits.
 
-    The candidates are those of the first ranking: generated again, they would be elsewhere, and those that
-    were photographed could not be told.
+    The candidates are those of the first ranking: generated again, they would be elsewhere, and
+    photographed ones could not be recognised.
     """
 
     def __init__(

@@ -47,7 +47,7 @@ class Dialect:
     lost_link: str
     """The parameter of its failsafe for lost ground stations; 0: none."""
     also: Mapping[int, Mode] = field(default_factory=dict)
-    """Other values of ``custom_mode`` that are told, but never asked for."""
+    """Other values of ``custom_mode`` that vehicles report, but that are never requested."""
 
     def custom_mode(self, mode: Mode) -> int:
         """A mode as a heartbeat has it."""

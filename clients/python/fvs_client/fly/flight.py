@@ -277,10 +277,10 @@ class Flight:
 
     def _captured(self, capture: Capture, leg: Leg, state: VehicleState) -> None:
         view = leg.take(capture)
-        told: dict[str, object] = {} if view is None else {"candidate": view.id}
+        details: dict[str, object] = {} if view is None else {"candidate": view.id}
         if capture.place is not None:  # the vehicle flies on before it reports
             latitude_deg, longitude_deg = capture.place
-            told |= {
+            details |= {
                 "latitude_deg": latitude_deg,
                 "longitude_deg": longitude_deg,
                 "height_m": capture.height_m,
@@ -288,8 +288,8 @@ class Flight:
         if capture.succeeded:
             self._taken += 1
             text = f"Photograph {self._taken} of {self._settings.photographs}."
-            self._log.event("photograph", text, state, file=capture.file, **told)
+            self._log.event("photograph", text, state, file=capture.file, **details)
         else:
             self._failed += 1
             where = "" if view is None else f" at {view.id}"
-            self._log.event("failed", f"The camera reports a failure{where}.", state, **told)
+            self._log.event("failed", f"The camera reports a failure{where}.", state, **details)

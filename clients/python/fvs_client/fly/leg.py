@@ -9,7 +9,7 @@ from fvs_client.fly.captures import Capture
 from fvs_client.fly.items import PHOTOGRAPHS, Command, Frame, MissionItem
 
 _SAME_M = 1.0
-"""Views whose distance from a photograph differs by less are told apart by their order."""
+"""Views whose distance from a photograph differs by less are distinguished by their order."""
 _DEGREE_M = 111_195.0
 
 

@@ -69,7 +69,7 @@ class Vehicle:
     ) -> None:
         self._state = VehicleState()
         self._texts: deque[str] = deque(maxlen=100)
-        self._told: dict[str, Any] = {}
+        self._received: dict[str, Any] = {}
         self._captures = Captures(self._ask_for_photograph)
         self._link = Link(url, baud=baud, system=system, heard=self._receive)
         self._mavlink = self._link.mavlink
@@ -248,21 +248,21 @@ class Vehicle:
         self._link.send("command_long_send", system, 0, command, 0, *parameters)
 
     def _asked(self, message: int, name: str) -> Any:
-        """A message that is asked for; None when nothing of the vehicle sends it."""
+        """Request a message; None when no part of the vehicle sends it."""
         return self._awaited(name, lambda: self._request(message))
 
     def _awaited(self, name: str, ask: Callable[[], None]) -> Any:
-        """The message that is told by this name after ``ask``, which is called twice; None without it."""
+        """The next message of this name after ``ask``, which is called up to twice; None without it."""
         with self._link.changed:
-            self._told.pop(name, None)
+            self._received.pop(name, None)
         for _ in range(2):
             ask()
             until = time.monotonic() + _EQUIPMENT_S
             with self._link.changed:
-                while name not in self._told and (left := until - time.monotonic()) > 0:
+                while name not in self._received and (left := until - time.monotonic()) > 0:
                     self._link.changed.wait(left)
-                if name in self._told:
-                    return self._told[name]
+                if name in self._received:
+                    return self._received[name]
         return None
 
     def _ask_for_photograph(self, number: int) -> None:
@@ -306,9 +306,9 @@ class Vehicle:
             case "STATUSTEXT":
                 self._texts.append(message.text)
             case "PARAM_VALUE":
-                self._told[message.param_id] = message
+                self._received[message.param_id] = message
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":
-                self._told[message.get_type()] = message
+                self._received[message.get_type()] = message
 
 
 def _text(name: Any) -> str:

@@ -30,7 +30,7 @@ class Watch:
         self.asked_home = threading.Event()
         self.paused = threading.Event()
         self.starting = False
-        """Whether it was told to arm and fly; it may fly even if the acknowledgement was lost."""
+        """Whether it was commanded to arm and fly; it may fly even if the acknowledgement was lost."""
         self.airborne = False
         self.handing_over = False
         """Whether the vehicle gets its next mission now: it holds, and has none that ends at home."""
@@ -98,7 +98,7 @@ class Watch:
 
     def trying(self, call: Callable[[], T]) -> T:
         """Call the service, again while it cannot be reached and the vehicle can wait."""
-        said = ""
+        reported = ""
         while True:
             try:
                 return call()
@@ -107,9 +107,9 @@ class Watch:
                     raise
                 if isinstance(error, NoSnapshotError):
                     raise EndedError(Ending.SERVICE, f"{error.message} {error.hint}") from error
-                if error.message != said:
-                    said = error.message
-                    self._log.event("service", f"{said} Trying again.", self._vehicle.last_state)
+                if error.message != reported:
+                    reported = error.message
+                    self._log.event("service", f"{reported} Trying again.", self._vehicle.last_state)
                 until = time.monotonic() + _RETRY_S
                 while time.monotonic() < until:
                     self.require_going_on()

@@ -46,7 +46,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a file as the body of a request; ``on_sent`` is told the size of every block that left."""
+    """A part of a file as the body of a request; ``on_sent`` gets the size of every block that left."""
 
     file: BinaryIO
     start: int
@@ -156,7 +156,7 @@ class Connection:
             try:
                 self._socket.sendall(block)
             except OSError:
-                if early := self._heard():  # it said why before it closed
+                if early := self._heard():  # it sent the reason before it closed
                     return early
                 raise
             part.on_sent(len(block))

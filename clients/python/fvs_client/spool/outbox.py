@@ -112,7 +112,7 @@ class Outbox:
         metadata = json.dumps(new.metadata or {}, ensure_ascii=False)
         where = (self._stored(new.path), new.scene, new.digest)
         refusal = new.refusal
-        told = (None, None, None) if refusal is None else (refusal.code, refusal.reason, refusal.hint)
+        reason = (None, None, None) if refusal is None else (refusal.code, refusal.reason, refusal.hint)
         state = State.WAITING if refusal is None else State.REFUSED
         with self._writing(durable=durable) as database:
             database.execute(
@@ -120,13 +120,13 @@ class Outbox:
                 "metadata, state, code, reason, hint) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
                 "ON CONFLICT (path, scene, digest) DO UPDATE SET mtime_ns = excluded.mtime_ns, "
                 "sidecar = excluded.sidecar, deleted = 0",
-                (*where, new.name, new.size_bytes, new.mtime_ns, new.sidecar, metadata, state, *told),
+                (*where, new.name, new.size_bytes, new.mtime_ns, new.sidecar, metadata, state, *reason),
             )
             database.execute(
                 "UPDATE photographs SET name = ?, metadata = ?, state = ?, code = ?, reason = ?, hint = ?, "
                 "offset_bytes = 0 WHERE path = ? AND scene = ? AND digest = ? AND (state = 'waiting' "
                 "OR code IN (?, ?) OR (state = 'refused' AND verdict IS NULL AND metadata != ?))",
-                (new.name, metadata, state, *told, *where, SIDECAR_REFUSED, FILE_MISSING, metadata),
+                (new.name, metadata, state, *reason, *where, SIDECAR_REFUSED, FILE_MISSING, metadata),
             )
             found = self._select("path = ? AND scene = ? AND digest = ?", where)
         return found[0]

@@ -46,7 +46,7 @@ async def watch_events(
 async def _stream(
     feed: EventFeed, metrics: Metrics, slot: ExitStack, caller: Principal, scene_id: str, after: int
 ) -> AsyncIterator[str]:
-    # A client whose key is no longer valid is told so when it connects again.
+    # A client whose key is no longer valid gets the error when it connects again.
     with slot, metrics.streams.track_inprogress(), suppress(UnauthenticatedError):
         # With this id a client that skipped past events can resume before the first new one.
         yield f"retry: {_RECONNECT_MS}\nid: {after}\n\n"

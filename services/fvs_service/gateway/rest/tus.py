@@ -164,9 +164,9 @@ def declared_metadata(headers: Headers) -> UploadMetadata:
             hint="Name the scene that the image is for: scene <base64 of its id>.",
         )
     if not _SHA256.fullmatch(sha256):
-        said = "is not a SHA-256 in 64 lower-case hex digits" if sha256 else "is missing"
+        problem = "is not a SHA-256 in 64 lower-case hex digits" if sha256 else "is missing"
         raise MalformedRequestError(
-            f"The sha256 in Upload-Metadata {said}.",
+            f"The sha256 in Upload-Metadata {problem}.",
             hint="Images are stored by their content: send the SHA-256 of all bytes, as sha256sum prints it.",
         )
     for name in _OF_BROWSERS:

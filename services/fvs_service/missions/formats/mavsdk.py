@@ -19,7 +19,7 @@ def write(mission: Mission) -> bytes:
     """The mission as MAVSDK's items."""
     document = {
         "mission_plan": {"mission_items": [_item(mission, waypoint) for waypoint in mission.waypoints]},
-        # What MAVSDK is told by a call of its own: mission.set_return_to_launch_after_mission.
+        # MAVSDK sets this with a separate call: mission.set_return_to_launch_after_mission.
         "return_to_launch_after_mission": mission.options.finish is Finish.RETURN,
     }
     return orjson.dumps(document)
