@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 _MOST_MISSING = 100
-"""Reports that are asked for at once."""
+"""Maximum number of reports that are requested at once."""
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A photograph that the camera has reported; ``file`` is its name, empty when the camera tells none."""
+    """A photograph that the camera has reported; ``file`` is its name, empty when the camera reports none."""
 
     number: int
     succeeded: bool
@@ -35,12 +35,12 @@ class Captures:
         self._asked: set[int] = set()
 
     def take(self) -> list[Capture]:
-        """Those that came since the last call."""
+        """The photographs reported since the last call."""
         found, self._new = self._new, []
         return found
 
     def add(self, message: Any) -> None:
-        """Take a ``CAMERA_IMAGE_CAPTURED``; one that has come before is left out."""
+        """Record a ``CAMERA_IMAGE_CAPTURED``; duplicates are ignored."""
         number = message.image_index
         key = (number, message.time_boot_ms)
         if key in self._seen:
@@ -60,7 +60,7 @@ class Captures:
             self._next = number + 1
 
     def are(self, count: int, time_ms: int) -> None:
-        """Take the number of all photographs and the time of a ``CAMERA_CAPTURE_STATUS``."""
+        """Record the number of all photographs and the time of a ``CAMERA_CAPTURE_STATUS``."""
         if self._next is None or count < self._next:  # the first time, or the camera was switched on again
             self._next, self._since_ms = count, time_ms
             self._asked.clear()
@@ -68,7 +68,7 @@ class Captures:
             self._ask_before(count)
 
     def _ask_before(self, end: int) -> None:
-        """Ask for those before number ``end`` that have not come."""
+        """Request the missing reports before number ``end``."""
         if self._next is None:
             return
         for number in range(self._next, min(end, self._next + _MOST_MISSING)):

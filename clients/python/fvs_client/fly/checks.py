@@ -29,7 +29,7 @@ def require_equipment(vehicle: Vehicle, settings: FlightSettings) -> tuple[float
 
 
 def require_battery(vehicle: Vehicle, settings: FlightSettings, log: FlightLog) -> None:
-    """Raise ``VehicleError`` for a vehicle that does not tell its battery, which a reserve needs."""
+    """Raise ``VehicleError`` for a vehicle that does not report its battery, which a reserve needs."""
     if settings.reserve <= 0.0:
         return
     try:

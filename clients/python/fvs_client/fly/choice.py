@@ -30,9 +30,9 @@ from fvs_client.models.rankings import AroundCurrent, InVolume
 from fvs_client.models.scenes import Origin
 
 _TAKEN_S = 3_600.0
-"""How long a photograph may be on its way before others may take it again."""
+"""Time for a photograph to arrive before others may take its view again."""
 _MOST_REFUSED = 10
-"""Candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
+"""Number of candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
 _DEGREE_M = 111_195.0
 _BLOCKED = "the way to it from where the vehicle is leaves the geofence."
 
@@ -56,7 +56,7 @@ class Choice:
         self._refused: set[str] = set()
 
     def limit_gimbal(self, lowest_deg: float, highest_deg: float) -> None:
-        """Leave out views beyond what the gimbal can do, unless the settings say what it can."""
+        """Leave out views beyond the gimbal's limits, unless the settings give these."""
         lowest_deg, highest_deg = (max(-90.0, min(90.0, angle)) for angle in (lowest_deg, highest_deg))
         if lowest_deg < highest_deg:
             self._gimbal = {"gimbal_lowest_deg": lowest_deg, "gimbal_highest_deg": highest_deg}
@@ -80,7 +80,7 @@ class Choice:
         return self._planned(min(photographs, self._settings.leg_views))
 
     def expected_db(self) -> float | None:
-        """The PSNR to expect of the model; None as long as nothing is known of it."""
+        """The PSNR to expect of the model; None while it is unknown."""
         settings = self._settings
         generator = None if isinstance(settings.generator, AroundCurrent) else settings.generator
         plan = self._watch.trying(
@@ -91,7 +91,7 @@ class Choice:
         return plan.now.psnr_db
 
     def report(self, state: VisitState, views: Sequence[Candidate]) -> None:
-        """Report what the vehicle does about views."""
+        """Report visits of the vehicle."""
         if not views:
             return
         settings = self._settings
@@ -100,7 +100,7 @@ class Choice:
         self._scene.report_visits(settings.vehicle, state, views, expires_in_s=expires_s)
 
     def _ranked(self, photographs: int) -> Leg:
-        """To the first view of a ranking that can be flown to."""
+        """A leg to the first view of a ranking that can be flown to."""
         ranking = self._watch.trying(lambda: self._rank(photographs))
         reason = "no candidate has a rank."
         for best in [item for item in ranking.candidates if item.rank is not None][:_MOST_REFUSED]:
@@ -127,7 +127,7 @@ class Choice:
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
 
     def _planned(self, count: int) -> Leg:
-        """Through the views of a plan, in its order, without those that cannot be flown."""
+        """A leg through the views of a plan, in its order, without those that cannot be flown."""
         if not self._located:
             self._watch.trying(lambda: self._rank(count))
         out: set[str] = set()
@@ -204,7 +204,7 @@ class Choice:
         )
 
     def _leave_out(self, name: str, reason: str) -> None:
-        """Say once that a view is left out."""
+        """Report once that a view is left out."""
         if name not in self._refused or self._settings.leg_views == 1:
             self._log.event(
                 "refused", f"{name} is left out: {reason}", self._vehicle.last_state, candidate=name

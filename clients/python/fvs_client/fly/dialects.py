@@ -1,4 +1,4 @@
-"""How autopilots differ: the flight modes and missions of ArduPilot's copters and of PX4.
+"""Differences of autopilots: the flight modes and missions of ArduPilot's copters and of PX4.
 
 https://ardupilot.org/copter/docs/flight-modes.html; PX4's modes are ``main << 16 | sub << 24``
 (``px4_custom_mode.h``).
@@ -18,7 +18,7 @@ _COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
 
 
 class Mode(Enum):
-    """What a vehicle flies."""
+    """Flight modes."""
 
     MISSION = auto()
     HOLD = auto()
@@ -33,10 +33,10 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class Dialect:
-    """What one firmware expects."""
+    """The expectations of one firmware."""
 
     autopilot: Autopilot
-    """For whom the service writes missions."""
+    """The autopilot that the service writes missions for."""
     modes: Mapping[Mode, tuple[int, int]]
     """The numbers of modes in ``MAV_CMD_DO_SET_MODE``: the mode, and the one below it."""
     has_sub_modes: bool
@@ -50,7 +50,7 @@ class Dialect:
     """Other values of ``custom_mode`` that vehicles report, but that are never requested."""
 
     def custom_mode(self, mode: Mode) -> int:
-        """A mode as a heartbeat has it."""
+        """The ``custom_mode`` of a mode in heartbeats."""
         main, sub = self.modes[mode]
         return main << 16 | sub << 24 if self.has_sub_modes else main
 

@@ -1,10 +1,10 @@
-"""What can go wrong with a vehicle."""
+"""Failures of a vehicle."""
 
 from fvs_client.errors import FvsError
 
 
 class VehicleError(FvsError):
-    """The vehicle does not answer, refuses something, or its camera brings no photograph."""
+    """The vehicle does not answer, refuses something, or its camera takes no photograph."""
 
 
 class NoAnswerError(VehicleError):

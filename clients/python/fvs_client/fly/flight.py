@@ -2,7 +2,7 @@
 
 Each mission ends at home. After a leg the vehicle waits for the next one; when none comes in time, because
 the service, the link or this program is gone, it returns by itself. While it gets a mission, tenths of a
-second, and in a pause it flies none: what it does when the link breaks off then is up to its own failsafe.
+second, and in a pause it flies none: if the link breaks then, its own failsafe decides.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ _TRACK_S = 0.5
 _RECOVER_S = 1.0
 _TRIES = 3
 _MOST_FAILED = 3
-"""Photographs in a row that fail, after which a flight ends."""
+"""Number of photographs that fail in a row after which a flight ends."""
 
 
 class Flight:
@@ -88,8 +88,8 @@ class Flight:
         """Fly until the flight ends, send the vehicle home and wait until it has landed.
 
         The result's ending is ``VEHICLE`` when the landing was not seen, and ``PILOT`` when somebody else has
-        taken over: then the vehicle gets no more commands. Raises what else goes wrong, such as
-        ``SpoolError``, after the landing.
+        taken over: then the vehicle gets no more commands. Raises other failures, such as ``SpoolError``,
+        after the landing.
         """
         failure: Exception | None = None
         try:
@@ -121,7 +121,7 @@ class Flight:
         return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
 
     def _check(self) -> None:
-        """Raise ``VehicleError`` for a vehicle that lacks what the flight needs; warn of what may harm it."""
+        """Raise ``VehicleError`` for a vehicle without the required equipment; warn of risks."""
         gimbal_deg = require_equipment(self._vehicle, self._settings)
         if gimbal_deg is not None:
             self._choice.limit_gimbal(*gimbal_deg)
@@ -189,7 +189,7 @@ class Flight:
             raise EndedError(Ending.GOOD_ENOUGH, f"{expected_db:.1f} dB are to be expected.")
 
     def _next_leg(self) -> None:
-        """Ask for views, fly there and photograph them."""
+        """Request views, fly there and photograph them."""
         leg = self._choice.next(self._settings.photographs - self._taken)
         try:
             self._fly(leg)
@@ -229,7 +229,7 @@ class Flight:
             watch.handing_over = True
             if watch.airborne or (watch.starting and self._vehicle.state.armed):
                 self._vehicle.hold()
-            self._vehicle.captures()  # what came late belongs to the view before
+            self._vehicle.captures()  # late reports belong to the view before
             self._vehicle.upload(leg.items)
             watch.starting = True
             self._vehicle.fly()
@@ -270,7 +270,7 @@ class Flight:
         self._watch.deadline_s = time.monotonic() + settings.patience_s
 
     def _track(self, state: VehicleState) -> None:
-        """Log where the vehicle is, now and then."""
+        """Log the vehicle's position at intervals."""
         if time.monotonic() >= self._next_track_s:
             self._next_track_s = time.monotonic() + _TRACK_S
             self._log.event("position", "", state)

@@ -11,7 +11,7 @@ from fvs_client.fly.watch import POLL_S, RETURNING, Watch
 
 _AGAIN_S = 1.0
 _LAND_EVERY = 6
-"""After so many refusals, less one, to return home, the vehicle is to land where it is."""
+"""After one refusal less than this to return home, the vehicle is commanded to land where it is."""
 
 
 class Homecoming:

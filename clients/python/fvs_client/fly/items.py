@@ -12,7 +12,7 @@ _FIELDS = 12
 
 
 class Frame(IntEnum):
-    """``MAV_FRAME``: what the position of an item is."""
+    """``MAV_FRAME``: the frame of an item's position."""
 
     GLOBAL = 0
     """Altitudes above sea level."""

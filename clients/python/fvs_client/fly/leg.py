@@ -27,7 +27,7 @@ class Leg:
 
     @property
     def count(self) -> int:
-        """How many photographs are to be taken."""
+        """The number of photographs to take."""
         return sum(item.command in PHOTOGRAPHS for item in self.items)
 
     @property
@@ -37,12 +37,12 @@ class Leg:
 
     @property
     def left(self) -> tuple[Candidate, ...]:
-        """The views of which nothing was reported."""
+        """The views without a report."""
         known = {view.id for view in (*self.succeeded, *self.failed)}
         return tuple(view for view in self.views if view.id not in known)
 
     def take(self, capture: Capture) -> Candidate | None:
-        """The view that a photograph is of: the nearest one that is left, and the first of equals."""
+        """Assign a photograph to a view: the nearest one that is left, and the first of equals."""
         places = dict(zip((view.id for view in self.views), self._places(), strict=False))
         left = self.left
         if not left:
@@ -54,7 +54,7 @@ class Leg:
         return view
 
     def _places(self) -> Sequence[MissionItem]:
-        """Where each photograph is taken."""
+        """The position of each photograph."""
         places, last = [], self.items[0]
         for item in self.items:
             if item.command == Command.WAYPOINT:

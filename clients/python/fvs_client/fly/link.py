@@ -20,7 +20,7 @@ _TRIES = 4
 _SILENCE_S = 20.0
 """A vehicle without a heartbeat for this long is lost."""
 _OTHERS_S = 1.2
-"""Autopilots send a heartbeat every second: after this long all of them were heard."""
+"""Autopilots send a heartbeat every second: after this time all of them have been received."""
 _ADDRESSED = frozenset({"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK"})
 
 
@@ -99,7 +99,7 @@ class Link:
             return found
 
     def listen_to(self, heartbeat: Any) -> None:
-        """From now on hear only the vehicle of this heartbeat."""
+        """Ignore all vehicles but that of this heartbeat from now on."""
         with self.changed:
             self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
 
@@ -146,7 +146,7 @@ class Link:
         what: str,
         fits: Callable[[Any], bool] = lambda _message: True,
     ) -> Any:
-        """Send, also again, until a message of one of ``kinds`` comes that ``fits``; return it."""
+        """Send, repeatedly, until a message of one of ``kinds`` arrives that ``fits``; return it."""
         for _ in range(_TRIES):
             send()
             until = time.monotonic() + _ANSWER_S
@@ -197,7 +197,7 @@ class Link:
                     self.changed.notify_all()
 
     def _receive(self, message: Any) -> None:
-        """Sort out what the vehicle says to us."""
+        """Dispatch the vehicle's messages to us."""
         kind = message.get_type()
         if self._target is None:
             if kind == "HEARTBEAT" and self._is_vehicle(message):
@@ -235,6 +235,6 @@ def _mavutil() -> Any:
         raise VehicleError(
             "MAVLink needs pymavlink.", hint="Install it: pip install 'fvs-client[fly]'."
         ) from None
-    # It prints some lines a second while a connection is broken. A flight says once that the link is lost.
+    # It prints some lines a second while a connection is broken. A flight reports the lost link once.
     mavutil.print = lambda *_, **__: None
     return mavutil

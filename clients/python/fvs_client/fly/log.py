@@ -13,7 +13,7 @@ from fvs_client.fly.vehicle import VehicleState
 
 @dataclass
 class FlightLog:
-    """Writes events to a file, if there is one, and says them.
+    """Writes events to a file, if there is one, and prints them.
 
     An event has its time ``t_s`` since the beginning, the vehicle's position and battery, and a text, which
     is empty for those that are not given.

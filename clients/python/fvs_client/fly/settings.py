@@ -1,4 +1,4 @@
-"""What to fly, and what a flight was."""
+"""Settings and result of a flight."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -22,7 +22,7 @@ class Ending(StrEnum):
     NO_VIEW = "no-view"
     """No candidate can be flown to."""
     CAMERA = "camera"
-    """The camera brings no photographs."""
+    """The camera takes no photographs."""
     SERVICE = "service"
     """The service could not be reached, or made no model, until the vehicle had to return."""
     VEHICLE = "vehicle"
@@ -35,21 +35,21 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class FlightSettings:
-    """What to fly, and when to stop."""
+    """Settings of a flight."""
 
     vehicle: str
     """The vehicle's name, by which others leave its views out."""
     photographs: int
-    """How many, with those of the survey."""
+    """Number of photographs, with those of the survey."""
     method: str = "median-frequency"
     generator: Generator | None = None
     candidates: tuple[Candidate, ...] | None = None
     radius_m: float | None = None
-    """Only views so near to the vehicle."""
+    """Maximum distance of views from the vehicle."""
     leg_views: int = 1
-    """How many views the vehicle photographs before the next update: more than one are planned together."""
+    """Number of views that are photographed before the next update: more than one are planned together."""
     safety_m: float | None = None
-    """How far planned legs (with ``leg_views``) and the candidates of a volume keep from matter."""
+    """Distance of planned legs (with ``leg_views``) and candidates of a volume from matter."""
     survey: Survey | None = None
     """The first photographs, for a scene without a model."""
     reserve: float = 0.3
@@ -69,7 +69,7 @@ class FlightSettings:
     iterations: int | None = None
     """Training iterations of the scene's first update; by default the service's."""
     long_side_px: int | None = None
-    """To which the first update reduces photographs; by default the service's."""
+    """Long side to which the first update reduces photographs; by default the service's."""
     stop_at_db: float | None = None
     """Stop when the expected PSNR of the model reaches this value."""
     mission: MissionSettings = field(default_factory=lambda: MissionSettings())
@@ -78,7 +78,7 @@ class FlightSettings:
 
 @dataclass(frozen=True)
 class FlightResult:
-    """What a flight was: its photographs, those that failed, and why it ended."""
+    """The result of a flight: its photographs, those that failed, and why it ended."""
 
     ending: Ending
     reason: str

@@ -12,7 +12,7 @@ _EARTH_RADIUS_M = 6_371_000.0
 _TARGETING = 2.0
 """``MAV_MOUNT_MODE_MAVLINK_TARGETING``."""
 _STILL_S = 2.0
-"""How long a vehicle stands still before and after a photograph."""
+"""Time for which a vehicle holds still before and after a photograph."""
 _TURN_S = 4.0
 """An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
 _FEWEST = 3

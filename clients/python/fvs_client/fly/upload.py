@@ -11,7 +11,7 @@ from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
 
 _REPEATED_S = 0.2
-"""A request for what was sent so shortly before has crossed it on the way, or came twice."""
+"""A request of an item that was sent less than this ago crossed it on the way, or is a duplicate."""
 _REQUESTS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
 _HINTS = {
     "MAV_MISSION_NO_SPACE": "It stores fewer items: fly fewer views in one leg (--leg).",
@@ -50,11 +50,11 @@ def upload(link: Link, items: Sequence[MissionItem], offset: int) -> None:
 
 
 def _upload(link: Link, items: Sequence[MissionItem]) -> tuple[int, int]:
-    """Upload once; returns a ``MAV_MISSION_RESULT``, and the number of the item that was asked for last."""
+    """Upload once; returns a ``MAV_MISSION_RESULT``, and the number of the item that was requested last."""
     sent_s: dict[int, float] = {}
 
     def fits(message: Any) -> bool:
-        """Whether a message is news: an acceptance before all was asked for is of another upload."""
+        """Whether a message is of this upload: an acceptance before all requests is of another."""
         if message.get_type() == "MISSION_ACK":
             return bool(message.type != link.mavlink.MAV_MISSION_ACCEPTED or len(sent_s) == len(items))
         return time.monotonic() - sent_s.get(message.seq, -math.inf) > _REPEATED_S

@@ -23,7 +23,7 @@ _EQUIPMENT_S = 1.0
 
 @dataclass(frozen=True)
 class Equipment:
-    """What a vehicle says that it has; None where it has none."""
+    """The equipment that a vehicle reports; None where it has none."""
 
     camera: str | None
     """Its name."""
@@ -41,7 +41,7 @@ class VehicleState:
     height_m: float = math.nan
     yaw_deg: float = math.nan
     battery: float | None = None
-    """The share that is left, in [0, 1]; None when the vehicle does not tell."""
+    """The share of the battery that is left, in [0, 1]; None when the vehicle does not report it."""
     armed: bool = False
     mode: Mode = Mode.OTHER
     custom_mode: int = -1
@@ -122,11 +122,11 @@ class Vehicle:
             return self._captures.take()
 
     def recover_captures(self) -> None:
-        """Ask for the reports of photographs that were lost with the link; ``captures`` has them soon."""
+        """Request the reports of photographs that were lost with the link; ``captures`` has them soon."""
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS)
 
     def equipment(self) -> Equipment:
-        """Ask what the vehicle has."""
+        """Request the vehicle's equipment."""
         mavlink = self._mavlink
         camera = self._asked(mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, "CAMERA_INFORMATION")
         gimbal = self._asked(mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION, "GIMBAL_MANAGER_INFORMATION")
@@ -182,7 +182,7 @@ class Vehicle:
         self.set_mode(Mode.PAUSE)
 
     def resume(self) -> None:
-        """Go on with the mission after a pause."""
+        """Continue the mission after a pause."""
         self.set_mode(Mode.MISSION)
 
     def hold(self) -> None:
@@ -238,11 +238,11 @@ class Vehicle:
 
     @property
     def _not_sent(self) -> int:
-        """How many items of a mission, home first, the autopilot does not get."""
+        """Number of items of a mission, home first, that are not sent to the autopilot."""
         return 0 if self.dialect.home_is_first else 1
 
     def _request(self, message: int, number: int = 0) -> None:
-        """Ask all components of the vehicle for a message, and do not wait."""
+        """Request a message from all components of the vehicle, without waiting."""
         command, (system, _) = self._mavlink.MAV_CMD_REQUEST_MESSAGE, self._link.target
         parameters = (float(message), float(number), 0.0, 0.0, 0.0, 0.0, 0.0)
         self._link.send("command_long_send", system, 0, command, 0, *parameters)

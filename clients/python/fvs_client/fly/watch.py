@@ -1,4 +1,4 @@
-"""Watches over a flight: whether the vehicle may go on, is silent, or must return."""
+"""Supervision of a flight: whether the vehicle may continue, is silent, or must return."""
 
 import math
 import threading
@@ -23,7 +23,7 @@ _OURS = (Mode.HOLD, Mode.PAUSE)
 
 
 class Watch:
-    """What all of a flight asks again and again."""
+    """Checks that all parts of a flight repeat."""
 
     def __init__(self, vehicle: Vehicle, settings: FlightSettings, log: FlightLog) -> None:
         self._vehicle, self._settings, self._log = vehicle, settings, log
@@ -97,7 +97,7 @@ class Watch:
             time.sleep(POLL_S)
 
     def trying(self, call: Callable[[], T]) -> T:
-        """Call the service, again while it cannot be reached and the vehicle can wait."""
+        """Call the service, repeatedly while it cannot be reached and the vehicle can wait."""
         reported = ""
         while True:
             try:

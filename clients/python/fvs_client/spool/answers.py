@@ -1,4 +1,4 @@
-"""What an answer of the service means: done, a failure that passes, or a refusal."""
+"""The meaning of an answer of the service: success, a transient failure, or a refusal."""
 
 import json
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ _OF_THE_KEY = frozenset({401, 403})
 _LONGEST_RETRY_AFTER_S = 3_600.0
 """A clock that jumps at the other side, or a broken proxy, must not silence a device for days."""
 DAMAGED = "digest-mismatch"
-"""Of bytes that were damaged on the way, or are not those that were added: the sender knows which."""
+"""Codes for bytes that were damaged on the way, or are not those that were added: the sender knows which."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class RefusedError(Exception):
 
 
 def require_success(answer: Answer) -> Answer:
-    """Return an answer of 2xx; raise ``LinkError`` for what passes, ``RefusedError`` for what does not.
+    """Return an answer of 2xx; raise ``LinkError`` for transient failures, ``RefusedError`` for others.
 
     Only the service's own problem documents refuse: anything else is something in between, such as a proxy
     without its service or a network that wants a login. A key that is not accepted is no refusal of this

@@ -1,4 +1,4 @@
-"""How long to wait after a failure."""
+"""Pauses after failures."""
 
 import random
 from collections.abc import Callable

@@ -18,7 +18,7 @@ from fvs_client.spool.pace import Pace
 
 _ANSWER_BLOCK_BYTES = 16 << 10
 _UNSENT_BYTES = 4 << 10
-"""What the kernel may hold that is not on its way: all of it is lost with the connection."""
+"""Size of the kernel's send buffer: all of it is lost with the connection."""
 _LARGEST_ANSWER_BYTES = 1 << 20
 _ANSWER_TIMEOUTS = 4
 """The answer to the last byte, which tells the verdict, may take so many times as long as a byte."""
@@ -84,7 +84,7 @@ class Connection:
                 response = http.client.HTTPResponse(_Heard(early, self._socket), method=method)  # type: ignore[arg-type]
                 response.begin()
             content = response.read(_LARGEST_ANSWER_BYTES)
-            if response.length:  # http.client says nothing of an answer that broke off
+            if response.length:  # http.client does not report an answer that broke off
                 raise http.client.IncompleteRead(content, response.length)
             if early is not None or not response.isclosed():
                 self.close()
@@ -164,7 +164,7 @@ class Connection:
         return None
 
     def _heard(self) -> bytes | None:
-        """What has arrived without waiting: None for nothing, empty when the other side has closed."""
+        """Bytes that have arrived, without waiting: None for none, empty when the other side has closed."""
         held = self._socket.gettimeout()
         self._socket.settimeout(0.0)
         try:

@@ -1,4 +1,4 @@
-"""Delete photographs that the service has acknowledged, if that was asked for."""
+"""Delete photographs that the service has acknowledged, if that was requested."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -24,12 +24,12 @@ class Room:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._outbox, self._settings, self._say, self._clock = outbox, settings, say, clock
-        self._told = False
+        self._warned = False
         self._failed_at: dict[int, float] = {}
         """When files, by their numbers, could not be deleted."""
 
     def make(self) -> None:
-        """Delete what may be deleted: sent photographs, the oldest first, as far as the limit asks for it."""
+        """Delete sent photographs, the oldest first, as far as the limit requires."""
         most = self._settings.max_disk_bytes
         kept = self._outbox.kept_bytes()
         if self._settings.delete_sent and (most is None or kept > most):
@@ -38,9 +38,9 @@ class Room:
                     break
                 kept -= self._delete(photograph)
         if most is None or kept <= most:
-            self._told = False
-        elif not self._told:
-            self._told = True
+            self._warned = False
+        elif not self._warned:
+            self._warned = True
             why = "None of them is deleted before the service has accepted it."
             if not self._settings.delete_sent:
                 why = "Nothing is deleted without --delete-sent."
@@ -75,12 +75,12 @@ class Room:
             self._failed_at[number] = self._clock()
             return 0
         self._failed_at.pop(number, None)
-        # What has other bytes now is another photograph, which the outbox has by its own digest.
+        # A file with other bytes now is another photograph, which the outbox has by its own digest.
         self._outbox.set_deleted(photograph)
         return freed
 
 
 def _identity(path: Path) -> tuple[int, ...]:
-    """Of a file as it is now: what changes when it is replaced or written to. Raises ``OSError``."""
+    """The identity of a file, which changes when it is replaced or written to. Raises ``OSError``."""
     status = path.stat()
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns

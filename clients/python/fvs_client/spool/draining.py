@@ -1,4 +1,4 @@
-"""Send what waits in an outbox, for as long as it takes."""
+"""Send the photographs that wait in an outbox, for as long as it takes."""
 
 import sqlite3
 import threading
@@ -32,7 +32,7 @@ class Drain:
         self._outbox_gone = False
 
     def run(self, stop: threading.Event, *, until_empty: bool) -> None:
-        """Send until ``stop``, or until nothing waits. A link that fails is tried for ever."""
+        """Send until ``stop``, or until nothing waits. A link that fails is retried forever."""
         self._outbox.set_trouble(None)
         try:
             while not stop.is_set():
@@ -49,7 +49,7 @@ class Drain:
             self._connection.close()
 
     def _look_for_outbox(self) -> None:
-        """Say so, once, when the outbox was deleted: it still works, but ends with this process."""
+        """Warn once when the outbox was deleted: it still works, but ends with this process."""
         gone = not self._outbox.in_place()
         if gone and not self._outbox_gone:
             self._say(
@@ -65,7 +65,7 @@ class Drain:
         except sqlite3.OperationalError as error:
             if not card_is_full(error):
                 raise
-            self._tell("The card is full: what the service acknowledges cannot be noted. Waiting for room.")
+            self._warn("The card is full: acknowledgements cannot be recorded. Waiting for room.")
             return self._backoff.pause_s()
 
     def _try(self, photograph: Photograph) -> float:
@@ -93,7 +93,7 @@ class Drain:
         elif error.answered:
             self._outbox.set_back(photograph.number)
         pause_s = self._backoff.pause_s(error.retry_after_s)
-        if self._tell(" ".join(filter(None, (str(error), error.hint)))):
+        if self._warn(" ".join(filter(None, (str(error), error.hint)))):
             self._outbox.set_trouble(str(error), error.hint)
         return pause_s
 
@@ -109,8 +109,8 @@ class Drain:
         else:
             self._say(f"{photograph.name}: refused. {refusal.reason} {refusal.hint}".rstrip())
 
-    def _tell(self, trouble: str) -> bool:
-        """Say what is wrong, once; whether it is news."""
+    def _warn(self, trouble: str) -> bool:
+        """Warn of a trouble once; returns whether it is new."""
         news = trouble != self._trouble
         if news:
             self._say(f"{trouble} Trying again.")

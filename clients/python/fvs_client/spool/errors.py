@@ -7,7 +7,7 @@ from pathlib import Path
 
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 _SMALLEST_ROOM_BYTES = 1 << 19
-"""SQLite needs less for its files beside the outbox."""
+"""Room that suffices for SQLite's files beside the outbox."""
 
 
 class SpoolError(Exception):

@@ -51,7 +51,7 @@ def each_file(folder: Path, skipped: Callable[[OSError], None] = lambda _: None)
 def order_of(file: FoundFile) -> list[tuple[int, str]]:
     """Sorts files by their numbers: ``DJI_0009`` before ``DJI_0010`` and ``DJI_10000``.
 
-    Not by time: a camera's clock jumps when it first hears of the satellites'.
+    Not by time: a camera's clock jumps when it first receives satellites.
     """
     parts = re.split(r"(\d+)", file.location)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

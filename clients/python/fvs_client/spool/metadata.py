@@ -1,4 +1,4 @@
-"""What is known of a photograph besides its file: its sidecar, and what a callback says."""
+"""Metadata of a photograph besides its file: its sidecar, and the result of a callback."""
 
 import json
 from collections.abc import Callable, Mapping

@@ -50,7 +50,7 @@ DROP TABLE reserve;
 """
 _CHECKPOINT_PAGES = 64
 _SETBACKS_PER_TURN = 16
-"""After so many setbacks another photograph has its turn: the failure may be this one's."""
+"""Number of setbacks after which another photograph has its turn: this one may be the cause."""
 _DELETABLE = """
 number > ? AND state = 'sent' AND verdict = 'accepted' AND deleted = 0 AND NOT EXISTS (
     SELECT 1 FROM photographs AS other
@@ -97,7 +97,7 @@ class Outbox:
         self.close()
 
     def in_place(self) -> bool:
-        """Whether the file that is open is still the one at ``path``, and others thus see what is noted."""
+        """Whether the file that is open is still the one at ``path``, and others see changes."""
         try:
             status = self.path.stat()
         except OSError:
@@ -159,24 +159,24 @@ class Outbox:
         return self._database.execute(query, (digest, scene)).fetchone() is not None
 
     def begin(self, number: int, upload: str | None) -> None:
-        """Note that sending begins, with the service's id of the upload."""
+        """Record that sending begins, with the service's id of the upload."""
         self._update(number, "state = 'sending', upload = ?", upload)
 
     def confirm(self, number: int, offset_bytes: int) -> None:
-        """Note how much the service has; progress ends the setbacks."""
+        """Record how much the service has; progress resets the setbacks."""
         change = "setbacks = CASE WHEN ? > offset_bytes THEN 0 ELSE setbacks END, offset_bytes = ?"
         self._update(number, change, offset_bytes, offset_bytes, durable=False)
 
     def set_back(self, number: int) -> None:
-        """Note a failure that the service answered."""
+        """Record a failure that the service answered."""
         self._update(number, "setbacks = setbacks + 1")
 
     def forget_upload(self, number: int) -> None:
-        """The service has nothing of it any more: begin anew."""
+        """Record that the service has nothing of it any more: it begins anew."""
         self._update(number, "upload = NULL, offset_bytes = 0")
 
     def acknowledge(self, number: int, verdict: str | None) -> None:
-        """The service has acknowledged the digest."""
+        """Record that the service has acknowledged the digest."""
         self._update(
             number,
             "state = 'sent', verdict = ?, upload = NULL, offset_bytes = size_bytes, setbacks = 0, "
@@ -215,7 +215,7 @@ class Outbox:
         return self._select(_DELETABLE, (after,), "ORDER BY number LIMIT 100")
 
     def set_deleted(self, photograph: Photograph) -> None:
-        """Note that the file was deleted, or has other bytes; for all scenes that it was added for."""
+        """Record that the file was deleted, or has other bytes; for all scenes that it was added for."""
         with self._writing() as database:
             database.execute(
                 "UPDATE photographs SET deleted = 1 WHERE path = ? AND digest = ?",
@@ -249,7 +249,7 @@ class Outbox:
         return {state: rows.get(state, 0) for state in State}
 
     def set_trouble(self, message: str | None, hint: str = "") -> None:
-        """Note why nothing is sent now; None: there is no trouble."""
+        """Record why nothing is sent now; None: there is no trouble."""
         with self._writing() as database:
             database.execute("DELETE FROM trouble")
             if message is not None:

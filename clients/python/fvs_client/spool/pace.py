@@ -1,4 +1,4 @@
-"""Keep sending to a number of bytes per second."""
+"""Limit sending to a number of bytes per second."""
 
 import time
 from collections.abc import Callable
@@ -23,7 +23,7 @@ class Pace:
 
     @property
     def block_bytes(self) -> int:
-        """How much to send at a time: what takes a quarter of a second."""
+        """Size of a block, which takes a quarter of a second."""
         if self._bytes_s is None:
             return _BLOCK_BYTES
         return max(_SMALLEST_BLOCK_BYTES, min(_BLOCK_BYTES, int(self._bytes_s * _BURST_S)))

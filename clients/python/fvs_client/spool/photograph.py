@@ -1,4 +1,4 @@
-"""What an outbox knows of a photograph."""
+"""Records of photographs in an outbox."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class State(StrEnum):
-    """Where a photograph is on its way."""
+    """The state of a photograph in an outbox."""
 
     WAITING = "waiting"
     SENDING = "sending"

@@ -1,4 +1,4 @@
-"""How much of a photograph goes into one request."""
+"""Sizes of the pieces of a photograph that go into one request."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ _FIRST_BYTES = 256 << 10
 _SMALLEST_BYTES = 64 << 10
 _LARGEST_BYTES = 8 << 20
 _BUFFERS_BYTES = 48 << 10
-"""What a break loses anyway."""
+"""Minimum size of a piece: a break loses that much anyway."""
 _TAKES_S = 20.0
 _FIRST_GROWTH = 2.0
 _CAREFUL_GROWTH = 1.05

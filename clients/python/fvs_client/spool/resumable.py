@@ -1,4 +1,4 @@
-"""Send a photograph piece by piece, each from where the service has got to: tus 1.0.0."""
+"""Send a photograph piece by piece, each from the offset that the service has: tus 1.0.0."""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ class ResumableCarrier:
     """Brings photographs to the service by resumable uploads.
 
     The first piece goes with the request that creates the upload. After a failure that request, or ``HEAD``,
-    asks how much has arrived before a byte is sent.
+    gets the offset before a byte is sent.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class ResumableCarrier:
         return Part(file, offset, size, self._pieces.sent)
 
     def _confirmed(self, photograph: Photograph, answer: Answer) -> int:
-        """Note the offset that an answer tells."""
+        """Record the offset in an answer."""
         text = answer.headers.get("upload-offset", "")
         if not (text.isascii() and text.isdigit()) or int(text) > photograph.size_bytes:
             raise _not_the_service()

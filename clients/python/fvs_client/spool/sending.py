@@ -97,7 +97,7 @@ class Sender:
         return found
 
     def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
-        """Ask for the image of a digest; None when the scene does not have it."""
+        """Request the image of a digest; None when the scene does not have it."""
         images = f"/v1/scenes/{photograph.scene}/images"
         digest = f"sha256:{photograph.digest}"
         if not self._may_read:

@@ -16,14 +16,14 @@ from fvs_client.spool.taking import take
 from fvs_client.spool.wholeness import is_whole
 
 _REST_PER_LISTING = 20.0
-_TELL_AFTER_S = 60.0
-"""A file that has not changed for so long and has no end is worth a word."""
+_WARN_AFTER_S = 60.0
+"""Time without a change after which a file without an end is reported."""
 _MOST_PER_LOOK = 500
 """Maximum number of files taken per scan; only a hash of each other file is kept in memory."""
 
 
 class Watcher:
-    """Looks at a folder again and again; each look takes what has become complete.
+    """Scans a folder regularly; each scan takes the files that have become complete.
 
     Complete: neither file nor sidecar has changed for ``settle_s``, and the file has its format's end.
     """
@@ -50,7 +50,7 @@ class Watcher:
         """When each file was last seen to change, on the monotonic clock."""
         self._tried: dict[int, float] = {}
         """When those that could not be taken were last tried."""
-        self._told: set[int] = set()
+        self._warned: set[int] = set()
         self._troubles: set[str] = set()
         self.rest_s = 0.0
         """How long to wait before the next look, so that looks take a twentieth of a processor at most."""
@@ -65,7 +65,7 @@ class Watcher:
             complete = self._complete(now, known, waiting, troubles)
             chosen = nsmallest(_MOST_PER_LOOK, complete, key=self._turn)
         except OSError as error:
-            self._tell(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
+            self._warn(f"{self._folder} cannot be read: {error.strerror}. Waiting for it.", troubles)
             self._troubles, self._known, self._waiting = troubles, known, waiting
             return []
         if self._known <= known and self._waiting.keys() <= waiting.keys():  # what is new takes longer, once
@@ -77,13 +77,13 @@ class Watcher:
                     taken.append(photograph)
             except (OSError, sqlite3.OperationalError) as error:
                 self._tried[hash(file)] = now
-                self._tell(_describe_failure(file.path, error), troubles)
+                self._warn(_describe_failure(file.path, error), troubles)
                 if card_is_full(error):
                     break
         if len(taken) == _MOST_PER_LOOK:
             self.rest_s = 0.0
         self._tried = {mark: at for mark, at in self._tried.items() if mark in self._waiting}
-        self._told &= self._waiting.keys()
+        self._warned &= self._waiting.keys()
         self._troubles = troubles
         return taken
 
@@ -93,7 +93,7 @@ class Watcher:
         """The files that have settled and are new; records all others as ``known`` or ``waiting``."""
 
         def skip(error: OSError) -> None:
-            self._tell(f"{error.filename} cannot be read: {error.strerror}. It is skipped.", troubles)
+            self._warn(f"{error.filename} cannot be read: {error.strerror}. It is skipped.", troubles)
 
         for file in each_file(self._folder, skip):
             mark = hash(file)
@@ -120,10 +120,10 @@ class Watcher:
         mark = hash(file)
         if not is_whole(file.path):
             self._tried[mark] = now
-            if now - self._waiting[mark] >= _TELL_AFTER_S and mark not in self._told:
-                self._told.add(mark)
+            if now - self._waiting[mark] >= _WARN_AFTER_S and mark not in self._warned:
+                self._warned.add(mark)
                 self._say(
-                    f"{file.path.name} has no end and has not changed for {_TELL_AFTER_S:.0f} s: did the "
+                    f"{file.path.name} has no end and has not changed for {_WARN_AFTER_S:.0f} s: did the "
                     "camera lose power? It stays, and is sent once it is whole."
                 )
             return None
@@ -134,8 +134,8 @@ class Watcher:
             self._say(f"{file.path.name} is not sent. {photograph.refusal.reason} {photograph.refusal.hint}")
         return photograph
 
-    def _tell(self, trouble: str, troubles: set[str]) -> None:
-        """Add to the troubles of this look, and say what the last one did not have."""
+    def _warn(self, trouble: str, troubles: set[str]) -> None:
+        """Add to the troubles of this look, and report those that the last one did not have."""
         if trouble not in self._troubles | troubles:
             self._say(trouble)
         troubles.add(trouble)

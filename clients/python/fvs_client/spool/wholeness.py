@@ -1,4 +1,4 @@
-"""Whether a camera has written the whole of a file, by the end that its format has."""
+"""Whether a camera has written a file completely, by its format's end marker."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 _BEGIN_BYTES = 16
-"""No image is shorter."""
+"""Minimum size of an image."""
 _BLOCK_BYTES = 1 << 16
 _JPEG_BEGIN, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 # In entropy-coded data 0xFF is followed by 0x00, by a restart marker or by fill bytes; else a marker begins.
