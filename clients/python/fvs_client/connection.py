@@ -90,7 +90,7 @@ class Connection:
 
     @property
     def user_agent(self) -> str:
-        """What the client calls itself."""
+        """The client's name and version."""
         version = importlib.metadata.version("fvs-client")
         return f"fvs-client/{version} python/{platform.python_version()}"
 

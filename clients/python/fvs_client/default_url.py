@@ -1,3 +1,3 @@
-"""Where the service is looked for when nothing says where it is."""
+"""The URL of the service by default."""
 
 DEFAULT_URL = "http://127.0.0.1:8000"

@@ -131,7 +131,7 @@ def list_of(path: str, after: str | None, limit: int | None) -> Request:
 
 
 def check_images(scene_id: str, digests: Iterable[str]) -> Request:
-    """Ask which of these digests (``sha256:…``) the scene has."""
+    """Check which of these digests (``sha256:…``) the scene has."""
     path = f"/v1/scenes/{_part(scene_id)}/images:check"
     return Request("POST", path, document={"digests": list(digests)})
 

@@ -156,7 +156,7 @@ class ViewServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def CreateMission(self, request, context):
-        """Write views, such as the stops of a plan, as a mission. It is not kept.
+        """Write views, such as the stops of a plan, as a mission. It is not stored.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -134,7 +134,7 @@ class MissionOptions(Model):
         default=1.0, description="How near to a waypoint it counts as reached."
     )
     hold_s: AsText[_Hold] = Field(
-        default=4.0, description="How long to stand still at a view before the photograph."
+        default=4.0, description="How long to hold still at a view before the photograph."
     )
     gimbal_lowest_deg: AsText[Tilt] = Field(default=-90.0, description="The lowest pitch of the gimbal.")
     gimbal_highest_deg: AsText[Tilt] = Field(default=30.0, description="The highest pitch of the gimbal.")

@@ -84,7 +84,7 @@ class PlanRequest(Model):
     vehicles: _Vehicles | None = None
     """Where the vehicles are; by default one vehicle at the last registered image."""
     for_vehicle: VehicleName | None = None
-    """The vehicle that asks, as in a ranking."""
+    """The requesting vehicle, as in a ranking."""
     frame: PoseFrame | None = None
     """The frame of the poses in the answer; by default as in a ranking."""
     snapshot_id: str | None = None
@@ -162,7 +162,7 @@ class Tour(Model):
     vehicle: Count
     stops: tuple[Stop, ...]
     length_m: Number
-    """The length of the flight, home included where that was asked for."""
+    """The length of the flight, home included if requested."""
     via_home: tuple[FramePose | VehiclePose, ...] = ()
     """Where to pass on the way home, as `via` of a stop; with the orientation of the last stop."""
 

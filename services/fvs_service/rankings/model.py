@@ -180,7 +180,7 @@ class RankingRequest(Model):
     """Number of images that are still to be taken; some methods plan ahead."""
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
     for_vehicle: VehicleName | None = None
-    """The vehicle that asks, by the name in its visits: views that it flies to itself are not taken."""
+    """The requesting vehicle, by the name in its visits: views that it flies to itself are not taken."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -1,4 +1,4 @@
-"""What cannot be generated: channels of gRPC and waiting for messages, here for tasks.
+"""Code that differs from the synchronous client: channels of gRPC and waiting for messages, for tasks.
 
 ``_sync/channels.py`` has the same for threads. Both are written by hand, as the names of gRPC's two
 interfaces do not correspond.

@@ -1,4 +1,4 @@
-"""What cannot be generated: sleeping, blocking calls and concurrent calls, here over tasks.
+"""Code that differs from the synchronous client: sleeping, blocking and concurrent calls, over tasks.
 
 ``_sync/concurrency.py`` has the same functions over threads. Both are written by hand.
 """

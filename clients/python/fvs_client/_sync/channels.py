@@ -1,4 +1,4 @@
-"""What cannot be generated: channels of gRPC and waiting for messages, here for threads.
+"""Code that differs from the asynchronous client: channels of gRPC and waiting for messages, for threads.
 
 ``_async/channels.py`` has the same for tasks. Both are written by hand, as the names of gRPC's two
 interfaces do not correspond.

@@ -1,4 +1,4 @@
-"""What cannot be generated: sleeping, blocking calls and concurrent calls, here over threads.
+"""Code that differs from the asynchronous client: sleeping, blocking and concurrent calls, over threads.
 
 ``_async/concurrency.py`` has the same functions over tasks. Both are written by hand.
 """

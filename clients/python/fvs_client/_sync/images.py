@@ -33,8 +33,8 @@ class SceneImages:
         """Upload image files, and folders with all images in them, ``parallel`` of them at a time.
 
         Images that the scene has are not sent, so that repeating an interrupted upload resumes it. A file
-        that fails is in the report and does not stop the others. ``describe`` returns what is known of a file
-        (a position, a name). ``on_progress`` is called by one thread at a time: of ``Client`` by its upload
+        that fails is in the report and does not stop the others. ``describe`` returns metadata of a file (a
+        position, a name). ``on_progress`` is called by one thread at a time: of ``Client`` by its upload
         threads, of ``AsyncClient`` by the event loop's.
         """
         return uploading.upload(
@@ -53,7 +53,7 @@ class SceneImages:
         return self._session.fetch(Image, request)
 
     def check(self, digests: Iterable[str]) -> DigestAnswer:
-        """Ask which of these digests (``sha256:…``) the scene has."""
+        """Check which of these digests (``sha256:…``) the scene has."""
         return self._session.fetch(DigestAnswer, requests.check_images(self._scene_id, digests))
 
     def get(self, digest: str) -> Image:

@@ -115,12 +115,12 @@ class Scene(Resource, SceneData):
         """Rank the views that could be photographed next; answered at once, also while a job runs.
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
-        is that of the ranking's poses, by default the one in which they are asked. With ``radius_m``, only
-        candidates within that distance of ``current_pose`` are ranked. Those of an ``InVolume`` are farther
-        than ``safety_m`` from the model's matter, and out of the volumes ``no_fly``. ``for_vehicle`` is the
-        name of the asking vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in
-        it to end the ranking. Raises ``NoSnapshotError`` when the scene has no model,
-        ``DeadlineExceededError`` when the ranking takes longer than ``timeout_s``.
+        is that of the ranking's poses, by default that of the candidates. With ``radius_m``, only candidates
+        within that distance of ``current_pose`` are ranked. Those of an ``InVolume`` are farther than
+        ``safety_m`` from the model's matter, and out of the volumes ``no_fly``. ``for_vehicle`` is the name
+        of the requesting vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in it
+        to end the ranking. Raises ``NoSnapshotError`` when the scene has no model, ``DeadlineExceededError``
+        when the ranking takes longer than ``timeout_s``.
         """
         ranking = RankingRequest(
             candidates=_candidates(candidates),

@@ -74,7 +74,7 @@ class _Uploader:
         self._done: dict[Path, UploadedFile] = {}
 
     def send_batch(self, files: Sequence[ImageFile]) -> None:
-        """Hash the files, ask which of them the scene has, and send the others."""
+        """Hash the files, check which of them the scene has, and send the others."""
         for file in files:
             if not file.readable:
                 self._finish(_unsupported(file), size_of(file.path))

@@ -85,7 +85,7 @@ def mission(
     hold: Annotated[
         float | None,
         typer.Option(
-            min=0, max=600, metavar="S", help="How long to stand still before a photograph.", show_default="4"
+            min=0, max=600, metavar="S", help="How long to hold still before a photograph.", show_default="4"
         ),
     ] = None,
     gimbal: Annotated[

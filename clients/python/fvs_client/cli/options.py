@@ -19,7 +19,7 @@ ForVehicleOption = Annotated[
     typer.Option(
         "--for-vehicle",
         metavar="NAME",
-        help="Name of the vehicle that asks; the views that it flies to itself stay candidates.",
+        help="Name of the requesting vehicle; the views that it flies to itself stay candidates.",
     ),
 ]
 VolumeOption = Annotated[

@@ -81,7 +81,7 @@ class MissionSettings(TypedDict, total=False):
     speed_m_s: float
     acceptance_radius_m: float
     hold_s: float
-    """How long to stand still before a photograph."""
+    """How long to hold still before a photograph."""
     gimbal_lowest_deg: float
     gimbal_highest_deg: float
     takeoff: bool

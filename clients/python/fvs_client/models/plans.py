@@ -60,7 +60,7 @@ class Tour(Answer):
     vehicle: int
     stops: tuple[Stop, ...]
     length_m: float
-    """Length of the flight, home included where that was asked for."""
+    """Length of the flight, home included if requested."""
     via_home: tuple[Pose, ...] = ()
     """Where to pass on the way home, as `via` of a stop."""
 

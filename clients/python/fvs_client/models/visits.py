@@ -1,4 +1,4 @@
-"""Visits: what vehicles do about views."""
+"""Visits: reports of vehicles about views."""
 
 from datetime import datetime
 
@@ -7,7 +7,7 @@ from fvs_client.models.rankings import Candidate, Pose
 
 
 class VisitState(Word):
-    """What a vehicle does about a view."""
+    """The state of a vehicle's visit of a view."""
 
     GOING_TO = "going-to"
     """It flies there: the view is taken for all other vehicles."""

@@ -1,4 +1,4 @@
-"""Failed calls as what HTTP has for them: the service's problem documents, and errors of the connection."""
+"""Failed calls as their HTTP equivalents: the service's problem documents, and errors of the connection."""
 
 import json
 from typing import Any

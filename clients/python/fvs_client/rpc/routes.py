@@ -1,4 +1,4 @@
-"""Which method of ``fvs.v1`` answers which request."""
+"""Routes from the requests of REST to the methods of ``fvs.v1``."""
 
 import json
 import re

@@ -49,7 +49,7 @@ async def create_mission(
     options: Annotated[MissionOptions, Query()],
     read: Annotated[ReadRequest, Depends(unread_json_body(MissionRequest, to_read))],
 ) -> Response:
-    """Write views, such as the stops of a plan, as a mission. It is not kept."""
+    """Write views, such as the stops of a plan, as a mission. It is not stored."""
     return _response(await run_in_threadpool(app.missions.of_views, caller, scene_id, read, options))
 
 
