@@ -1,4 +1,4 @@
-"""Differentiable key point detection: peaks of the score map, with subpixel accuracy.
+"""Differentiable keypoint detection: peaks of the score map, with subpixel accuracy.
 
 Source: Zhao et al., "ALIKE: Accurate and Lightweight Keypoint Detection and Descriptor Extraction", IEEE
 Transactions on Multimedia 2022, section III-B.

@@ -1,4 +1,4 @@
-"""Key points and descriptors of a photograph."""
+"""Keypoints and descriptors of a photograph."""
 
 from dataclasses import dataclass
 

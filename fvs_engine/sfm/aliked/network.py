@@ -1,4 +1,4 @@
-"""The network ALIKED-N(16): a score map and a feature map of an image, and descriptors of its key points.
+"""The network ALIKED-N(16): a score map and a feature map of an image, and descriptors of its keypoints.
 
 Source: Zhao et al. 2023, sections III and IV. The names of the modules are those of the published weights.
 """
@@ -20,7 +20,7 @@ DIM = 128
 """Length of a descriptor."""
 
 _POSITIONS = 16
-"""Sample positions per key point: the 16 of ALIKED-N(16)."""
+"""Sample positions per keypoint: the 16 of ALIKED-N(16)."""
 
 
 class _Block(nn.Module):
@@ -49,7 +49,7 @@ def _convolution(channels: int, out: int, deformable: bool) -> nn.Module:
 
 
 class _DescriptorHead(nn.Module):
-    """Sparse deformable descriptors: features at 16 positions around each key point, weighted and summed."""
+    """Sparse deformable descriptors: features at 16 positions around each keypoint, weighted and summed."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -73,7 +73,7 @@ class _DescriptorHead(nn.Module):
 
 
 def _neighbourhoods(features: Tensor, keypoints: Tensor) -> Tensor:
-    """The 3×3 pixels [K, C, 3, 3] around key points; at the right and lower edge those one pixel inside."""
+    """The 3×3 pixels [K, C, 3, 3] around keypoints; at the right and lower edge those one pixel inside."""
     height, width = features.shape[-2:]
     corner = keypoints.long() - 1
     x = corner[:, 0].clamp(0, width - 4)[:, None, None] + torch.arange(3, device=corner.device)

@@ -78,7 +78,7 @@ def gather_witness_evidence(
     keypoints: Mapping[int, Array],
     on_pair: Callable[[], None] | None = None,
 ) -> WitnessEvidence:
-    """The evidence for ``model`` from pairs and key points [K, 2] (px, by image id) that no mapper used.
+    """The evidence for ``model`` from pairs and keypoints [K, 2] (px, by image id) that no mapper used.
 
     ``on_pair`` is called before each pair and may raise to stop.
     """

@@ -32,7 +32,7 @@ EXPLAINED = 0.5
 class PairCheck:
     """One pair against a model; angles in degrees, NaN when there is nothing to compare.
 
-    ``features`` is the geometric mean of the two images' numbers of key points. ``second_from_first`` is the
+    ``features`` is the geometric mean of the two images' numbers of keypoints. ``second_from_first`` is the
     relative pose (its translation has no scale) from the matches of the pair alone; None when they leave it
     open.
     """
@@ -105,7 +105,7 @@ def check_pairs(
 
 
 def normalised(model: pycolmap.Reconstruction, keypoints: Mapping[int, Array]) -> dict[int, Array]:
-    """The key points [K, 2] of the posed images in camera coordinates at depth 1, by image id."""
+    """The keypoints [K, 2] of the posed images in camera coordinates at depth 1, by image id."""
     return {
         i: np.asarray(image.camera.cam_from_img(keypoints[i]))
         for i, image in model.images.items()

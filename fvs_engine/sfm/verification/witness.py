@@ -13,7 +13,7 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 @dataclass(frozen=True, eq=False)
 class WitnessMatches:
-    """Verified ``pairs`` of images, and key points [K, 2] in px of the full-size images by image id."""
+    """Verified ``pairs`` of images, and keypoints [K, 2] in px of the full-size images by image id."""
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]

@@ -242,7 +242,7 @@ def test_a_warning_of_an_image_that_was_registered_after_all_is_dropped():
 
 
 def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[str, Any]):
-    """Its features are those of another place: shuffled among the key points."""
+    """Its features are those of another place: shuffled among the keypoints."""
     (name,) = unmatched["names"]
     database = Path(unmatched["database"])
     number = image_ids(database)[name]
