@@ -15,7 +15,7 @@ from fvs_engine.sfm.verification.veto import PriorFrame
 Array = NDArray[np.float64]
 
 _LEAST_POSITION_SHARE = 0.005
-"""Assumed error of a model, as a share of the cameras' distance from their middle."""
+"""Minimum position sigma, as a share of the cameras' distance from their middle: models have errors, too."""
 
 _LEAST_ORIENTATION_DEG = 1.0
 

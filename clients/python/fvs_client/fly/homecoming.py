@@ -11,7 +11,7 @@ from fvs_client.fly.watch import POLL_S, RETURNING, Watch
 
 _AGAIN_S = 1.0
 _LAND_EVERY = 6
-"""After one refusal less than this to return home, the vehicle is commanded to land where it is."""
+"""One in this many attempts to send the vehicle home commands it to land where it is."""
 
 
 class Homecoming:
@@ -20,7 +20,7 @@ class Homecoming:
     def __init__(self, vehicle: Vehicle, watch: Watch, settings: FlightSettings, log: FlightLog) -> None:
         self._vehicle, self._watch, self._settings, self._log = vehicle, watch, settings, log
         self._refusals = 0
-        self._said = ""
+        self._reported = ""
 
     def wait(self) -> None:
         """Send it home and wait until it has landed, also where it is silent for a while.
@@ -66,9 +66,9 @@ class Homecoming:
 
     def _refused(self, error: VehicleError) -> None:
         self._refusals += 1
-        if error.message != self._said:
-            self._said = error.message
-            self._log.event("refused", f"{self._said} Trying again.", self._vehicle.last_state)
+        if error.message != self._reported:
+            self._reported = error.message
+            self._log.event("refused", f"{self._reported} Trying again.", self._vehicle.last_state)
         time.sleep(_AGAIN_S)
 
     def _lost(self, text: str) -> EndedError:

@@ -166,7 +166,7 @@ class Vehicle:
         if not self.state.armed:
             self.set_mode(Mode.HOLD)
             self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-            self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._said())
+            self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._last_message())
         self._link.send("mission_set_current_send", *self._link.target, 0)
         try:
             self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
@@ -174,7 +174,9 @@ class Vehicle:
             if self.state.mode is not Mode.MISSION:  # else only the answer was lost
                 raise
         self.wait(
-            lambda: self._state.mode is not Mode.HOLD, 10.0, "does not begin its mission" + self._said()
+            lambda: self._state.mode is not Mode.HOLD,
+            10.0,
+            "does not begin its mission" + self._last_message(),
         )
 
     def pause(self) -> None:
@@ -212,7 +214,7 @@ class Vehicle:
                 if self._state.custom_mode == wanted:
                     return
         raise VehicleError(
-            f"The vehicle does not change to {mode.name}{self._said()}.",
+            f"The vehicle does not change to {mode.name}{self._last_message()}.",
             hint="A pilot's remote control, or a check before arming, may forbid it.",
         )
 
@@ -232,7 +234,7 @@ class Vehicle:
         ):
             result, name = self._name("MAV_RESULT", answer.result), self._name("MAV_CMD", number)
             raise VehicleError(
-                f"The autopilot answers {name} with {result}{self._said()}.",
+                f"The autopilot answers {name} with {result}{self._last_message()}.",
                 hint="Look at its messages in a ground station: checks before arming, its mode, its fence.",
             )
 
@@ -268,7 +270,7 @@ class Vehicle:
     def _ask_for_photograph(self, number: int) -> None:
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, number)
 
-    def _said(self) -> str:
+    def _last_message(self) -> str:
         return f" (it says: {self._texts[-1]})" if self._texts else ""
 
     def _name(self, enum: str, value: int) -> str:

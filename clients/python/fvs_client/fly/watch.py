@@ -74,16 +74,16 @@ class Watch:
         if state.battery is not None and state.battery <= self._settings.reserve:
             raise EndedError(Ending.BATTERY, f"the battery is at {state.battery:.0%}.")
         if state.mode in RETURNING:
-            text = f"the vehicle returns by itself{self._says()}"
+            text = f"the vehicle returns by itself{self._last_message()}"
             if math.isfinite(self.deadline_s):
                 text += f": it waited {self._settings.patience_s:.0f} s for its next view (--patience)"
             raise EndedError(Ending.VEHICLE, f"{text}.")
         if not state.armed:
-            raise EndedError(Ending.VEHICLE, f"the vehicle has landed{self._says()}.")
+            raise EndedError(Ending.VEHICLE, f"the vehicle has landed{self._last_message()}.")
         if not (state.mode is Mode.MISSION or (state.mode in _OURS and (paused or self.handing_over))):
             raise EndedError(
                 Ending.PILOT,
-                f"a pilot or another ground station has taken over{self._says()}: "
+                f"a pilot or another ground station has taken over{self._last_message()}: "
                 "the vehicle's mode is not changed any more.",
             )
         if paused:
@@ -118,5 +118,5 @@ class Watch:
                     reason = f"the service is away: {error.message}"
                     raise EndedError(Ending.SERVICE, reason) from error
 
-    def _says(self) -> str:
+    def _last_message(self) -> str:
         return f" (it says: {texts[-1]})" if (texts := self._vehicle.texts) else ""

@@ -254,7 +254,7 @@ def _photograph(name: str) -> tuple[str, ...]:
 
 
 def _above_sea(mission: Mission) -> float:
-    """Offset of the template's height: the geoid's height, or 0 above home."""
+    """The height to subtract for the template: the geoid's, or 0 above home."""
     return 0.0 if _relative(mission) else mission.options.geoid_height_m or 0.0
 
 
