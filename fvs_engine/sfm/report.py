@@ -69,6 +69,9 @@ class Evidence(Record):
     misplaced_images: tuple[str, ...]
     """Images that are far from their position priors, after an alignment that most of the others fit."""
 
+    images_without_prior: tuple[str, ...] = ()
+    """Images without a position prior, where others have one: these say nothing of them."""
+
     prior_residual_share: float | None
     """Median distance to the position priors after alignment, in shares of their spread; None without."""
 

@@ -34,7 +34,7 @@ from fvs_engine.sfm.verification.gate import (
     can_be_left_out,
     contradicted_images,
     priors_are_wrong,
-    priors_confirm,
+    priors_suffice,
     unsupported_images,
 )
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
@@ -64,7 +64,7 @@ class ModelEvidence:
         evidence = gather_evidence(
             model, self.pairs, self.keypoints, self.priors, self.focal_priors, monitor.check
         )
-        if evidence is None or priors_confirm(evidence):
+        if evidence is None or priors_suffice(evidence):
             return evidence
         matches = self.witness()
         if matches is None:
@@ -131,7 +131,7 @@ def read_model_evidence(
     """Read pairs, keypoints and position priors.
 
     ``priors`` replace the GPS positions in the images' EXIF. With ``image_dir``, the folder of the images,
-    the witness checks models that no priors confirm.
+    the witness checks models that priors do not confirm.
     """
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}

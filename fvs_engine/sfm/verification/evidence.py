@@ -61,6 +61,7 @@ def gather_evidence(
         unscaled_images=tuple(sorted(scale.open)),
         unlikely_focal_lengths_px=unlikely_focal_lengths(model, focal_priors),
         misplaced_images=tuple(sorted(misplaced(priors, centres))),
+        images_without_prior=tuple(sorted(centres.keys() - priors.by_name.keys())) if priors.by_name else (),
         prior_residual_share=residual_share(priors, centres),
         prior_support=prior_support(
             checks,

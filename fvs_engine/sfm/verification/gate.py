@@ -169,8 +169,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if contradicted:
         doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
-    loose = () if priors_confirm(evidence) else loose_images(evidence)
-    if loose:
+    if loose := _open(evidence, loose_images(evidence)):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
 
@@ -191,8 +190,8 @@ def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
-    if evidence.unscaled_images and not priors_confirm(evidence):
-        doubts.append(unknown_distance(evidence.unscaled_images))
+    if unscaled := _open(evidence, evidence.unscaled_images):
+        doubts.append(unknown_distance(unscaled))
     if evidence.unlikely_focal_lengths_px and not priors_confirm(evidence):
         doubts.append(_unlikely_focal(evidence.unlikely_focal_lengths_px))
     return tuple(doubts)
@@ -310,6 +309,18 @@ def priors_confirm(evidence: Evidence) -> bool:
     """Whether the position priors are evidence, and the camera centres fit them well."""
     residual = None if priors_are_wrong(evidence) else evidence.prior_residual_share
     return residual is not None and residual <= _CONFIRMING_PRIOR_SHARE
+
+
+def priors_suffice(evidence: Evidence) -> bool:
+    """Whether position priors confirm the model, and all images that too few matches connect with it."""
+    weak = (*evidence.unsupported_images, *evidence.loosely_linked_images, *evidence.unscaled_images)
+    return priors_confirm(evidence) and not _open(evidence, weak)
+
+
+def _open(evidence: Evidence, names: Sequence[str]) -> list[str]:
+    """Those of the images ``names`` that position priors do not confirm: those of others say nothing."""
+    confirm = priors_confirm(evidence)
+    return [name for name in names if not confirm or name in evidence.images_without_prior]
 
 
 def _rank(candidate: Candidate, judgement: Judgement) -> float:

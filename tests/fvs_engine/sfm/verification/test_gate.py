@@ -14,7 +14,7 @@ from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence, WitnessEvidence
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide, priors_suffice
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 SETTINGS = GateSettings()
@@ -197,6 +197,19 @@ def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
 def test_the_witness_or_gps_ends_the_doubt_about_few_matches(confirmation: dict[str, object]):
     decision = decide([candidate("incremental", loosely_linked_images=FEW, **confirmation)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
+
+
+@pytest.mark.parametrize("weakness", ["loosely_linked_images", "unscaled_images"])
+def test_gps_says_nothing_of_images_without_it(weakness: str):
+    """As of those whose positions a frozen receiver repeated: three of 19 were wrong, and accepted."""
+    gps = {"prior_residual_share": 0.02, "images_without_prior": NAMES[1:5]}
+    decision = decide([candidate("incremental", **gps, **{weakness: FEW})], SETTINGS)
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "1.jpg" in decision.warnings[0]
+    assert "0.jpg" not in decision.warnings[0]
+    assert not priors_suffice(evidence(**gps, **{weakness: FEW}))
+    assert priors_suffice(evidence(**gps, **{weakness: FEW[:1]}))
+    assert priors_suffice(evidence(**gps))
 
 
 def test_a_witness_that_is_silent_about_them_does_not():
