@@ -78,7 +78,7 @@ def _expected_poses(
         name: pose
         for name in names
         if name in priors.by_name
-        and (pose := ExpectedPose.of(priors.by_name[name], priors, frame, poses)) is not None
+        and (pose := ExpectedPose.of(priors.by_name[name], priors, frame)) is not None
     }
     centres = np.stack([pose.translation for pose in poses.values()])
     away = {

@@ -136,6 +136,8 @@ class _Candidates:
         axes = _axes_px(known, chosen, camera, expected.camera_from_model)
         good = (apart**2).sum(axis=1) < reach[observation] ** 2
         good &= _alike(axes[observation], features.axes[feature])
+        # Beyond the reach of a strong distortion's model a pixel has no ray.
+        good &= np.isfinite(np.asarray(camera.cam_from_img(features.pixels))).all(axis=1)[feature]
         point, feature, angle = known.point[chosen[observation[good]]], feature[good], angle[good]
         order = np.lexsort((angle, feature, point))
         point, feature, angle = point[order], feature[order], angle[order]

@@ -1,6 +1,5 @@
 """The pose of an image from the points that it sees and its expected pose, both with errors."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,27 +37,27 @@ class ExpectedPose:
     orientation_sigma: float
 
     @staticmethod
-    def of(
-        prior: PosePrior, priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
-    ) -> "ExpectedPose | None":
-        """The expected pose in the model of ``poses`` (model_from_camera); None without an orientation.
+    def of(prior: PosePrior, priors: PosePriors, frame: PriorFrame) -> "ExpectedPose | None":
+        """The expected pose in the model of the ``frame``; None without an orientation.
 
-        An error of the alignment has most effect outside the region of the aligned positions.
+        An error of the alignment has most effect outside the region of the aligned positions. A prior is no
+        more accurate than those of registered images have been.
         """
         world_from_camera = prior.world_from_camera
         if world_from_camera is None or not frame.oriented:
             return None
-        names = sorted(poses.keys() & priors.by_name.keys())
-        world = priors.positions(names)
+        world = priors.positions(list(frame.aligned))
         away = ((world - world.mean(axis=0)) ** 2).sum()
         outside = ((np.array(prior.position) - world.mean(axis=0)) ** 2).sum() / away
-        sigma = prior.position_sigma * np.sqrt(1.0 + 1.0 / len(names) + outside)
-        least = _LEAST_POSITION_SHARE * np.sqrt(away / len(names))
+        noise = max(prior.position_sigma, frame.position_noise)
+        sigma = noise * np.sqrt(1.0 + 1.0 / len(world) + outside)
+        least = _LEAST_POSITION_SHARE * np.sqrt(away / len(world))
+        turned_deg = max(prior.orientation_sigma_deg, frame.orientation_noise_deg, _LEAST_ORIENTATION_DEG)
         model_from_world = frame.world_from_model.inverse()
         return ExpectedPose(
             model_from_world.move_camera(world_from_camera).inverse(),
             float(max(sigma, least)) * model_from_world.scale,
-            float(np.radians(max(prior.orientation_sigma_deg, _LEAST_ORIENTATION_DEG))),
+            float(np.radians(turned_deg)),
         )
 
     @property

@@ -28,13 +28,24 @@ _MAX_TURN_DEG = 20.0
 
 _MIN_ORIENTATIONS = 3
 
+_MEDIAN_LENGTH = 1.54
+"""Of vectors whose three coordinates have the standard deviation 1."""
+
 
 @dataclass(frozen=True, eq=False)
 class PriorFrame:
-    """The similarity from a model to the world of believed priors, and whether orientations are believed."""
+    """The similarity from a model to the world of believed priors, and whether orientations are believed.
+
+    ``aligned``: the registered images whose positions agree with the model. ``position_noise`` and
+    ``orientation_noise_deg``: standard deviations, of a coordinate and about an axis, that the priors of
+    registered images show, whatever they claim.
+    """
 
     world_from_model: SimilarityTransform
     oriented: bool
+    aligned: tuple[str, ...]
+    position_noise: float
+    orientation_noise_deg: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +71,22 @@ def believed_frame(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> P
     by_orientations = _rotation_by_orientations(priors, poses)
     if by_orientations is not None and not _fits(by_orientations, report, priors, centres, shared):
         by_orientations = None
-    if not report.ill_conditioned:
-        return PriorFrame(report.transform, by_orientations is not None)
-    if by_orientations is None:
-        return None
-    middle, scale = np.mean([centres[name] for name in shared], axis=0), report.transform.scale
-    moved = report.transform.apply(middle) - scale * by_orientations @ middle
-    return PriorFrame(SimilarityTransform(scale, by_orientations, moved), oriented=True)
+    world_from_model = report.transform
+    if report.ill_conditioned:
+        if by_orientations is None:
+            return None
+        middle, scale = np.mean([centres[name] for name in shared], axis=0), report.transform.scale
+        moved = report.transform.apply(middle) - scale * by_orientations @ middle
+        world_from_model = SimilarityTransform(scale, by_orientations, moved)
+    oriented = by_orientations is not None
+    off_deg = [angle_deg(world_from_model.rotation @ turn.T) for turn in _turns(priors, poses) if oriented]
+    return PriorFrame(
+        world_from_model,
+        oriented,
+        tuple(name for name, agrees in zip(shared, report.inliers, strict=True) if agrees),
+        report.median / _MEDIAN_LENGTH,
+        float(np.median(off_deg)) / _MEDIAN_LENGTH if oriented else 0.0,
+    )
 
 
 def orientations_contradict(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> bool:
@@ -134,7 +154,7 @@ def contradicted_pairs(
         baseline, sigma_deg = _baseline(second_from_first, *known)
         start, end = priors.positions([first, second])
         expected = end - start
-        sigma = priors.position_sigmas([first, second]).max(keepdims=True)
+        sigma = np.maximum(priors.position_sigmas([first, second]).max(keepdims=True), frame.position_noise)
         limit_deg = float(limits_deg(np.linalg.norm(expected[None], axis=1), sigma)[0])
         if _angle_between(baseline, expected) > limit_deg + SIGMAS * sigma_deg:
             found.append(pair)
@@ -163,16 +183,12 @@ def _orientation(
     prior = priors.by_name[name]
     if not frame.oriented or prior.rotation is None:
         return None
-    return _Orientation(prior.rotation, prior.orientation_sigma_deg)
+    return _Orientation(prior.rotation, max(prior.orientation_sigma_deg, frame.orientation_noise_deg))
 
 
 def _rotation_by_orientations(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> Array | None:
     """world_from_model's rotation by the orientations that agree, more than half; None without them."""
-    turns = [
-        prior.rotation @ poses[name].rotation.T
-        for name, prior in sorted(priors.by_name.items())
-        if name in poses and prior.rotation is not None
-    ]
+    turns = _turns(priors, poses)
     if len(turns) < _MIN_ORIENTATIONS:
         return None
     angles = np.array([[angle_deg(a @ b.T) for b in turns] for a in turns])
@@ -181,6 +197,15 @@ def _rotation_by_orientations(priors: PosePriors, poses: Mapping[str, RigidTrans
     if agreeing.sum() <= len(turns) / 2:
         return None
     return mean_rotation(np.stack(turns)[agreeing])
+
+
+def _turns(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> list[Array]:
+    """world_from_model's rotation by each orientation of a registered image."""
+    return [
+        prior.rotation @ poses[name].rotation.T
+        for name, prior in sorted(priors.by_name.items())
+        if name in poses and prior.rotation is not None
+    ]
 
 
 def _angle_between(first: Array, second: Array) -> float:

@@ -29,6 +29,7 @@ from fvs_engine.sfm.native.prior_pose import ExpectedPose, refine
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.verification.veto import believed_frame
 
 CAMERA = pycolmap.Camera(
     model="SIMPLE_PINHOLE", width=800, height=600, params=np.array([700.0, 400.0, 300.0])
@@ -87,8 +88,10 @@ def features(known: KnownPoints) -> Features:
     return Features(np.concatenate([pixels, elsewhere]), np.concatenate([axes, axes]), descriptors)
 
 
-def found(known: KnownPoints, features: Features, prior: ExpectedPose) -> GuidedPose:
-    guided = guided_pose(known, features, CAMERA, prior)
+def found(
+    known: KnownPoints, features: Features, prior: ExpectedPose, camera: pycolmap.Camera = CAMERA
+) -> GuidedPose:
+    guided = guided_pose(known, features, camera, prior)
     assert guided is not None
     return guided
 
@@ -124,6 +127,40 @@ def test_features_turned_or_scaled_otherwise_do_not_match(known: KnownPoints, fe
     for changed in (turned, scaled):
         guided = guided_pose(known, changed, CAMERA, expected())
         assert guided is None or not guided.believed
+
+
+def test_features_that_the_distortion_gives_no_ray_do_not_match(known: KnownPoints, features: Features):
+    """At a strong distortion the corners of the image are beyond the reach of its polynomial."""
+    camera = pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=800, height=600, params=np.array([700.0, 400.0, 300.0, -0.5])
+    )
+    pixels = np.asarray(camera.img_from_cam(TRUE.apply(known.xyz)))
+    outward = pixels - [400.0, 300.0]
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    pixels += np.where(length > 350.0, 20.0 * outward / length, 0.0)
+    assert np.isnan(np.asarray(camera.cam_from_img(pixels))).any(axis=1).sum() > 10
+    beyond = replace(features, pixels=np.concatenate([pixels, features.pixels[POINTS:]]))
+    guided = found(known, beyond, expected(), camera)
+    assert guided.believed
+    assert centre_error(guided.camera_from_model) < 0.2 * centre_error(expected().camera_from_model)
+
+
+def test_one_position_at_the_end_of_the_world_does_not_widen_the_windows():
+    """Of a receiver without a fix, at one of the first images, which no other position contradicts yet."""
+    random = np.random.default_rng(0)
+    poses = {f"{k}": RigidTransform(np.eye(3), random.normal(0.0, 1.0, 3)) for k in range(12)}
+    by_name = {name: PosePrior.of_camera(pose, 0.02, 5.0) for name, pose in poses.items()}
+    far = by_name | {"0": PosePrior.of_camera(RigidTransform(np.eye(3), np.full(3, 1e5)), 0.02, 5.0)}
+    new = PosePrior.of_camera(RigidTransform.identity(), 0.02, 5.0)
+    sigmas = []
+    for each in (by_name, far):
+        priors = PosePriors(by_name=each)
+        frame = believed_frame(priors, poses)
+        assert frame is not None
+        pose = ExpectedPose.of(new, priors, frame)
+        assert pose is not None
+        sigmas.append(pose.position_sigma)
+    assert sigmas[1] < 1.2 * sigmas[0]
 
 
 @pytest.mark.parametrize(("count", "gain"), [(4, 0.8), (200, 1.02)])
@@ -233,6 +270,40 @@ def test_what_ordinary_matches_leave_out_is_registered_after_them(
     assert not folder.guided_model.exists()
     alone = guide(stages, image_dir, ModelChange(state), kermit_names, PosePriors(), model_dir, folder)
     assert not alone.changed
+
+
+def test_an_image_whose_guided_pose_is_rejected_is_named(
+    unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """It has no other matches: without them nothing would be said of it."""
+    (name,) = unmatched["names"]
+    image_dir = Path(unmatched["image_dir"])
+    folder = GrowthFolder(tmp_path / "grown")
+    state = GrowthState(
+        settings="",
+        images=dict.fromkeys(kermit_names, 1),
+        registered=tuple(other for other in kermit_names if other != name),
+    )
+    stages = Stages(folder.sfm, SfmSettings(threads=1), Monitor())
+    answer = {
+        "registered": [],
+        "loose": [],
+        "unscaled": [],
+        "posed": sorted(state.registered),
+        "rejected": {name: "3 of its 90 verified matches fit its estimated pose"},
+        "adjusted_images": 10,
+        "adjusted_points": 10,
+        "match_support": None,
+    }
+    monkeypatch.setattr(stages, "native_over", lambda *_, **__: answer)
+    priors = PosePriors.model_validate(unmatched["priors"])
+    model_dir = Path(unmatched["model_dir"])
+    change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
+    assert not change.changed
+    assert change.state == state.model_copy(update={"rejected": answer["rejected"]})
+    (warning,) = change.warnings
+    assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
+    assert "Photographs from between" in warning
 
 
 def test_a_warning_of_an_image_that_was_registered_after_all_is_dropped():

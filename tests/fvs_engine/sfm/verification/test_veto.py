@@ -104,6 +104,26 @@ def test_the_noise_of_positions_widens_the_limit(poses: Poses, registered: Poses
     assert vetoed(("09", NEW), (poses["09"], poses["08"]), registered, PosePriors(by_name=exact))
 
 
+def test_priors_are_no_more_accurate_than_those_of_registered_images(poses: Poses, registered: Poses):
+    """They claim to be exact, as those without a standard deviation do."""
+    near = (poses["10"], poses["11"])
+    noisy = [priors_of(poses, 0.03 * SPREAD, 5.0, seed) for seed in range(20)]
+    exact = [
+        PosePriors(
+            by_name={
+                name: prior.model_copy(update={"position_sigma": 0.0, "orientation_sigma_deg": 0.0})
+                for name, prior in priors.by_name.items()
+            }
+        )
+        for priors in noisy
+    ]
+    assert sum(vetoed(("10", "11"), near, registered, priors) for priors in exact) <= 2
+    frame = believed_frame(exact[0], registered)
+    assert frame is not None
+    assert 0.01 * SPREAD < frame.position_noise < 0.05 * SPREAD
+    assert 2.0 < frame.orientation_noise_deg < 8.0
+
+
 def test_directions_by_a_guessed_focal_length_are_not_believed(poses: Poses, registered: Poses):
     elsewhere, priors = (poses["05"], poses["01"]), priors_of(poses)
     assert vetoed(("05", NEW), elsewhere, registered, priors)
