@@ -39,12 +39,14 @@ def guide(
         guided = register(
             stages, image_dir, change.state, left, priors, model_dir, folder.guided_model, neighbours
         )
+        warnings = (*change.warnings, *guided.warnings)
         if not guided.changed:
             shutil.rmtree(folder.guided_model, ignore_errors=True)
-            break
+            rejected = guided.state.rejected | change.state.rejected
+            state = change.state.model_copy(update={"rejected": rejected})
+            return dataclasses.replace(change, state=state, warnings=warnings)
         rename_over(folder.guided_model, folder.next_model)
         support = change.match_support if guided.match_support is None else guided.match_support
-        warnings = (*change.warnings, *guided.warnings)
         change = dataclasses.replace(guided, match_support=support, warnings=warnings)
     return change
 

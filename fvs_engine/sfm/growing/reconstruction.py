@@ -25,7 +25,14 @@ from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.registration import ModelChange, reason_to_remap, register, remap, start_again
+from fvs_engine.sfm.growing.registration import (
+    ModelChange,
+    not_registered,
+    reason_to_remap,
+    register,
+    remap,
+    start_again,
+)
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.growing.veto import veto
@@ -289,7 +296,7 @@ class GrowingReconstruction:
         priors, ignored = decided.priors, (*frozen, *decided.ignored)
         news = [sentence for sentence in ignored if sentence not in self._state.priors_ignored]
         news += [
-            f"{name} is not registered: {reason}."
+            not_registered(name, reason)
             for name, reason in decided.without_pairs.items()
             if name not in self._state.rejected
         ]
@@ -297,7 +304,7 @@ class GrowingReconstruction:
         state = self._state.model_copy(update={"rejected": rejected})
         change = register(stages, self._image_dir, state, candidates, priors, current, following)
         change = guide(stages, self._image_dir, change, usable, priors, current, self._folder)
-        warnings = still_true((*news, *stages.warnings, *change.warnings), change.state)
+        warnings = (*news, *stages.warnings, *change.warnings)
         changed = change.changed
         matching = self._count_matching_unregistered(change.state)
         reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
@@ -314,7 +321,7 @@ class GrowingReconstruction:
         else:
             self._folder.save(state)
             self._state = state
-        return warnings, stages.seconds
+        return still_true(warnings, state), stages.seconds
 
     def _commit_all(self, stages: Stages, change: ModelChange, frozen: tuple[str, ...]) -> _Messages:
         """Commit a model that was made of all images together."""

@@ -92,7 +92,7 @@ def register(
     posed = set(answer["posed"])
     lost = [name for name in state.registered if name not in posed]
     warnings = [
-        f"{name} is not registered: {reason}."
+        not_registered(name, reason)
         for name, reason in answer["rejected"].items()
         if name not in state.rejected
     ]
@@ -116,6 +116,11 @@ def register(
         match_support=support,
         warnings=tuple(warnings),
     )
+
+
+def not_registered(name: str, reason: str) -> str:
+    """The warning that an image was matched and has no pose, and the remedy."""
+    return f"{name} is not registered: {reason}. Photographs from between it and the others would show why."
 
 
 def _neighbours(guided: Mapping[str, Sequence[str]] | None, names: Sequence[str]) -> dict[str, Any]:

@@ -80,9 +80,9 @@ class PoseCheck:
         registered = [image for image in model.images.values() if image.has_pose]
         centres = {image.name: np.asarray(image.projection_center()) for image in registered}
         distance = misplaced(self.priors, centres).get(name)
-        return (
-            None if distance is None else f"its estimated position is {distance:.3g} off its position prior"
-        )
+        if distance is None:
+            return None
+        return f"its estimated position is {distance:.3g} off its position prior; one of the two is wrong"
 
     def match_support(self, model: pycolmap.Reconstruction) -> float | None:
         """Share of the verified matches within ``model`` that its poses explain; None without matches."""

@@ -26,6 +26,8 @@ from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.growing import reconstruction as reconstruction_module
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.growing.registration import ModelChange
+from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.growing.veto import Veto, veto
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -189,6 +191,26 @@ def test_an_image_that_cannot_be_registered_is_tried_again_when_the_scene_has_gr
     assert (far.registered, far.unregistered) == ((), (FAR,))
     assert set(between.registered) == {*BETWEEN, FAR}
     assert between.unregistered == ()
+
+
+def test_nothing_is_said_of_an_image_that_a_remap_registers_after_all(
+    grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
+
+    def register(_stages: object, _images: object, state: GrowthState, *_: object) -> ModelChange:
+        return ModelChange(state, warnings=tuple(f"{name} is not registered: x." for name in [NEXT, FAR]))
+
+    def remap(_stages: object, _images: object, state: GrowthState, *_: object) -> ModelChange:
+        posed = [*state.registered, NEXT]
+        return ModelChange(state.with_poses(posed, len(posed), state.adjusted_points), mapper="global")
+
+    monkeypatch.setattr(reconstruction_module, "register", register)
+    monkeypatch.setattr(reconstruction_module, "remap", remap)
+    monkeypatch.setattr(reconstruction_module, "reason_to_remap", lambda *_: "It is due.")
+    update = growing.add([NEXT, FAR], Monitor())
+    assert update.warnings[0] == f"{FAR} is not registered: x."
+    assert not any(line.startswith(NEXT) for line in update.warnings)
 
 
 def test_what_was_added_is_not_added_again(
