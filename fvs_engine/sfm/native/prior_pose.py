@@ -18,6 +18,9 @@ _LEAST_POSITION_SHARE = 0.005
 
 _LEAST_ORIENTATION_DEG = 1.0
 
+_MOST_POSITION_SHARE, _MOST_ORIENTATION_DEG = 0.5, 30.0
+"""Standard deviations up to which a prior tells where points should be."""
+
 _DOUBTED_SIGMAS = 3.0
 """Scale of the robust loss, in standard deviations."""
 
@@ -38,7 +41,7 @@ class ExpectedPose:
 
     @staticmethod
     def of(prior: PosePrior, priors: PosePriors, frame: PriorFrame) -> "ExpectedPose | None":
-        """The expected pose in the model of the ``frame``; None without an orientation.
+        """The expected pose in the model of the ``frame``; None without an orientation, and for a vague one.
 
         An error of the alignment has most effect outside the region of the aligned positions. A prior is no
         more accurate than those of registered images have been.
@@ -49,9 +52,15 @@ class ExpectedPose:
         world = priors.positions(list(frame.aligned))
         away = ((world - world.mean(axis=0)) ** 2).sum()
         outside = ((np.array(prior.position) - world.mean(axis=0)) ** 2).sum() / away
+        spread = np.sqrt(away / len(world))
+        if (
+            prior.position_sigma > _MOST_POSITION_SHARE * spread
+            or prior.orientation_sigma_deg > _MOST_ORIENTATION_DEG
+        ):
+            return None
         noise = max(prior.position_sigma, frame.position_noise)
         sigma = noise * np.sqrt(1.0 + 1.0 / len(world) + outside)
-        least = _LEAST_POSITION_SHARE * np.sqrt(away / len(world))
+        least = _LEAST_POSITION_SHARE * spread
         turned_deg = max(prior.orientation_sigma_deg, frame.orientation_noise_deg, _LEAST_ORIENTATION_DEG)
         model_from_world = frame.world_from_model.inverse()
         return ExpectedPose(

@@ -145,6 +145,18 @@ def test_features_that_the_distortion_gives_no_ray_do_not_match(known: KnownPoin
     assert centre_error(guided.camera_from_model) < 0.2 * centre_error(expected().camera_from_model)
 
 
+def test_a_vague_prior_guides_nothing():
+    """Its windows would be as large as the image."""
+    random = np.random.default_rng(0)
+    poses = {f"{k}": RigidTransform(np.eye(3), random.normal(0.0, 1.0, 3)) for k in range(12)}
+    priors = PosePriors(by_name={name: PosePrior.of_camera(pose, 0.02, 5.0) for name, pose in poses.items()})
+    frame = believed_frame(priors, poses)
+    assert frame is not None
+    for sigmas, guides in (((0.02, 5.0), True), ((1e9, 5.0), False), ((0.02, 90.0), False)):
+        prior = PosePrior.of_camera(RigidTransform.identity(), *sigmas)
+        assert (ExpectedPose.of(prior, priors, frame) is not None) is guides
+
+
 def test_one_position_at_the_end_of_the_world_does_not_widen_the_windows():
     """Of a receiver without a fix, at one of the first images, which no other position contradicts yet."""
     random = np.random.default_rng(0)

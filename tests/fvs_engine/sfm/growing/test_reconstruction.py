@@ -25,12 +25,13 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.growing import reconstruction as reconstruction_module
+from fvs_engine.sfm.growing import registration as registration_module
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.registration import ModelChange
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.growing.veto import Veto, veto
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
@@ -198,7 +199,9 @@ def test_nothing_is_said_of_an_image_that_a_remap_registers_after_all(
 ):
     growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
 
-    def register(_stages: object, _images: object, state: GrowthState, *_: object) -> ModelChange:
+    def register(
+        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
+    ) -> ModelChange:
         return ModelChange(state, warnings=tuple(f"{name} is not registered: x." for name in [NEXT, FAR]))
 
     def remap(_stages: object, _images: object, state: GrowthState, *_: object) -> ModelChange:
@@ -211,6 +214,28 @@ def test_nothing_is_said_of_an_image_that_a_remap_registers_after_all(
     update = growing.add([NEXT, FAR], Monitor())
     assert update.warnings[0] == f"{FAR} is not registered: x."
     assert not any(line.startswith(NEXT) for line in update.warnings)
+
+
+@pytest.mark.parametrize(("sigma_share", "asked"), [(0.01, []), (1.0, [NEVER])])
+def test_priors_too_inaccurate_to_judge_poses_leave_that_to_the_witness(
+    sigma_share: float,
+    asked: list[str],
+    grown: Grown,
+    images: Path,
+    truth: Reconstruction,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    without_children: Callable[[], AbstractContextManager[None]],
+):
+    centres = {Path(name).name: centre for name, centre in truth.centres().items()}
+    sigma = sigma_share * centre_spread(np.stack(list(centres.values())))
+    priors = PosePriors(by_name={name: PosePrior.at(centres[name], sigma) for name in NAMES})
+    named: list[str] = []
+    monkeypatch.setattr(registration_module, "ask_witness", lambda *given: named.extend(given[2]))
+    growing = GrowingReconstruction.open(copy_of(grown.folder, tmp_path), images, SETTINGS, Monitor())
+    with without_children():
+        growing.add([NEVER], Monitor(), priors)
+    assert named == asked
 
 
 def test_what_was_added_is_not_added_again(
