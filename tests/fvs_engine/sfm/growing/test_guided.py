@@ -22,6 +22,7 @@ from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.registration import ModelChange
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided
 from fvs_engine.sfm.native.guided_matching import GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, KnownPoints
@@ -253,6 +254,32 @@ def test_a_photograph_without_matches_is_registered_by_its_prior(
     here = camera_poses(pycolmap.Reconstruction(unmatched["out_dir"]))
     spread = centre_spread(np.stack([pose.translation for pose in truth.values()]))
     assert np.linalg.norm(here[name].translation - truth[name].translation) < 0.01 * spread
+
+
+def test_killed_between_matches_and_model_it_comes_to_the_same_model(
+    unmatched: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    whole = unmatched | {
+        "database": str(shutil.copy(unmatched["database"], tmp_path / "whole.db")),
+        "out_dir": str(tmp_path / "whole"),
+    }
+    Path(whole["out_dir"]).mkdir()
+    register_guided(lambda _: None, **whole)
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(guided_module, "register", killed)
+        with pytest.raises(KeyboardInterrupt):
+            register_guided(lambda _: None, **unmatched)
+    (name,) = unmatched["names"]
+    assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
+    register_guided(lambda _: None, **unmatched)
+    files = sorted(Path(whole["out_dir"]).iterdir())
+    assert files
+    for file in files:
+        assert file.read_bytes() == (Path(unmatched["out_dir"]) / file.name).read_bytes()
 
 
 def test_what_ordinary_matches_leave_out_is_registered_after_them(
