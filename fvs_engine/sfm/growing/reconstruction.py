@@ -303,7 +303,14 @@ class GrowingReconstruction:
         rejected = self._state.rejected | decided.without_pairs
         state = self._state.model_copy(update={"rejected": rejected})
         change = register(
-            stages, self._image_dir, state, candidates, priors, current, following, telling=decided.telling
+            stages,
+            self._image_dir,
+            state,
+            candidates,
+            priors,
+            current,
+            following,
+            informative=decided.informative,
         )
         change = guide(stages, self._image_dir, change, usable, priors, current, self._folder)
         warnings = (*news, *stages.warnings, *change.warnings)

@@ -52,18 +52,18 @@ def register(
     out_dir: Path,
     guided: Mapping[str, Sequence[str]] | None = None,
     *,
-    telling: bool = True,
+    informative: bool = True,
 ) -> ModelChange:
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A pose that ``priors`` contradict, or, where there are no ``telling`` ones, the witness, is rejected,
-    too. ``guided``: images to match first, guided by their priors → the registered images they should
-    overlap.
+    A pose that ``priors`` contradict is rejected, too, or one that the witness contradicts where priors are
+    missing or not ``informative``. ``guided``: images to match first, guided by their priors → the registered
+    images they should overlap.
     """
     if not names:
         return ModelChange(state)
     settings = stages.settings
-    without = [name for name in names if not telling or name not in priors.by_name]
+    without = [name for name in names if not informative or name not in priors.by_name]
     asked = ask_witness(stages, image_dir, without) if without else None
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):

@@ -25,12 +25,12 @@ _CONTRADICTED = (
 class Veto:
     """``priors`` to use, none when the images contradict them; ``ignored``: warnings of unused ones.
 
-    ``telling``: whether their positions can judge poses; few, or inaccurate ones for so small a scene, say
-    nothing. ``without_pairs``: images that have no verified pair left → the reason.
+    ``informative``: whether their positions can judge poses: few, or inaccurate ones for so small a scene,
+    cannot. ``without_pairs``: images that have no verified pair left → the reason.
     """
 
     priors: PosePriors
-    telling: bool
+    informative: bool
     ignored: tuple[str, ...] = ()
     without_pairs: dict[str, str] = field(default_factory=dict)
 
@@ -42,7 +42,7 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
     """
     if not priors.by_name:
         match_pairs(stages, restore_pairs(stages.folder.database))
-        return Veto(priors, telling=False)
+        return Veto(priors, informative=False)
     arguments = {
         "database": str(stages.folder.database),
         "model_dir": str(model_dir),
@@ -55,10 +55,10 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer["contradicted_support"]
         if support is not None and support < MIN_PRIOR_SUPPORT:
-            return Veto(PosePriors(), telling=False, ignored=(PRIORS_IGNORED,))
+            return Veto(PosePriors(), informative=False, ignored=(PRIORS_IGNORED,))
     return Veto(
         priors,
-        answer["telling"],
+        answer["informative"],
         () if answer["oriented"] else (_ORIENTATIONS_IGNORED,),
         dict.fromkeys(answer["without"], _CONTRADICTED),
     )

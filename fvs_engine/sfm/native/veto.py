@@ -18,7 +18,7 @@ from fvs_engine.sfm.colmap.database import (
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
-from fvs_engine.sfm.verification.positions import contradict, telling
+from fvs_engine.sfm.verification.positions import contradict, informative
 from fvs_engine.sfm.verification.prior_support import prior_support
 from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs, orientations_contradict
 
@@ -35,15 +35,15 @@ def veto(
 
     Nothing is vetoed when the priors do not agree with the model: ``contradicted_support`` is then their
     support by the pairs in the model, else None. ``without``: those of ``names`` that have no verified pair
-    left. ``oriented``: False when orientations are not believed. ``telling``: whether the positions can judge
-    the poses of other images.
+    left. ``oriented``: False when orientations are not believed. ``informative``: whether the positions can
+    judge the poses of other images.
     """
     model = pycolmap.Reconstruction(model_dir)
     poses = camera_poses(model)
     known = PosePriors.model_validate(priors)
     frame = believed_frame(known, poses)
     oriented = not orientations_contradict(known, poses)
-    tell = telling(known, {name: pose.translation for name, pose in poses.items()})
+    judges = informative(known, {name: pose.translation for name, pose in poses.items()})
     path = Path(database)
     every = read_verified_pairs(path, MIN_PAIR_MATCHES)
     if frame is None:
@@ -51,7 +51,7 @@ def veto(
         return {
             "believed": False,
             "oriented": oriented,
-            "telling": tell,
+            "informative": judges,
             "contradicted_support": support,
             "without": [],
         }
@@ -80,7 +80,7 @@ def veto(
     return {
         "believed": True,
         "oriented": oriented,
-        "telling": tell,
+        "informative": judges,
         "contradicted_support": None,
         "without": [name for name in names if ids[name] in lost],
     }

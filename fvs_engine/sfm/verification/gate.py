@@ -169,7 +169,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if contradicted:
         doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
-    if loose := _open(evidence, loose_images(evidence)):
+    if loose := _unconfirmed(evidence, loose_images(evidence)):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
 
@@ -190,7 +190,7 @@ def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
-    if unscaled := _open(evidence, evidence.unscaled_images):
+    if unscaled := _unconfirmed(evidence, evidence.unscaled_images):
         doubts.append(unknown_distance(unscaled))
     if evidence.unlikely_focal_lengths_px and not priors_confirm(evidence):
         doubts.append(_unlikely_focal(evidence.unlikely_focal_lengths_px))
@@ -314,10 +314,10 @@ def priors_confirm(evidence: Evidence) -> bool:
 def priors_suffice(evidence: Evidence) -> bool:
     """Whether position priors confirm the model, and all images that too few matches connect with it."""
     weak = (*evidence.unsupported_images, *evidence.loosely_linked_images, *evidence.unscaled_images)
-    return priors_confirm(evidence) and not _open(evidence, weak)
+    return priors_confirm(evidence) and not _unconfirmed(evidence, weak)
 
 
-def _open(evidence: Evidence, names: Sequence[str]) -> list[str]:
+def _unconfirmed(evidence: Evidence, names: Sequence[str]) -> list[str]:
     """Those of the images ``names`` that position priors do not confirm: those of others say nothing."""
     confirm = priors_confirm(evidence)
     return [name for name in names if not confirm or name in evidence.images_without_prior]

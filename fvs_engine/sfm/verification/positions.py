@@ -58,7 +58,7 @@ def misplaced(priors: PosePriors, centres: Mapping[str, Array]) -> dict[str, flo
     return {name: float(off[k]) for k, name in enumerate(shared) if off[k] > limit[k]}
 
 
-def telling(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
+def informative(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
     """Whether there are enough position priors of these centres, and accurate enough, to judge others by."""
     return align_positions(priors, centres, sorted(centres.keys() & priors.by_name.keys())) is not None
 

@@ -56,19 +56,21 @@ def prior_support(
     lengths = np.linalg.norm(expected, axis=1)
     sigmas = np.maximum(priors.position_sigmas(first), priors.position_sigmas(second))
     limits = limits_deg(lengths, sigmas)
-    telling = (limits <= _MAX_LIMIT_DEG) & (lengths > 0)
-    if telling.sum() < _MIN_PAIRS:
+    informative = (limits <= _MAX_LIMIT_DEG) & (lengths > 0)
+    if informative.sum() < _MIN_PAIRS:
         return None
-    in_camera = np.stack([np.asarray(check.baseline) for check in tested])[telling]
-    in_model = np.stack([rotations[check.first] @ np.asarray(check.baseline) for check in tested])[telling]
-    directions = expected[telling] / lengths[telling, None]
-    weights = np.array([check.matches for check in tested], dtype=np.float64)[telling]
-    least = np.cos(np.radians(limits[telling]))
+    in_camera = np.stack([np.asarray(check.baseline) for check in tested])[informative]
+    in_model = np.stack([rotations[check.first] @ np.asarray(check.baseline) for check in tested])[
+        informative
+    ]
+    directions = expected[informative] / lengths[informative, None]
+    weights = np.array([check.matches for check in tested], dtype=np.float64)[informative]
+    least = np.cos(np.radians(limits[informative]))
     candidates = _rotations(in_model, directions)
     agreeing = np.einsum("kij,pj,pi->kp", candidates, in_model, directions) >= least
     support = float((agreeing @ weights).max() / weights.sum())
     turned, oriented = _by_orientations(
-        in_camera, [name for name, k in zip(first, telling, strict=True) if k], priors
+        in_camera, [name for name, k in zip(first, informative, strict=True) if k], priors
     )
     if oriented.sum() >= _MIN_PAIRS:
         fits = (turned * directions).sum(axis=1) >= least

@@ -87,9 +87,9 @@ class Scale:
         """
         if len(names) <= 2:
             return Scale(frozenset(), frozenset())
-        telling = [ratio for ratio in ratios if ratio.scatter <= _MAX_SCATTER]
-        agrees = [abs(ratio.log_ratio) <= max_error for ratio in telling]
-        groups = _groups([ratio.pairs for ratio in _sound(telling, agrees)])
+        informative = [ratio for ratio in ratios if ratio.scatter <= _MAX_SCATTER]
+        agrees = [abs(ratio.log_ratio) <= max_error for ratio in informative]
+        groups = _groups([ratio.pairs for ratio in _sound(informative, agrees)])
         main = groups[0] if groups else frozenset[int]()
         left, contradicted = set(names) - main, set[int]()
         for group in [*groups[1:], *(frozenset((i,)) for i in sorted(left))]:
@@ -97,7 +97,7 @@ class Scale:
             left -= apart
             across = [
                 agree
-                for ratio, agree in zip(telling, agrees, strict=True)
+                for ratio, agree in zip(informative, agrees, strict=True)
                 if ratio.images & apart and ratio.images & main and ratio.images <= apart | main
             ]
             if sum(across) < len(across) / 2:
@@ -106,18 +106,18 @@ class Scale:
         return Scale(frozenset(names[i] for i in contradicted), frozenset(names[i] for i in unknown))
 
 
-def _sound(telling: Sequence[DepthRatio], agrees: Sequence[bool]) -> list[DepthRatio]:
+def _sound(informative: Sequence[DepthRatio], agrees: Sequence[bool]) -> list[DepthRatio]:
     """The comparisons that agree, of sound pairs.
 
     A pair of whose comparisons two thirds disagree connects nothing: a long one hides a small shift.
     """
     balance: dict[_Pair, int] = {}
-    for ratio, agree in zip(telling, agrees, strict=True):
+    for ratio, agree in zip(informative, agrees, strict=True):
         for pair in ratio.pairs:
             balance[pair] = balance.get(pair, 0) + (2 if agree else -1)
     return [
         ratio
-        for ratio, agree in zip(telling, agrees, strict=True)
+        for ratio, agree in zip(informative, agrees, strict=True)
         if agree and all(balance[pair] > 0 for pair in ratio.pairs)
     ]
 
@@ -171,15 +171,15 @@ def depth_ratios(
             relative.rotation.matrix(),
             np.asarray(relative.translation),
         )
-        telling = sine_squared >= least_sine**2
-        telling &= (near > 0) & (far > 0)
+        informative = sine_squared >= least_sine**2
+        informative &= (near > 0) & (far > 0)
         for image, other, column, depth in (
             (pair.first, pair.second, 0, near),
             (pair.second, pair.first, 1, far),
         ):
-            if telling.sum() >= _MIN_TRACKS:
+            if informative.sum() >= _MIN_TRACKS:
                 log_depth = np.full(len(rays[image]), np.nan)
-                log_depth[fits[telling, column]] = np.log(depth[telling])
+                log_depth[fits[informative, column]] = np.log(depth[informative])
                 depths[image].append((other, log_depth))
     return [ratio for image, found in depths.items() for ratio in _compared(image, found)]
 
