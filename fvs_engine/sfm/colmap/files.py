@@ -6,7 +6,7 @@ allocate gigabytes before it fails, or never return. Source: COLMAP's
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pycolmap
@@ -24,23 +24,36 @@ _POSE_BYTES = 7 * 8  # quaternion and translation
 _FRAME_HEAD_BYTES = 4 + 4 + _POSE_BYTES  # id, rig id, pose
 _NUMBER = struct.Struct("<I")
 _DATA_BYTES = 4 + 4 + 8  # sensor, data id
+_DAMAGES = (struct.error, ValueError, OverflowError)
+"""Errors by which a walk says that a field extends beyond the end, or that a name is not text."""
 
 
 def damaged_file(folder: Path) -> Path | None:
     """The first of the model's binary files in ``folder`` that is cut short or goes on too long, or None."""
-    walks: dict[str, Callable[[bytes, int], int]] = {
-        "cameras.bin": _after_camera,
-        "images.bin": _after_image,
-        "points3D.bin": _after_point,
-        "rigs.bin": _after_rig,
-        "frames.bin": _after_frame,
-    }
-    for name, after in walks.items():
+    for name in _WALKS:
         file = folder / name
-        if file.is_file() and not _is_whole(file.read_bytes(), after):
+        if file.is_file() and not _is_whole(file):
             return file
     names = folder / "images.txt"
     return names if names.is_file() and not _is_text(names) else None
+
+
+def record_offsets(content: bytes, name: str) -> list[int]:
+    """Where the records of the binary file ``name`` begin; raises one of ``_DAMAGES`` if it is damaged."""
+    after = _WALKS[name]
+    (count,) = _COUNT.unpack_from(content)
+    offset, offsets = _COUNT.size, []
+    for _ in range(count):
+        offsets.append(offset)
+        offset = after(content, offset)
+    if offset != len(content):
+        raise ValueError("does not end after its last record")
+    return offsets
+
+
+def camera_parameters(model: int) -> int:
+    """The number of parameters of COLMAP's camera model of that number."""
+    return len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId(model), 1.0, 1, 1).params)
 
 
 def _is_text(file: Path) -> bool:
@@ -53,22 +66,18 @@ def _is_text(file: Path) -> bool:
     return True
 
 
-def _is_whole(content: bytes, after: Callable[[bytes, int], int]) -> bool:
+def _is_whole(file: Path) -> bool:
     """Whether the file ends after the number of records that its header declares."""
     try:
-        (count,) = _COUNT.unpack_from(content)
-        offset = _COUNT.size
-        for _ in range(count):
-            offset = after(content, offset)
-    except (struct.error, ValueError, OverflowError):  # a field extends beyond the end; a name is not text
+        record_offsets(file.read_bytes(), file.name)
+    except _DAMAGES:
         return False
-    return offset == len(content)
+    return True
 
 
 def _after_camera(content: bytes, offset: int) -> int:
     _, model, _, _ = _CAMERA_HEAD.unpack_from(content, offset)
-    parameters = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId(model), 1.0, 1, 1).params)
-    return offset + _CAMERA_HEAD.size + parameters * _PARAMETER_BYTES
+    return offset + _CAMERA_HEAD.size + camera_parameters(model) * _PARAMETER_BYTES
 
 
 def _after_image(content: bytes, offset: int) -> int:
@@ -97,3 +106,13 @@ def _after_rig(content: bytes, offset: int) -> int:
 def _after_frame(content: bytes, offset: int) -> int:
     (count,) = _NUMBER.unpack_from(content, offset + _FRAME_HEAD_BYTES)
     return offset + _FRAME_HEAD_BYTES + _NUMBER.size + int(count) * _DATA_BYTES
+
+
+_WALKS: Mapping[str, Callable[[bytes, int], int]] = {
+    "cameras.bin": _after_camera,
+    "images.bin": _after_image,
+    "points3D.bin": _after_point,
+    "rigs.bin": _after_rig,
+    "frames.bin": _after_frame,
+}
+"""Name → the offset after the record at an offset."""

@@ -10,12 +10,15 @@ from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
+from fvs_engine.sfm.colmap.binary_model import read_cameras, read_points, read_posed_images
 from fvs_engine.sfm.colmap.files import damaged_file
 from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.views import AnyView, View
 
 MODEL_FILES = ("cameras", "images", "points3D")
 """The three files of a COLMAP model, all ``.bin`` or all ``.txt``."""
+
+_HINT = "Export the model again, or delete the folder to have it computed again."
 
 
 def has_colmap_model(folder: Path) -> bool:
@@ -31,7 +34,22 @@ def read_colmap(folder: Path) -> Reconstruction:
     Raises ``StorageError`` when there is none or it is damaged, ``InvalidInputError`` for a camera model that
     the engine does not know.
     """
-    return from_pycolmap(open_colmap(folder))
+    if not all((folder / f"{stem}.bin").is_file() for stem in MODEL_FILES):
+        return from_pycolmap(open_colmap(folder))
+    _require_sound(folder)
+    try:
+        cameras, images = read_cameras(folder), list(read_posed_images(folder))
+        xyz, colors, errors_px = read_points(folder)
+        of_images = [cameras[image.camera_id] for image in images]
+    except (KeyError, ValueError) as error:  # numbers that fit the format and nothing else
+        raise _unreadable(folder) from error
+    converted = {camera.camera_id: camera_from_pycolmap(camera) for camera in of_images}
+    views = (
+        View(image.name, converted[image.camera_id], rigid_from_pycolmap(image.camera_from_model))
+        for image in images
+    )
+    ordered = tuple(sorted(views, key=lambda view: view.name))
+    return Reconstruction(ordered, PointCloud(xyz, colors), errors_px)
 
 
 def write_colmap(reconstruction: Reconstruction, folder: Path) -> None:
@@ -42,21 +60,29 @@ def write_colmap(reconstruction: Reconstruction, folder: Path) -> None:
 
 def open_colmap(folder: Path) -> pycolmap.Reconstruction:
     """Read the model in ``folder`` into pycolmap, with its tracks; raises ``StorageError``."""
+    _require_sound(folder)
+    try:
+        return pycolmap.Reconstruction(folder)
+    except Exception as error:  # pycolmap passes on any C++ exception
+        raise _unreadable(folder) from error
+
+
+def _unreadable(folder: Path) -> StorageError:
+    return StorageError(
+        f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=_HINT
+    )
+
+
+def _require_sound(folder: Path) -> None:
+    """Raise ``StorageError`` when there is no model in ``folder``, or a file of it is not whole."""
     if not has_colmap_model(folder):
         raise StorageError(
             f"{folder} holds no COLMAP model.",
             hint="A model is the three files cameras, images and points3D, as .bin or .txt.",
         )
-    hint = "Export the model again, or delete the folder to have it computed again."
     damaged = damaged_file(folder)
     if damaged is not None:
-        raise StorageError(f"{damaged} is damaged or cut short.", hint=hint)
-    try:
-        return pycolmap.Reconstruction(folder)
-    except Exception as error:  # pycolmap passes on any C++ exception
-        raise StorageError(
-            f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=hint
-        ) from error
+        raise StorageError(f"{damaged} is damaged or cut short.", hint=_HINT)
 
 
 def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:

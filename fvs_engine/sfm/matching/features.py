@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,9 @@ _SAME_FOCAL = 1.02
 
 _MIN_FEATURES = 50
 """Below, an image can hardly be registered."""
+
+_HEADERS = 10_000
+"""Images whose size and focal length are remembered."""
 
 
 def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
@@ -110,9 +114,7 @@ def camera_groups(image_dir: Path, names: Sequence[str], prior: FocalPrior | Non
     members: dict[tuple[int, int, int | None], list[str]] = {}
     priors: dict[tuple[int, int, int | None], float | None] = {}
     for name in names:
-        with Image.open(image_dir / name) as image:
-            width, height = image.size
-            focal_px = focal_length_px(image.getexif(), width, height)
+        width, height, focal_px = _header(image_dir / name)
         prior_px = prior.at(width) if prior is not None and focal_px is None else None
         focal_px = focal_px or prior_px
         focal_class = None if focal_px is None else round(math.log(focal_px) / math.log(_SAME_FOCAL))
@@ -123,6 +125,20 @@ def camera_groups(image_dir: Path, names: Sequence[str], prior: FocalPrior | Non
         CameraGroup(width, height, tuple(group), priors[width, height, focal_class])
         for (width, height, focal_class), group in members.items()
     ]
+
+
+def _header(file: Path) -> tuple[int, int, float | None]:
+    """Width, height, and the focal length in px by the EXIF of an image."""
+    status = file.stat()
+    return _read_header(file, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=_HEADERS)
+def _read_header(file: Path, _changed_ns: int, _size_bytes: int) -> tuple[int, int, float | None]:
+    """``_header`` of a file that changed last at that time: each one more image asks for those of all."""
+    with Image.open(file) as image:
+        width, height = image.size
+        return width, height, focal_length_px(image.getexif(), width, height)
 
 
 def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:

@@ -1,7 +1,7 @@
 """Check of the pose estimated for one image: against its verified matches, the witness's, and its prior."""
 
 from collections.abc import Collection, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,9 @@ from fvs_engine.sfm.verification.witness import WitnessMatches
 
 Keypoints = Mapping[int, NDArray[np.float64]]
 
+_Camera = tuple[int, bytes, bytes]
+"""An image's id, pose and intrinsics."""
+
 _MOST_NEAR = 12
 """Number of best matching images whose depths are compared with an image's own."""
 
@@ -41,6 +44,8 @@ class PoseCheck:
     min_image_support: float
     priors: PosePriors
     witness: WitnessMatches | None = None
+    _scales: dict[tuple[_Camera, ...], Scale] = field(default_factory=dict)
+    """The cameras that were asked about last → what depths say of them: the last question is asked twice."""
 
     @staticmethod
     def read(
@@ -113,8 +118,16 @@ class PoseCheck:
             for pair in sorted(own, key=lambda pair: -len(pair.matches))[:_MOST_NEAR]:
                 near |= {pair.first, pair.second}
         inside = [pair for pair in self.pairs if pair.first in near and pair.second in near]
-        names = {i: image.name for i, image in model.images.items() if i in near and image.has_pose}
-        return Scale.of(names, depth_ratios(model, inside, self.keypoints))
+        posed = {i: image for i, image in model.images.items() if i in near and image.has_pose}
+        cameras = tuple(
+            (i, image.cam_from_world().matrix().tobytes(), image.camera.params.tobytes())
+            for i, image in posed.items()
+        )
+        if self._scales.get(cameras) is None:
+            names = {i: image.name for i, image in posed.items()}
+            self._scales.clear()
+            self._scales[cameras] = Scale.of(names, depth_ratios(model, inside, self.keypoints))
+        return self._scales[cameras]
 
 
 def _checks_of(

@@ -170,4 +170,5 @@ def test_cameras_that_moved_by_more_than_two_pixels_are_a_reason_to_train_anew(
 
     assert WarmStart.of(full, trained, turned(1.0), points) is not None
     assert WarmStart.of(full, trained, turned(4.0), points) is None
-    assert WarmStart.of(full, trained, trained, PointCloud.empty()) is None
+    assert WarmStart.of(full, trained, turned(1.0), PointCloud.empty()) is None
+    assert WarmStart.of(full, trained, trained, PointCloud.empty()) is not None

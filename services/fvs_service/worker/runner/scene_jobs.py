@@ -195,7 +195,16 @@ class SceneJobs:
         assert scene.model_dir is not None  # training needs views, whose poses are those of this model
         folder = self._folder.outcome(request.job_id) / name
         reconstruction = read_colmap(scene.model_dir)
-        return self._outcome(folder, scene.views, images, model, reconstruction, scene.model_dir, measured)
+        return self._outcome(
+            folder,
+            scene.views,
+            images,
+            model,
+            reconstruction,
+            scene.model_dir,
+            measured,
+            compressed=name == "full",  # others are waited for, and soon replaced
+        )
 
     def _evaluate_previous(
         self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
@@ -325,6 +334,8 @@ class SceneJobs:
         reconstruction: Reconstruction,
         colmap: Path,
         measured: Mapping[str, float | None],
+        *,
+        compressed: bool = True,
     ) -> JobOutcome:
         """Write the artifacts, which the worker commits, into ``folder``.
 
@@ -342,7 +353,9 @@ class SceneJobs:
             **measured,
         )
         points = _seen_points(reconstruction)
-        files = write_artifacts(folder, views, images, points, model.gaussians, metrics, colmap)
+        files = write_artifacts(
+            folder, views, images, points, model.gaussians, metrics, colmap, compressed=compressed
+        )
         return JobOutcome(
             folder=str(folder),
             files=files,

@@ -1,6 +1,7 @@
 import json
 import math
 import shutil
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.colmap.model import read_colmap, write_colmap
+from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, write_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.views import AnyView
@@ -167,6 +168,40 @@ def test_a_model_survives_writing_and_reading(kermit_sfm: SfmResult, tmp_path: P
     np.testing.assert_array_equal(
         again.points.colors[order], kermit_sfm.reconstruction.points.colors[expected_order]
     )
+
+
+def test_a_binary_model_is_read_as_pycolmap_reads_it(kermit_sfm: SfmResult) -> None:
+    ours = read_colmap(kermit_sfm.model_dir)
+    theirs = from_pycolmap(open_colmap(kermit_sfm.model_dir))
+    for view, expected in zip(ours.views, theirs.views, strict=True):
+        assert (view.name, view.camera) == (expected.name, expected.camera)
+        np.testing.assert_array_equal(view.camera_from_model.matrix, expected.camera_from_model.matrix)
+    order, expected_order = (
+        np.lexsort((model.point_errors_px, *model.points.xyz.T)) for model in (ours, theirs)
+    )
+    for found, right in (
+        (ours.points.xyz, theirs.points.xyz),
+        (ours.points.colors, theirs.points.colors),
+        (ours.point_errors_px, theirs.point_errors_px),
+    ):
+        np.testing.assert_array_equal(found[order], right[expected_order])
+
+
+def test_a_binary_model_without_points_is_read(kermit_sfm: SfmResult, tmp_path: Path) -> None:
+    write_colmap(Reconstruction.of_views(kermit_sfm.reconstruction.views), tmp_path)
+    again = read_colmap(tmp_path)
+    assert len(again.views) == len(kermit_sfm.reconstruction.views)
+    assert again.points.xyz.shape == again.points.colors.shape == (0, 3)
+
+
+def test_an_image_without_its_camera_is_no_model(kermit_sfm: SfmResult, tmp_path: Path) -> None:
+    shutil.copytree(kermit_sfm.model_dir, tmp_path / "sparse")
+    file = tmp_path / "sparse" / "images.bin"
+    content = bytearray(file.read_bytes())
+    struct.pack_into("<I", content, 8 + 4 + 7 * 8, 77)  # of the first image
+    file.write_bytes(content)
+    with pytest.raises(StorageError, match="cannot be read"):
+        read_colmap(tmp_path / "sparse")
 
 
 @pytest.fixture

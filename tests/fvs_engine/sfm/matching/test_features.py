@@ -79,6 +79,29 @@ def test_exif_precedes_the_prior_and_images_of_equal_focal_length_share_a_camera
     assert imported(tmp_path, settings)["f.jpg"].camera_id == ids["a.jpg"]
 
 
+def test_one_more_image_has_no_other_opened_unless_it_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    open_image = Image.open
+
+    def observed(file: Path) -> Image.Image:
+        opened.append(file.name)
+        return open_image(file)
+
+    monkeypatch.setattr("fvs_engine.sfm.matching.features.Image.open", observed)
+    save(tmp_path / "a.jpg")
+    imported(tmp_path, SfmSettings())
+    save(tmp_path / "b.jpg")
+    imported(tmp_path, SfmSettings())
+    assert opened == ["a.jpg", "b.jpg"]
+    save(tmp_path / "b.jpg", focal_35mm=43)
+    save(tmp_path / "c.jpg", focal_35mm=43)
+    cameras = imported(tmp_path, SfmSettings())
+    assert opened[2:] == ["b.jpg", "c.jpg"]
+    assert cameras["c.jpg"].camera_id == cameras["b.jpg"].camera_id
+
+
 @pytest.mark.parametrize(
     ("reduced_to_px", "small"), [(1600, {"small.png"}), (120, {"small.png", "large.png"})]
 )

@@ -1,6 +1,7 @@
 """Depths over three images: the pairs of a row of cameras before a rough wall fit however it is spaced."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -117,6 +118,25 @@ def test_a_new_image_that_slid_along_the_row_is_contradicted_and_no_right_one():
     right = model(RIGHT)
     assert [check.contradiction(right, i) for i in NAMES] == COUNT * [None]
     assert check.unscaled(right, list(NAMES.values())) == []
+
+
+def test_depths_are_compared_once_for_the_same_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[int] = []
+
+    def observed(*given: Any) -> list[DepthRatio]:
+        compared.append(1)
+        return depth_ratios(*given)
+
+    monkeypatch.setattr("fvs_engine.sfm.native.pose_check.depth_ratios", observed)
+    check = PoseCheck(*photographed(4), 0.75, PosePriors())
+    assert check.contradiction(model(RIGHT), 12) is None
+    assert check.unscaled(model(RIGHT), ["11.jpg"]) == []
+    assert len(compared) == 1
+    slid = model([x + (0.4 if i == 11 else 0.0) for i, x in enumerate(RIGHT)])
+    assert check.contradiction(slid, 12) is not None
+    slid.camera(1).params = slid.camera(1).params * [1.5, 1.0, 1.0]
+    check.unscaled(slid, ["11.jpg"])
+    assert len(compared) == 3
 
 
 def test_a_new_image_that_one_pair_joins_with_the_rest_is_unscaled():
