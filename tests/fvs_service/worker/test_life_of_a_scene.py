@@ -53,11 +53,14 @@ def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -
     assert names == {*files, "point_cloud.ply", "point_cloud.spz"}
     sizes = {artifact["name"]: artifact["size_bytes"] for artifact in snapshot["artifacts"]}
     assert sizes["point_cloud.spz"] < 0.3 * sizes["point_cloud.ply"]
-    archive = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/colmap.zip").content
-    with zipfile.ZipFile(io.BytesIO(archive)) as model:
-        assert {Path(name).name for name in model.namelist()} == {
-            *("cameras.bin", "images.bin", "points3D.bin")
-        }
+    models = {}
+    for made, how in ((quick, zipfile.ZIP_STORED), (snapshot, zipfile.ZIP_DEFLATED)):
+        archive = service.client.get(f"/v1/snapshots/{made['id']}/artifacts/colmap.zip").content
+        with zipfile.ZipFile(io.BytesIO(archive)) as model:
+            assert {entry.compress_type for entry in model.infolist()} == {how}
+            models[how] = {Path(name).name: model.read(name) for name in model.namelist()}
+    assert models[zipfile.ZIP_STORED] == models[zipfile.ZIP_DEFLATED]
+    assert models[zipfile.ZIP_STORED].keys() == {"cameras.bin", "images.bin", "points3D.bin"}
     ranking = service.rank(modelled, snapshot_id=snapshot["id"])
     assert [place["rank"] for place in ranking["candidates"] if place["rank"]] == [1, 2, 3, 4]
     assert ranking["snapshot_id"] == snapshot["id"]
