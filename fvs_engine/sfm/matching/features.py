@@ -135,7 +135,7 @@ def _header(file: Path) -> tuple[int, int, float | None]:
 
 @lru_cache(maxsize=_HEADERS)
 def _read_header(file: Path, _changed_ns: int, _size_bytes: int) -> tuple[int, int, float | None]:
-    """``_header`` of a file that changed last at that time: each one more image asks for those of all."""
+    """``_header`` of a file that changed last at that time: each update needs those of all images."""
     with Image.open(file) as image:
         width, height = image.size
         return width, height, focal_length_px(image.getexif(), width, height)

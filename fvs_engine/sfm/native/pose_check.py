@@ -45,7 +45,7 @@ class PoseCheck:
     priors: PosePriors
     witness: WitnessMatches | None = None
     _scales: dict[tuple[_Camera, ...], Scale] = field(default_factory=dict)
-    """The cameras that were asked about last → what depths say of them: the last question is asked twice."""
+    """The cameras of the last check of depths → its result: a pose is often checked twice."""
 
     @staticmethod
     def read(
