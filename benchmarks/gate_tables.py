@@ -26,7 +26,7 @@ class Judged:
 
     verdict: Verdict
     wrong: int
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
     """The images that it left out."""
 
 
