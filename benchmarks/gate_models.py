@@ -25,13 +25,14 @@ from fvs_engine.scene.dataset import read_dataset
 from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, map_scene
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.settings import MapperName, SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 
 Centres = Mapping[str, NDArray[np.float64]]
 
 MAPPERS: tuple[MapperName, ...] = ("incremental", "global")
-SETTINGS = SfmSettings(threads=1)
+SETTINGS = SfmSettings(threads=1, features_of_many=FeatureSettings())
+"""Features as those of small sets, which most subsets are: they are computed once for the whole scene."""
 _MOST = 55
 """Images of a scene that are used: the first ten, and those that are farthest from one another."""
 _FEWEST = 20

@@ -26,6 +26,12 @@ _MAX_ROTATION_DEG = 5.0
 _MAX_DIRECTION_DEG = 15.0
 _MAX_TRIPLETS = 20_000
 
+MIN_CONTRADICTING_SHARE = 0.04
+"""Share of a pair's features that match from which on the witness's pair can contradict poses.
+
+Look-alikes have fewer. See ``docs/adr/0042-images-that-nothing-holds.md`` for the measurements behind it.
+"""
+
 
 def gather_evidence(
     model: pycolmap.Reconstruction,
@@ -85,14 +91,18 @@ def gather_witness_evidence(
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
     links = Links.of(model, checks)
+    telling = [check for check in checks if check.matches >= MIN_CONTRADICTING_SHARE * check.features]
+    contradicted = Links.of(model, telling).contradicted
+    # It does not vouch for images that only its pairs of few matches contradict.
+    silent = (links.unconnected | links.contradicted) - contradicted
     return WitnessEvidence(
         pairs=len(checks),
         matches=sum(check.matches for check in checks),
         match_support=_match_support(checks) if checks else None,
         rotation_support=_rotation_support(checks),
         translation_support=_translation_support(checks),
-        contradicted_images=tuple(sorted(links.contradicted)),
-        silent_on_images=tuple(sorted(links.unconnected)),
+        contradicted_images=tuple(sorted(contradicted)),
+        silent_on_images=tuple(sorted(silent)),
     )
 
 
