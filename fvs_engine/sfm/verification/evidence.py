@@ -91,8 +91,8 @@ def gather_witness_evidence(
     """
     checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
     links = Links.of(model, checks)
-    telling = [check for check in checks if check.matches >= MIN_CONTRADICTING_SHARE * check.features]
-    contradicted = Links.of(model, telling).contradicted
+    strong = [check for check in checks if check.matches >= MIN_CONTRADICTING_SHARE * check.features]
+    contradicted = Links.of(model, strong).contradicted
     # It does not vouch for images that only its pairs of few matches contradict.
     silent = (links.unconnected | links.contradicted) - contradicted
     return WitnessEvidence(
