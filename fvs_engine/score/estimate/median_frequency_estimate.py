@@ -8,7 +8,7 @@ import torch
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.monitor import Monitor
-from fvs_engine.score.estimate import kernels
+from fvs_engine.score.estimate.cells import cover
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged, require_one_size
@@ -21,7 +21,7 @@ _CPU = torch.device("cpu")
 
 def compile_kernels(monitor: Monitor) -> None:
     """Compile the kernels of the estimate unless they are cached; ``monitor`` reports the compilation."""
-    ensure_compiled("fvs_engine.score.estimate.warm_up", kernels.cover, monitor)
+    ensure_compiled("fvs_engine.score.estimate.warm_up", cover, monitor)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Estimates without a render, held to renders."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,17 +10,17 @@ from scipy.spatial import KDTree
 from scipy.stats import spearmanr
 
 from fvs_engine.candidates import CandidateStatus
+from fvs_engine.compilation.kernels import F
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate
-from fvs_engine.score.estimate import kernels
-from fvs_engine.score.estimate.spectrum import GRID, powers
+from fvs_engine.score.estimate.cells import cover
+from fvs_engine.score.estimate.powers import SPACING, median_log_magnitude
+from fvs_engine.score.estimate.spectrum import GRID, expected_powers
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.raster.cpu import PackedView
-from fvs_engine.splat.raster.kernels import binning
 from fvs_engine.splat.raster.reference_projection import project
 from fvs_engine.views import PinholeView
 
@@ -62,50 +63,49 @@ def _one(
     )
 
 
-def _projected(gaussians: Gaussians, view: PinholeView) -> tuple[np.ndarray, ...]:
-    """Records in depth order, their order, the cells and how much is seen of each."""
-    table = SplatTable.of(gaussians)
-    packed = PackedView(view.camera, view.camera_from_model, 0)
-    records = np.empty((len(gaussians), kernels.RECORD_SIZE), np.float32)
-    count = kernels.project(table.means, table.covariances, table.looks, packed.vector, packed.size, records)
-    records = records[:count]
-    order = binning.front_to_back(records, np.ones(count, np.float32))
-    cells, seen = np.empty((6, 8, 4), np.float32), np.empty(count, np.float32)
-    kernels.cover(records, order, cells, seen)
-    return records, order, cells, seen
+def _covered(gaussians: Gaussians, view: PinholeView) -> tuple[np.ndarray, ...]:
+    """The splats front to back, the cells and how much is seen of each splat."""
+    splats = SplatTable.of(gaussians).splats(view)
+    seen = np.empty(len(splats), np.float32)
+    return splats, cover(splats, (128, 96), F(16), seen), seen
 
 
 def test_splats_are_projected_as_the_rasterisers_do(cluttered):
     gaussians, views = cluttered
     for view in views[::9]:
-        records, *_ = _projected(gaussians, view)
+        splats = SplatTable.of(gaussians).splats(view)
         expected = project(gaussians, view.camera, view.camera_from_model, 0)
         shown = expected.visible
         a, k, b = (factor.numpy() for factor in expected.factors[shown].T)
         yy = 0.5 / b**2
         xx = 0.5 / a**2 + (k * yy) ** 2 / yy
-        assert len(records) == int(shown.sum())
-        distances, nearest = KDTree(expected.centers[shown].numpy()).query(records[:, :2])
+        assert len(splats) == int(shown.sum())
+        distances, nearest = KDTree(expected.centers[shown].numpy()).query(splats[:, :2])
         assert distances.max() < 2e-3
-        np.testing.assert_allclose(records[:, 2], xx[nearest], rtol=2e-3)
-        np.testing.assert_allclose(records[:, 3], (k * yy)[nearest], atol=2e-3 * xx.max())
-        np.testing.assert_allclose(records[:, 4], yy[nearest], rtol=2e-3)
+        np.testing.assert_allclose(splats[:, 2], xx[nearest], rtol=2e-3)
+        np.testing.assert_allclose(splats[:, 3], (k * yy)[nearest], atol=2e-3 * xx.max())
+        np.testing.assert_allclose(splats[:, 4], yy[nearest], rtol=2e-3)
 
 
 def test_the_power_of_one_splat_is_that_of_its_render():
     """In the middle of the image, small and steep: its body is all there is, but for the contrast's cell."""
     gaussians = _one((-3.9, -4.3, -3.6), 0.9, (0.11, -0.07, 3.0))
     view = PinholeView("one", CAMERA, RigidTransform.identity())
-    records, order, cells, seen = _projected(gaussians, view)
-    found = powers(records, order, 0.0 * cells, seen, (128, 96))  # in front of black, not of its own cell
+    splats, cells, seen = _covered(gaussians, view)
+    black = 0.0 * cells  # not its own cell
+    found = expected_powers(splats, black, F(16), seen, (128, 96))
     image = create_rasterizer("reference").render(gaussians, CAMERA, view.camera_from_model).color
     rows, columns = np.mgrid[0:96, 0:128]
     low = np.flatnonzero(np.hypot(*GRID.T) < 0.35)  # above, a splat as sharp as this one is aliased
     assert len(low) == 12
+    offsets, weights = np.polynomial.hermite_e.hermegauss(3)  # powers are means around their frequencies
+    offsets *= SPACING / math.sqrt(12)
+    weights /= weights.sum()
     for j in low:
-        fx, fy = GRID[j]
-        wave = np.exp(-2j * np.pi * (fx * columns + fy * rows))
-        power = np.abs((image.double().numpy() * wave[..., None]).sum(axis=(0, 1))) ** 2
+        power = np.zeros(3)
+        for (dx, wx), (dy, wy) in product(zip(offsets, weights, strict=True), repeat=2):
+            wave = np.exp(-2j * np.pi * ((GRID[j, 0] + dx) * columns + (GRID[j, 1] + dy) * rows))
+            power += wx * wy * np.abs((image.double().numpy() * wave[..., None]).sum(axis=(0, 1))) ** 2
         np.testing.assert_allclose(found[:, j], power, rtol=0.2)
     assert seen[0] == pytest.approx(1.0, abs=1e-3)
 
@@ -127,10 +127,10 @@ def _estimate(gaussians: Gaussians, view: PinholeView) -> float:
 
 def test_the_median_of_one_power_is_known():
     """Of |F|² that are exponentially distributed around p, half are below p ln 2."""
-    assert kernels.median_log_magnitude(np.full(32, 7.0)) == pytest.approx(0.5 * math.log(7 * math.log(2)))
-    assert kernels.median_log_magnitude(np.array([1e-6, 1.0, 1.0, 1.0])) > math.log(0.2)
-    assert kernels.median_log_magnitude(np.zeros(3)) == -math.inf
-    assert kernels.median_log_magnitude(np.array([1.0, math.inf])) == -math.inf
+    assert median_log_magnitude(np.full(32, 7.0)) == pytest.approx(0.5 * math.log(7 * math.log(2)))
+    assert median_log_magnitude(np.array([1e-6, 1.0, 1.0, 1.0])) > math.log(0.2)
+    assert median_log_magnitude(np.zeros(3)) == -math.inf
+    assert median_log_magnitude(np.array([1.0, math.inf])) == -math.inf
 
 
 def test_estimates_follow_the_scores(cluttered):
