@@ -17,14 +17,14 @@ LEAST_PHOTOGRAPHS = 3
 """Minimum number of photographs for a forecast: before, the quality level of a scene is unknown."""
 
 _SLOPE_DB, _SLOPE_SD_DB = 25.0, 10.0
-"""Loss in dB per unit of variance: 22 to 34 on *bonsai* and *fox* (docs/adr/0031)."""
+"""Loss in dB per unit of variance: 21 to 36 in selections on three scenes (docs/adr/0031)."""
 _LEVEL_DB, _LEVEL_SD_DB = 35.0, 12.0
 """PSNR at zero variance; the standard deviation is that between scenes."""
 _SD_DB = 2.0
 """Standard deviation of the PSNR of single views around the line."""
 _MODEL_SHARE = 0.1
 """Share of that variance that all views of one model have in common."""
-_BIAS_SD_DB = 2.5
+_BIAS_SD_DB = 2.0
 """Standard deviation of the common bias of chosen views: they are no fair sample, however many there are.
 
 On *fox* forecasts were off by 2.7 dB on average, too low with ``median-frequency`` and too high with

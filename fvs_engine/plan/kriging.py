@@ -20,8 +20,10 @@ Indices = NDArray[np.int64]
 
 LENGTH = 1.0
 """Distance of views (``view_points``) over which their covariance falls to 1/e."""
-NOISE = 0.1
-"""Variance of one observation: a view that was visited is not known perfectly."""
+NOISE = 1.0
+"""Variance of one observation: as large as the prior's, for one photograph alone tells little of a pose.
+
+PSNR follows the variance more closely than with 0.1 (docs/adr/0034)."""
 _MOST_TARGETS = 1_000
 _MOST_PRODUCTS = 20_000_000
 """Maximum size of the matrix of targets × candidates: 160 MB."""
