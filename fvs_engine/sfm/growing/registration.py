@@ -17,7 +17,7 @@ from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import Candidate, Decision, decide, few_matches, unknown_distance
+from fvs_engine.sfm.verification.gate import Candidate, agree, decide, few_matches, unknown_distance
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
@@ -170,7 +170,7 @@ def remap(
     decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
     chosen = decision.chosen or 0
     if chosen > 0 and decision.judgements[0].verdict != "rejected":
-        better = _is_better(scenes[chosen], scenes[0], decision, evidence, stages.settings.gate)
+        better = _is_better(scenes[chosen], scenes[0], evidence, stages.settings.gate)
         chosen = chosen if better else 0
     state = _mapped(state, scenes[chosen])
     if chosen == 0:
@@ -192,16 +192,23 @@ def start_again(
     """Map all images together, as if there were no model, and align the result with that in ``model_dir``.
 
     The gate judges the new models alone: a model of few images, which may be wrong, must not count against
-    them. The current model stays when the gate rejects them, or when they explain fewer matches.
+    them. The current model stays when the gate rejects them, or when they explain fewer matches; an accepted
+    one also stays when the new one is doubtful and no better.
     """
     names, evidence, scenes = _map_all(stages, image_dir, state, priors)
-    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
+    gate = stages.settings.gate
+    decision = decide([scene.candidate for scene in scenes], gate)
     current = open_colmap(model_dir)
     if decision.chosen is None:
         return ModelChange(state)
     chosen = scenes[decision.chosen]
     if _explained(chosen) < evidence.matches_explained(current, set(registered_names(current))):
         return ModelChange(state)
+    if decision.judgements[decision.chosen].verdict != "accepted":
+        before = _as_scene(stages, current, evidence)
+        (judgement,) = decide([before.candidate], gate).judgements
+        if judgement.verdict == "accepted" and not _is_better(chosen, before, evidence, gate):
+            return ModelChange(state)
     return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
 
 
@@ -260,19 +267,14 @@ def _as_scene(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvi
 
 
 def _is_better(
-    new: MappedScene,
-    current: MappedScene,
-    decision: Decision,
-    evidence: ModelEvidence,
-    settings: GateSettings,
+    new: MappedScene, current: MappedScene, evidence: ModelEvidence, settings: GateSettings
 ) -> bool:
     """Whether the new model explains enough more matches to replace the current one.
 
     When the two models contradict each other, one is wrong, not necessarily that with fewer images: then only
     the matches between images of both count.
     """
-    mappers = {new.candidate.mapper, current.candidate.mapper}
-    agreement = next((found for found in decision.agreements if set(found.mappers) == mappers), None)
+    agreement = agree(current.candidate, new.candidate)
     if agreement is not None and agreement.median_share <= settings.max_disagreement:
         return _explained(new) >= _MIN_GAIN * _explained(current)
     shared = new.candidate.centres.keys() & current.candidate.centres.keys()

@@ -16,7 +16,7 @@ from fvs_engine.sfm.batch.mapping import leave_out, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.colmap.model import camera_poses, read_colmap
-from fvs_engine.sfm.growing.registration import reason_to_remap, remap
+from fvs_engine.sfm.growing.registration import reason_to_remap, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -199,10 +199,38 @@ def test_more_images_are_no_argument_for_a_model_that_contradicts_the_current_on
     assert not outcome.changed
 
 
-def fold(model: pycolmap.Reconstruction, names: list[str]) -> None:
-    """Move some cameras aside by a hundredth of the spread: hardly any match minds."""
+def test_a_doubtful_model_of_all_images_does_not_replace_an_accepted_one_that_it_contradicts(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+):
+    """GPS confirms the new model, so that the gate does not reject it for its few fitting matches."""
+    folder = SfmFolder(shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm"))
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    priors = at(centres_of(model))
+    leave_out(model, kermit_names[5:])
+    current = tmp_path / "current"
+    current.mkdir()
+    model.write_binary(current)
+    folded = load_models(folder.mapping("incremental"))[0]
+    fold(folded, kermit_names[:3], by=0.05)
+    folded.write_binary(folder.mapping("incremental") / "0")
+    folder.mapping("global").mkdir()  # the other mapper makes no model
+    gate = GateSettings(
+        min_match_support=0.985,
+        min_doubtful_match_support=0,
+        min_rotation_support=0,
+        min_translation_support=0,
+        max_disagreement=0.001,
+    )
+    state = current_state(kermit_dir, kermit_names, kermit_names[:5])
+    stages = Stages(folder, SfmSettings(gate=gate), Monitor())
+    outcome = start_again(stages, kermit_dir, state, priors, current, tmp_path / "next")
+    assert not outcome.changed
+
+
+def fold(model: pycolmap.Reconstruction, names: list[str], by: float = 0.01) -> None:
+    """Move some cameras aside by a share of the spread: with the default hardly any match minds."""
     by_name = {image.name: image for image in model.images.values() if image.has_pose}
-    aside = 0.01 * centre_spread(np.stack(list(centres_of(model).values())))
+    aside = by * centre_spread(np.stack(list(centres_of(model).values())))
     for name in names:
         image = by_name[name]
         away = pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0.0, 0.0, aside]))
