@@ -32,10 +32,12 @@ class PosedImage:
 
 
 def read_cameras(folder: Path) -> dict[int, pycolmap.Camera]:
-    """Id → camera of the model in ``folder``."""
+    """Id → camera of the model in ``folder``; raises ``ValueError`` when two have one id."""
     content, cameras = (folder / "cameras.bin").read_bytes(), {}
     for offset in record_offsets(content, "cameras.bin"):
         camera_id, model, width, height = _CAMERA.unpack_from(content, offset)
+        if camera_id in cameras:
+            raise ValueError(f"two cameras have the id {camera_id}")
         cameras[camera_id] = pycolmap.Camera(
             model=pycolmap.CameraModelId(model),
             width=width,
@@ -47,10 +49,16 @@ def read_cameras(folder: Path) -> dict[int, pycolmap.Camera]:
 
 
 def read_posed_images(folder: Path) -> Iterator[PosedImage]:
-    """The images of the model in ``folder``; COLMAP writes those that have a pose."""
-    content = (folder / "images.bin").read_bytes()
+    """The images of the model in ``folder``; COLMAP writes those that have a pose.
+
+    Raises ``ValueError`` when two have one id.
+    """
+    content, ids = (folder / "images.bin").read_bytes(), set[int]()
     for offset in record_offsets(content, "images.bin"):
-        _, w, x, y, z, *translation, camera_id = _IMAGE.unpack_from(content, offset)
+        image_id, w, x, y, z, *translation, camera_id = _IMAGE.unpack_from(content, offset)
+        if image_id in ids:
+            raise ValueError(f"two images have the id {image_id}")
+        ids.add(image_id)
         start = offset + _IMAGE.size
         name = content[start : content.index(b"\0", start)].decode()
         rotation = pycolmap.Rotation3d(np.array([x, y, z, w]))
@@ -60,7 +68,7 @@ def read_posed_images(folder: Path) -> Iterator[PosedImage]:
 def read_points(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
     """Positions [P, 3], colours [P, 3] and mean reprojection errors [P] in px of the model's points."""
     content = (folder / "points3D.bin").read_bytes()
-    starts = np.array(record_offsets(content, "points3D.bin"), dtype=np.int64)
-    heads = np.frombuffer(content, dtype=np.uint8)[starts[:, None] + np.arange(_POINT.itemsize)]
-    points = heads.reshape(-1).view(_POINT)
+    starts = record_offsets(content, "points3D.bin")
+    heads = b"".join(content[start : start + _POINT.itemsize] for start in starts)
+    points = np.frombuffer(heads, dtype=_POINT)
     return points["xyz"].copy(), points["color"].copy(), points["error"].copy()

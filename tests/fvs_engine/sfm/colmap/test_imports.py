@@ -24,7 +24,7 @@ from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, write_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.views import AnyView
+from fvs_engine.views import AnyView, View
 
 
 def frame(name: str, x: float = 0.0) -> dict[str, Any]:
@@ -202,6 +202,21 @@ def test_an_image_without_its_camera_is_no_model(kermit_sfm: SfmResult, tmp_path
     file.write_bytes(content)
     with pytest.raises(StorageError, match="cannot be read"):
         read_colmap(tmp_path / "sparse")
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_two_records_of_one_id_are_no_model(tmp_path: Path, name: str) -> None:
+    cameras = (PinholeCamera(64, 48, 50.0, 50.0, 32.0, 24.0), PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0))
+    views = [View(f"{i}.jpg", camera, RigidTransform.identity()) for i, camera in enumerate(cameras)]
+    write_colmap(Reconstruction.of_views(views), tmp_path)
+    assert len(read_colmap(tmp_path).views) == 2
+    file = tmp_path / name
+    content = bytearray(file.read_bytes())
+    second = 8 + (len(content) - 8) // 2  # both records are of one length
+    content[second : second + 4] = content[8:12]
+    file.write_bytes(content)
+    with pytest.raises(StorageError, match="cannot be read"):
+        read_colmap(tmp_path)
 
 
 @pytest.fixture
