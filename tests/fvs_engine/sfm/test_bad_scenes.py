@@ -111,7 +111,8 @@ def test_thirty_photographs_of_a_wall(tmp_path: Path, tiles: int):
     photographs = photographed(tmp_path / "wall", World((wall,)), 30 * [DRONE], ALONG_THE_WALL)
     try:
         result = reconstructed(tmp_path, photographs)
-    except ReconstructionError:
+    except ReconstructionError as refused:
+        assert "photograph" in refused.hint.lower()
         return
     right = largest_error(result, centres(ALONG_THE_WALL)) < MAX_SHARE
     assert right or result.report.verdict == "doubtful"
