@@ -34,7 +34,7 @@ def test_a_long_answer_is_compressed_for_those_who_accept_it(many_scenes: Any) -
 def test_others_get_it_as_it_is(many_scenes: Any, accepted: str) -> None:
     response, content = raw(many_scenes, "/v1/scenes", accepted)
     assert "content-encoding" not in response.headers
-    assert "scene 11" in {scene["name"] for scene in json.loads(content)["items"]}
+    assert len(json.loads(content)["items"]) >= 12
 
 
 def test_short_answers_and_other_types_are_left_alone(gateway: Any) -> None:

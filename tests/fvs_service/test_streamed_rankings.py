@@ -74,7 +74,7 @@ def test_who_asks_the_same_later_gets_a_stream_of_its_own(scene: Scene) -> None:
         streams = [[json.loads(next(one).data)] for one in (first, second)]
         plain = threading.Thread(target=scene.ask, args=(30,))
         plain.start()
-        _until(lambda: len(scene.runner._requests._queue[0].askers) == 3)
+        _until(lambda: len(scene.runner._requests._queue[0].requesters) == 3)
         scene.scoring.may_end.set()
         for parts, rest in zip(streams, (first, second), strict=True):
             parts += _parts(rest)
