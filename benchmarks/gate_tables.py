@@ -56,7 +56,7 @@ class Case:
     pairs: Judged
     pairs_witness: Judged | None
     unlinked_witness: Judged | None
-    """By the witness, and neither links nor depths."""
+    """The gate with the witness, without links and depths."""
     without: Judged
     witness: Judged | None
     open: dict[str, Judged]

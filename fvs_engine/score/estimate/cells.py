@@ -27,7 +27,7 @@ PLANE = STRIDE * (MOST_CELLS + 2 * BORDER_Y)
 """Cells of a plane of the buffer: transmittance, red, green, blue."""
 
 LEAST_SEEN = F(1e-3)
-"""A splat of lower visibility contributes nothing that matters."""
+"""Visibility below which a splat is ignored."""
 SIGMAS = F(math.sqrt(8))
 """Radius, in standard deviations, within which a splat is spread over cells."""
 MOST_EIGHTH = SIGMAS * SIGMAS * F(1 / 16)

@@ -25,7 +25,7 @@ from fvs_engine.splat.raster.kernels.records import CENTER_X, CENTER_Y, OPACITY,
 Floats = NDArray[np.float32]
 
 FREQUENCIES = 32
-"""A constant of the loops: they become vector instructions."""
+"""Number of frequencies; a compile-time constant, so that the loops over them are vectorised."""
 SPACING = 0.125
 """Between two frequencies of the grid, in cycles/px."""
 SMOOTHING = F(8 * math.pi**2 * SPACING**2 / 12)

@@ -73,7 +73,7 @@ def register_guided(
 def _expected_poses(
     names: Sequence[str], priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
 ) -> dict[str, ExpectedPose]:
-    """Expected poses of the images to match: the first, and then those nearest to a registered camera."""
+    """Expected poses of the images to match: the first one, then those nearest to a registered camera."""
     expected = {
         name: pose
         for name in names

@@ -102,7 +102,7 @@ class Pilot:
             self.enter(Mode.LOITER, "its mission was replaced")
 
     def do(self, command: int, parameters: tuple[float, float, float, float]) -> bool:
-        """Do an instant command: turn, point the gimbal, photograph. False on the ground."""
+        """Execute an immediate command (turn, point the gimbal, photograph); returns False on the ground."""
         goal, first = self._goal, parameters[0]
         if goal is None:
             return False

@@ -38,7 +38,7 @@ ReadRequest: TypeAlias = Callable[[], PlanRequest]
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A plan before the runner makes it."""
+    """The validated input of a plan, which the runner then computes."""
 
     request: PlanRequest
     scene: SceneHead

@@ -168,7 +168,7 @@ class PlanViews(ModelRequest):
 
 
 class PlannedFlight(Record):
-    """A mission through views of a request, or through those ``generated`` for it, in the model frame."""
+    """A mission through the views of a request, or those ``generated`` for it, in the model frame."""
 
     mission: Mission
     generated: PackedViews = ()

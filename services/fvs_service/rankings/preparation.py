@@ -29,7 +29,7 @@ TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose |
 
 @dataclass(frozen=True)
 class PreparedRanking:
-    """A ranking before its candidates are scored.
+    """The validated input of a ranking, whose candidates the runner then scores.
 
     By id: the ``poses`` of the answer, and the distances. Whatever can be prepared before scoring is:
     afterwards it takes several times as long, because scoring has displaced the processor's caches.

@@ -23,7 +23,7 @@ _OURS = (Mode.HOLD, Mode.PAUSE)
 
 
 class Watch:
-    """Checks that all parts of a flight repeat."""
+    """Checks that are repeated in all phases of a flight."""
 
     def __init__(self, vehicle: Vehicle, settings: FlightSettings, log: FlightLog) -> None:
         self._vehicle, self._settings, self._log = vehicle, settings, log

@@ -59,7 +59,7 @@ class Checksum:
 
 
 class TusProtocol:
-    """Adds the version to every response to an upload, and supports ``X-HTTP-Method-Override``."""
+    """Add the tus version to every response to an upload, and support ``X-HTTP-Method-Override``."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
