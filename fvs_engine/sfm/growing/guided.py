@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.registration import ModelChange, register
+from fvs_engine.sfm.growing.registration import register
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, rename_over

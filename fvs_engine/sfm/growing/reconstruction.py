@@ -17,40 +17,22 @@ from fvs_engine.sfm.colmap.database import (
     image_ids,
     read_descriptors,
     require_sound_database,
-    verified_matches,
 )
-from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
-from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.localise import localise
-from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
-from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.registration import (
-    ModelChange,
-    not_registered,
-    reason_to_remap,
-    register,
-    remap,
-    start_again,
-)
+from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
+from fvs_engine.sfm.growing.step import step
 from fvs_engine.sfm.growing.update import PoseUpdate
-from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.features import add_features
-from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.positions import usable_priors
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
-_MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
-"""Number of new images, and ratio of new to registered ones, from which all images are mapped together."""
-
 _Messages = tuple[tuple[str, ...], Mapping[str, float]]
 """Warnings, and seconds per stage."""
 
@@ -191,8 +173,8 @@ class GrowingReconstruction:
         quarantined = set(self.quarantined)
         while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
             try:
-                step = self._grow if self.registered else self._bootstrap
-                warnings, seconds = step(monitor, priors)
+                advance = self._grow if self.registered else self._bootstrap
+                warnings, seconds = advance(monitor, priors)
             except CulpritError as culprit:
                 self._folder.sfm.quarantine.add(culprit)
                 self._take_out({culprit.name})
@@ -277,75 +259,30 @@ class GrowingReconstruction:
         self._open_retrieval().prepare(names)
         return result.report.warnings, result.report.seconds
 
-    def _grow(self, monitor: Monitor, given: PosePriors | None) -> _Messages:
+    def _grow(self, monitor: Monitor, priors: PosePriors | None) -> _Messages:
         stages = Stages(self._folder.sfm, self._settings, monitor)
-        current, following = self._folder.model(self.generation), self._folder.next_model
         usable = self._extract_features(stages)
-        take_back_guided_pairs(stages.folder.database, self.registered)
-        priors, frozen = usable_priors(given, stages.folder.database)
-        if len(self._state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(self.registered)):
-            match_features(stages, usable, given)
-            new = [name for name in self.unregistered if name in set(usable)]
-            decided = veto(stages, current, new, priors)
-            change = start_again(stages, self._image_dir, self._state, decided.priors, current, following)
-            if change.changed:
-                return self._commit_all(stages, change, (*frozen, *decided.ignored))
-            stages.warnings.extend(change.warnings)
-        candidates = self._match_unregistered(stages, usable, priors)
-        decided = veto(stages, current, candidates, priors)
-        priors, ignored = decided.priors, (*frozen, *decided.ignored)
-        news = [sentence for sentence in ignored if sentence not in self._state.priors_ignored]
-        news += [
-            not_registered(name, reason)
-            for name, reason in decided.without_pairs.items()
-            if name not in self._state.rejected
-        ]
-        rejected = self._state.rejected | decided.without_pairs
-        state = self._state.model_copy(update={"rejected": rejected})
-        change = register(
+        done = step(
             stages,
             self._image_dir,
-            state,
-            candidates,
+            self._folder,
+            self._state,
+            self.reconstruction,
+            usable,
+            self._open_retrieval(),
             priors,
-            current,
-            following,
-            informative=decided.informative,
         )
-        change = guide(stages, self._image_dir, change, usable, priors, current, self._folder)
-        warnings = (*news, *stages.warnings, *change.warnings)
-        changed = change.changed
-        matching = self._count_matching_unregistered(change.state)
-        reason = reason_to_remap(change.state, change.match_support, matching, self._settings)
-        if reason is not None:
-            model_dir = following if changed else current
-            change = remap(stages, self._image_dir, change.state, priors, model_dir, following)
-            changed = changed or change.changed
-            replaced = f"A re-map by {change.mapper} mapping replaced the current model."
-            lines = (replaced, *change.warnings) if change.mapper else change.warnings
-            warnings = (*warnings, *(f"{reason} {line}" for line in lines))
-        state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
-        if changed:
-            self._commit(state)
+        if done.from_all:
+            self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
+            self._retrieval = None
+        if done.changed:
+            self._commit(done.state)
         else:
-            self._folder.save(state)
-            self._state = state
-        return still_true(warnings, state), stages.seconds
-
-    def _commit_all(self, stages: Stages, change: ModelChange, frozen: tuple[str, ...]) -> _Messages:
-        """Commit a model that was made of all images together."""
-        news = (sentence for sentence in frozen if sentence not in self._state.priors_ignored)
-        warnings = (*news, *stages.warnings, *change.warnings)
-        images = len(change.state.images)
-        self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
-        self._retrieval = None
-        self._commit(
-            change.state.model_copy(
-                update={"pending": (), "priors_ignored": frozen, "bootstrap_images": images}
-            )
-        )
-        self._open_retrieval().prepare(list(change.state.images))
-        return warnings, stages.seconds
+            self._folder.save(done.state)
+            self._state = done.state
+        if done.from_all:
+            self._open_retrieval().prepare(list(done.state.images))
+        return done.warnings, stages.seconds
 
     def _take_out(self, names: Collection[str]) -> None:
         """Remove images from the state, the model and, once that is committed, the database."""
@@ -375,30 +312,6 @@ class GrowingReconstruction:
         if blank:
             stages.warnings.append(f"No features could be found in {', '.join(blank)}.")
         return [name for name in names if features.get(name, 0) > 0]
-
-    def _match_unregistered(self, stages: Stages, usable: Sequence[str], priors: PosePriors) -> list[str]:
-        """Match the unregistered ones of the ``usable`` images; returns those that match anything."""
-        current = self.reconstruction
-        unregistered = [name for name in self.unregistered if name in set(usable)]
-        match_with_neighbours(
-            stages,
-            unregistered,
-            usable,
-            current.centres(),
-            self._open_retrieval(),
-            predicted=predicted_neighbours(unregistered, priors, current),
-        )
-        pairs = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
-        matched = {name for pair in pairs for name in pair}
-        return [name for name in unregistered if name in matched]
-
-    def _count_matching_unregistered(self, state: GrowthState) -> int:
-        """The number of unregistered images that match registered ones."""
-        unregistered, registered = set(state.unregistered), set(state.registered)
-        pairs = verified_matches(self._folder.sfm.database, MIN_PAIR_MATCHES)
-        return len(
-            {a for pair in pairs for a, b in (pair, pair[::-1]) if a in unregistered and b in registered}
-        )
 
     def _open_retrieval(self) -> ImageRetrieval:
         if self._retrieval is None:

@@ -20,7 +20,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_ids, pair_number, verified_matches
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide, still_true
-from fvs_engine.sfm.growing.registration import ModelChange
+from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided

@@ -24,10 +24,10 @@ from fvs_engine.geometry import angle_between, umeyama
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import stages as stages_module
-from fvs_engine.sfm.growing import reconstruction as reconstruction_module
 from fvs_engine.sfm.growing import registration as registration_module
+from fvs_engine.sfm.growing import step as step_module
+from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.growing.registration import ModelChange
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.growing.veto import Veto, veto
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -66,7 +66,7 @@ def test_many_new_images_are_reconstructed_with_the_first_ones_in_their_frame(
         tested.append(names)
         return veto(run, model_dir, names, priors)
 
-    monkeypatch.setattr(reconstruction_module, "veto", veto_of)
+    monkeypatch.setattr(step_module, "veto", veto_of)
     vocabulary_of_first = (folder / "words.npz").read_bytes()
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     update = growing.add(NAMES, Monitor(lambda progress: stages.add(progress.stage)))
@@ -106,9 +106,9 @@ def test_nothing_is_said_of_an_image_that_a_remap_registers_after_all(
         posed = [*state.registered, NEXT]
         return ModelChange(state.with_poses(posed, len(posed), state.adjusted_points), mapper="global")
 
-    monkeypatch.setattr(reconstruction_module, "register", register)
-    monkeypatch.setattr(reconstruction_module, "remap", remap)
-    monkeypatch.setattr(reconstruction_module, "reason_to_remap", lambda *_: "It is due.")
+    monkeypatch.setattr(step_module, "register", register)
+    monkeypatch.setattr(step_module, "remap", remap)
+    monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: "It is due.")
     update = growing.add([NEXT, FAR], Monitor())
     assert update.warnings[0] == f"{FAR} is not registered: x."
     assert not any(line.startswith(NEXT) for line in update.warnings)

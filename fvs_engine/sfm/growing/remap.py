@@ -1,0 +1,185 @@
+"""Models of all images together, which may replace the model of a growing reconstruction."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pycolmap
+
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import align_poses
+from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_evidence, registered_names
+from fvs_engine.sfm.batch.reconstruct import map_images, model_warnings
+from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
+from fvs_engine.sfm.growing.model_change import ModelChange
+from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.settings import GateSettings, SfmSettings
+from fvs_engine.sfm.stages import Stages, fresh_folder
+from fvs_engine.sfm.verification.gate import Candidate, Judgement, agree, decide
+
+_CURRENT = "current"
+"""Used instead of a mapper's name for the grown model."""
+
+_MIN_GAIN = 1.02
+"""Factor by which a new model must explain more matches than the current one to replace it."""
+
+
+def reason_to_remap(
+    state: GrowthState, match_support: float | None, unregistered: int, settings: SfmSettings
+) -> str | None:
+    """Why a re-map is due, None if it is not.
+
+    ``unregistered`` counts the images that match registered ones and have no pose. A re-map costs as much as
+    a new reconstruction, less features and matches: it is not repeated before the images have grown by a
+    share.
+    """
+    growth = settings.growth
+    if len(state.images) < (1.0 + growth.remap_every) * state.mapped_images:
+        return None
+    if match_support is not None and match_support < state.mapped_support - growth.max_support_loss:
+        return f"Match support fell from {state.mapped_support:.1%} to {match_support:.1%}."
+    if unregistered > 0 and unregistered >= growth.max_unregistered * len(state.registered):
+        return f"{unregistered} images that match registered ones are unregistered."
+    return None
+
+
+def remap(
+    stages: Stages,
+    image_dir: Path,
+    state: GrowthState,
+    priors: PosePriors,
+    model_dir: Path,
+    out_dir: Path,
+) -> ModelChange:
+    """Run the mappers again on all images; the gate chooses between their models and that in ``model_dir``.
+
+    A new model that is chosen is aligned with the current one and written to ``out_dir``.
+    """
+    names, evidence, mapped = _map_all(stages, image_dir, state, priors)
+    current = open_colmap(model_dir)
+    scenes = [_as_scene(stages, current, evidence), *mapped]
+    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
+    chosen = decision.chosen or 0
+    if chosen > 0 and decision.judgements[0].verdict != "rejected":
+        better = _is_better(scenes[chosen], scenes[0], evidence, stages.settings.gate)
+        chosen = chosen if better else 0
+    state = _mapped(state, scenes[chosen])
+    if chosen == 0:
+        reasons = " ".join(decision.judgements[0].reasons)
+        doubt = decision.judgements[0].verdict != "accepted"
+        warnings = (f"The re-map found no better model. DOUBTFUL CAMERAS: {reasons}",) if doubt else ()
+        return ModelChange(state, match_support=_match_support(scenes[0]), warnings=warnings)
+    return _replace(state, current, scenes[chosen], names, decision.warnings, out_dir)
+
+
+def start_again(
+    stages: Stages,
+    image_dir: Path,
+    state: GrowthState,
+    priors: PosePriors,
+    model_dir: Path,
+    out_dir: Path,
+) -> ModelChange:
+    """Map all images together, as if there were no model, and align the result with that in ``model_dir``.
+
+    The gate judges the new models alone: a model of few images, which may be wrong, must not count against
+    them. The current model stays when the gate rejects them, or when they explain fewer matches; an accepted
+    one also stays when the new one is doubtful and no better.
+    """
+    names, evidence, scenes = _map_all(stages, image_dir, state, priors)
+    gate = stages.settings.gate
+    decision = decide([scene.candidate for scene in scenes], gate)
+    current = open_colmap(model_dir)
+    if decision.chosen is None:
+        return ModelChange(state, warnings=(_kept("was rejected", decision.judgements),))
+    chosen = scenes[decision.chosen]
+    if _explained(chosen) < evidence.matches_explained(current, set(registered_names(current))):
+        return ModelChange(state)
+    doubtful = decision.judgements[decision.chosen]
+    if doubtful.verdict != "accepted":
+        before = _as_scene(stages, current, evidence)
+        (judgement,) = decide([before.candidate], gate).judgements
+        if judgement.verdict == "accepted" and not _is_better(chosen, before, evidence, gate):
+            return ModelChange(state, warnings=(_kept("is doubtful and no better", (doubtful,)),))
+    return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
+
+
+def _kept(why: str, judgements: Sequence[Judgement]) -> str:
+    """The warning that a model of all images did not replace the current one."""
+    reasons = dict.fromkeys(reason for judgement in judgements for reason in judgement.reasons)
+    return f"A model of all images together {why}, so the current one stays: {' '.join(reasons)}"
+
+
+def _map_all(
+    stages: Stages, image_dir: Path, state: GrowthState, priors: PosePriors
+) -> tuple[list[str], ModelEvidence, list[MappedScene]]:
+    """The images' names, the evidence on them, and the mappers' models."""
+    names = stages.open(
+        image_dir, list(state.images), 2, growing=True
+    )  # deletes the mappers' models of fewer images
+    evidence = read_model_evidence(stages, priors, image_dir)
+    return names, evidence, map_images(stages, image_dir, len(names), evidence)
+
+
+def _mapped(state: GrowthState, kept: MappedScene) -> GrowthState:
+    """``state`` with the number of mapped images and the match support of the model that was kept."""
+    support = _match_support(kept)
+    mapped_support = state.mapped_support if support is None else support
+    return state.model_copy(update={"mapped_images": len(state.images), "mapped_support": mapped_support})
+
+
+def _replace(
+    state: GrowthState,
+    current: pycolmap.Reconstruction,
+    chosen: MappedScene,
+    names: Sequence[str],
+    warnings: Sequence[str],
+    out_dir: Path,
+) -> ModelChange:
+    """Align the ``chosen`` model with the current one and write it."""
+    model, support = chosen.model, _match_support(chosen)
+    try:
+        alignment = align_poses(camera_poses(model), camera_poses(current))
+    except InvalidInputError:
+        warning = "A model of all images shares too few cameras with the current one to be aligned with it."
+        return ModelChange(state, match_support=support, warnings=(warning,))
+    move(model, alignment)
+    model.write_binary(fresh_folder(out_dir))
+    posed = set(registered_names(model))
+    return ModelChange(
+        state.with_poses([name for name in names if name in posed], len(posed), model.num_points3D()),
+        changed=True,
+        mapper=chosen.candidate.mapper,
+        match_support=support,
+        warnings=(*warnings, *model_warnings(names, chosen)),
+    )
+
+
+def _match_support(scene: MappedScene) -> float | None:
+    return None if scene.candidate.evidence is None else scene.candidate.evidence.match_support
+
+
+def _as_scene(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvidence) -> MappedScene:
+    centres = {name: pose.translation for name, pose in camera_poses(model).items()}
+    return MappedScene(model, Candidate(_CURRENT, centres, evidence.of(model, stages.monitor)), ())
+
+
+def _is_better(
+    new: MappedScene, current: MappedScene, evidence: ModelEvidence, settings: GateSettings
+) -> bool:
+    """Whether the new model explains enough more matches to replace the current one.
+
+    When the two models contradict each other, one is wrong, not necessarily that with fewer images: then only
+    the matches between images of both count.
+    """
+    agreement = agree(current.candidate, new.candidate)
+    if agreement is not None and agreement.median_share <= settings.max_disagreement:
+        return _explained(new) >= _MIN_GAIN * _explained(current)
+    shared = new.candidate.centres.keys() & current.candidate.centres.keys()
+    ours, theirs = (evidence.matches_explained(scene.model, shared) for scene in (new, current))
+    return ours >= _MIN_GAIN * theirs
+
+
+def _explained(scene: MappedScene) -> float:
+    evidence = scene.candidate.evidence
+    return evidence.match_support * evidence.matches if evidence is not None else 0.0

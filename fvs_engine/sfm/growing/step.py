@@ -1,0 +1,133 @@
+"""One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvs_engine.sfm.colmap.database import verified_matches
+from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
+from fvs_engine.sfm.growing.guided import guide, still_true
+from fvs_engine.sfm.growing.model_change import ModelChange
+from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
+from fvs_engine.sfm.growing.overlap import predicted_neighbours
+from fvs_engine.sfm.growing.registration import not_registered, register
+from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.growing.veto import veto
+from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.positions import usable_priors
+
+_MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
+"""Number of new images, and ratio of new to registered ones, from which all images are mapped together."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state after a step, to be committed.
+
+    ``changed``: the folder's next model is the new one; ``from_all``: it was made of all images together.
+    """
+
+    state: GrowthState
+    changed: bool
+    warnings: tuple[str, ...]
+    from_all: bool = False
+
+
+def step(
+    stages: Stages,
+    image_dir: Path,
+    folder: GrowthFolder,
+    state: GrowthState,
+    current: Reconstruction,
+    usable: Sequence[str],
+    retrieval: ImageRetrieval,
+    given: PosePriors | None,
+) -> Step:
+    """Register those of the ``usable`` images (with features) that have no pose in the ``current`` model.
+
+    ``given``: pose priors, see ``GrowingReconstruction.add``.
+    """
+    database, model_dir, following = stages.folder.database, folder.model(state.generation), folder.next_model
+    unregistered = [name for name in state.unregistered if name in set(usable)]
+    take_back_guided_pairs(database, state.registered)
+    priors, frozen = usable_priors(given, database)
+    if len(state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(state.registered)):
+        match_features(stages, usable, given)
+        decided = veto(stages, model_dir, unregistered, priors)
+        change = start_again(stages, image_dir, state, decided.priors, model_dir, following)
+        if change.changed:
+            return _from_all(stages, state, change, (*frozen, *decided.ignored))
+        stages.warnings.extend(change.warnings)
+    candidates = _match(stages, unregistered, usable, current, retrieval, priors)
+    decided = veto(stages, model_dir, candidates, priors)
+    priors, ignored = decided.priors, (*frozen, *decided.ignored)
+    news = [sentence for sentence in ignored if sentence not in state.priors_ignored]
+    news += [
+        not_registered(name, reason)
+        for name, reason in decided.without_pairs.items()
+        if name not in state.rejected
+    ]
+    change = register(
+        stages,
+        image_dir,
+        state.model_copy(update={"rejected": state.rejected | decided.without_pairs}),
+        candidates,
+        priors,
+        model_dir,
+        following,
+        informative=decided.informative,
+    )
+    change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
+    warnings = (*news, *stages.warnings, *change.warnings)
+    changed = change.changed
+    matching = _count_matching_unregistered(database, change.state)
+    reason = reason_to_remap(change.state, change.match_support, matching, stages.settings)
+    if reason is not None:
+        grown = following if changed else model_dir
+        change = remap(stages, image_dir, change.state, priors, grown, following)
+        changed = changed or change.changed
+        replaced = f"A re-map by {change.mapper} mapping replaced the current model."
+        lines = (replaced, *change.warnings) if change.mapper else change.warnings
+        warnings = (*warnings, *(f"{reason} {line}" for line in lines))
+    state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
+    return Step(state, changed, still_true(warnings, state))
+
+
+def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored: tuple[str, ...]) -> Step:
+    """The step to a model that was made of all images together."""
+    news = (sentence for sentence in ignored if sentence not in before.priors_ignored)
+    update = {"pending": (), "priors_ignored": ignored, "bootstrap_images": len(change.state.images)}
+    return Step(
+        change.state.model_copy(update=update),
+        changed=True,
+        warnings=(*news, *stages.warnings, *change.warnings),
+        from_all=True,
+    )
+
+
+def _match(
+    stages: Stages,
+    unregistered: Sequence[str],
+    usable: Sequence[str],
+    current: Reconstruction,
+    retrieval: ImageRetrieval,
+    priors: PosePriors,
+) -> list[str]:
+    """Match the ``unregistered`` images; returns those that match anything."""
+    predicted = predicted_neighbours(unregistered, priors, current)
+    match_with_neighbours(stages, unregistered, usable, current.centres(), retrieval, predicted=predicted)
+    pairs = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
+    matched = {name for pair in pairs for name in pair}
+    return [name for name in unregistered if name in matched]
+
+
+def _count_matching_unregistered(database: Path, state: GrowthState) -> int:
+    """The number of unregistered images that match registered ones."""
+    unregistered, registered = set(state.unregistered), set(state.registered)
+    pairs = verified_matches(database, MIN_PAIR_MATCHES)
+    return len({a for pair in pairs for a, b in (pair, pair[::-1]) if a in unregistered and b in registered})
