@@ -89,7 +89,7 @@ class Service:
 
 
 class Relay:
-    """TCP between a ground station and the vehicle, which can be cut and mended."""
+    """TCP between a ground station and the vehicle, which can be cut and restored."""
 
     def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -101,7 +101,7 @@ class Relay:
         """Pass nothing on: what is sent is lost, as over radio."""
         self._cut.set()
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """Pass on what is sent from now on."""
         self._cut.clear()
 
@@ -260,7 +260,7 @@ def _break(
         case "link interrupted":
             relay.cut()
             time.sleep(chance.uniform(*AWAY_S))
-            relay.mend()
+            relay.restore()
 
 
 def _wait_for_photographs(log: Path, count: int, program: "subprocess.Popen[bytes]") -> None:

@@ -1,4 +1,4 @@
-"""The doctor finds what crashes leave behind, mends it, and touches nothing else."""
+"""The doctor finds what crashes leave behind, repairs it, and touches nothing else."""
 
 import dataclasses
 import os
@@ -49,11 +49,11 @@ def _kinds(gateway: Any, grace: timedelta = NONE) -> list[str]:
     return [finding.kind for finding in examine(gateway.application.storage, grace)]
 
 
-def _mend(gateway: Any) -> None:
+def _repair(gateway: Any) -> None:
     for _ in range(2):  # what a deletion leaves is removed in a second examination
         for finding in examine(gateway.application.storage, NONE):
-            finding.mend()
-            finding.mend()
+            finding.repair()
+            finding.repair()
 
 
 def _scene(gateway: Any) -> str:
@@ -73,7 +73,7 @@ def test_what_was_deleted_and_waits_for_its_removal_is_no_finding(gateway: Any) 
     assert _kinds(gateway) == []
 
 
-def test_every_orphan_is_found_and_mended(gateway: Any) -> None:
+def test_every_orphan_is_found_and_repaired(gateway: Any) -> None:
     storage, scene = gateway.application.storage, _scene(gateway)
     for key in (
         *(f"scenes/{scene}/images/{'0' * 64}", f"scenes/{scene}/artifacts/{'0' * 64}"),
@@ -99,7 +99,7 @@ def test_every_orphan_is_found_and_mended(gateway: Any) -> None:
     time.sleep(0.05)
     assert _kinds(gateway) == found
     assert _kinds(gateway, timedelta(hours=1)) == ["jobs of no worker"], "new ones may be in progress"
-    _mend(gateway)
+    _repair(gateway)
     assert _kinds(gateway) == []
     assert gateway.client.get(f"/v1/scenes/{scene}").status_code == 200
 
@@ -120,7 +120,7 @@ def test_images_without_bytes_are_forgotten_and_can_be_sent_again(gateway: Any, 
         file.unlink()
     assert gateway.put(scene, photograph(1)).status_code == 200, "the bytes are thought to be there"
     assert _kinds(gateway) == ["image without blob"]
-    _mend(gateway)
+    _repair(gateway)
     assert gateway.put(scene, photograph(1)).status_code == 201
     assert _kinds(gateway) == []
 
@@ -132,7 +132,7 @@ def test_a_broken_current_snapshot_gives_way_to_the_newest_whole_one(gateway: An
     sha256 = next(one["sha256"] for one in broken["artifacts"] if one["name"] == "point_cloud.ply")
     gateway.application.storage.blobs.remove(f"scenes/{scene}/artifacts/{sha256}")
     assert _kinds(gateway) == ["snapshot without blob"]
-    _mend(gateway)
+    _repair(gateway)
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"] == whole
     assert gateway.client.get(f"/v1/snapshots/{broken['id']}").status_code == 404
     ranked = gateway.client.post(
@@ -157,7 +157,7 @@ def test_the_command_says_what_it_finds_and_mends_only_when_asked(gateway: Any) 
         found = run()
         assert (found.exit_code, orphan.exists()) == (13, True)
         assert str(orphan) in found.stdout
-    assert run("--mend").exit_code == 13
+    assert run("--repair").exit_code == 13
     assert (run().exit_code, orphan.exists()) == (0, False)
 
 
@@ -205,7 +205,7 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
 
 
 @pytest.mark.parametrize("lost", ["blobs", "database"])
-def test_a_database_and_a_store_that_do_not_know_each_other_are_not_mended(gateway: Any, lost: str) -> None:
+def test_a_database_and_a_store_that_do_not_know_each_other_stay_as_they_are(gateway: Any, lost: str) -> None:
     scene, storage = _scene(gateway), gateway.application.storage
     if lost == "blobs":
         for blob in list(storage.blobs.below(f"scenes/{scene}/images/")):
@@ -219,7 +219,7 @@ def test_a_database_and_a_store_that_do_not_know_each_other_are_not_mended(gatew
     assert "restore a backup" in trouble.hint
 
 
-def test_a_store_of_another_database_is_neither_served_nor_mended(
+def test_a_store_of_another_database_is_neither_served_nor_repaired(
     gateway: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each knows some images in the store, and those of the other would be blobs without rows."""
@@ -235,9 +235,9 @@ def test_a_store_of_another_database_is_neither_served_nor_mended(
     app = Typer()
     add_commands(app)
     root = str(gateway.settings.root)
-    mended = CliRunner().invoke(app, ["doctor", "--root", root, "--grace", "0", "--mend"])
-    assert mended.exit_code == 13
-    assert "belongs to another database" in mended.stdout
+    repaired = CliRunner().invoke(app, ["doctor", "--root", root, "--grace", "0", "--repair"])
+    assert repaired.exit_code == 13
+    assert "belongs to another database" in repaired.stdout
     served = CliRunner().invoke(app, ["serve", "--root", root, "--port", "0"])
     assert served.exit_code != 0
     assert "belongs to another database" in served.stderr

@@ -77,7 +77,7 @@ def test_a_database_without_a_schema_stays_as_it_is(root: Path) -> None:
     before = _state(root)
     assert "has no schema" in _fvs("keys", "list", "--root", str(root)).stderr
     assert _state(root) == before
-    assert "has no schema" not in _fvs("doctor", "--mend", "--root", str(root)).stderr
+    assert "has no schema" not in _fvs("doctor", "--repair", "--root", str(root)).stderr
     assert _fvs("keys", "list", "--root", str(root)).exit_code == 0
 
 

@@ -18,8 +18,8 @@ _EXIT_FOUND = 13
 
 
 def doctor(
-    mend: Annotated[
-        bool, typer.Option("--mend", help="Repair what is found instead of only reporting it.")
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair what is found instead of only reporting it.")
     ] = False,
     grace: Annotated[
         float,
@@ -34,7 +34,7 @@ def doctor(
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
     of lost workers, and says whether the extra aliked is installed. Without a database that answers it
     examines what needs none. It may run beside the service.
-    Without --mend it changes nothing. The exit status is 0 when nothing is found, else 13.
+    Without --repair it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
     from fvs_service.application import open_existing_storage
@@ -48,20 +48,20 @@ def doctor(
     age = timedelta(seconds=grace)
     with failures_as_messages(_EXIT_FOUND), contextlib.ExitStack() as opened:
         try:
-            storage = opened.enter_context(open_existing_storage(settings, migrate=mend))
+            storage = opened.enter_context(open_existing_storage(settings, migrate=repair))
         except StorageUnavailableError as error:
             _show(troubles_without_database(settings, error))
-            _report(examine_without_database(settings, age), mend=mend)
+            _report(examine_without_database(settings, age), repair=repair)
             typer.echo("Everything else needs the database, and was not examined.", err=True)
             raise typer.Exit(_EXIT_FOUND) from error
         wrong = _show(troubles(storage))
         if any(trouble.serious for trouble in wrong):
             raise typer.Exit(_EXIT_FOUND)
-        found = _report(examine(storage, age), mend=mend)
-    typer.echo(f"{found} found{', and mended' if found and mend else ''}", err=True)
+        found = _report(examine(storage, age), repair=repair)
+    typer.echo(f"{found} found{', and repaired' if found and repair else ''}", err=True)
     if found or wrong:
-        if found and not mend:
-            typer.echo("Run it again with --mend to mend them.", err=True)
+        if found and not repair:
+            typer.echo("Run it again with --repair to repair them.", err=True)
         raise typer.Exit(_EXIT_FOUND)
 
 
@@ -74,12 +74,12 @@ def _show(troubles: "Iterable[Trouble]") -> "tuple[Trouble, ...]":
     return tuple(found)
 
 
-def _report(findings: "Iterable[Finding]", *, mend: bool) -> int:
-    """Print, and perhaps mend, each finding; returns their number."""
+def _report(findings: "Iterable[Finding]", *, repair: bool) -> int:
+    """Print, and perhaps repair, each finding; returns their number."""
     found = 0
     for finding in findings:
         found += 1
-        if mend:
-            finding.mend()
-        typer.echo(f"{finding.kind}: {finding.what} ({'did' if mend else 'would'}: {finding.remedy})")
+        if repair:
+            finding.repair()
+        typer.echo(f"{finding.kind}: {finding.what} ({'did' if repair else 'would'}: {finding.remedy})")
     return found

@@ -1,1 +1,1 @@
-"""``fvs doctor``: finds what crashes, full disks and restored backups leave behind, and mends it."""
+"""``fvs doctor`` finds and repairs what crashes, full disks and restored backups leave behind."""

@@ -19,7 +19,7 @@ from fvs_service.storage.tables import (
     SnapshotRow,
 )
 
-_MENDED = "mended"
+_REPAIRED = "repaired"
 """The reason of a deletion in its event."""
 
 
@@ -144,4 +144,4 @@ def _drop_snapshot(storage: Storage, scene_id: str, snapshot_id: str) -> None:
             .values(snapshot_id=newest)
         )
         if session.get(SnapshotRow, snapshot_id) is not None:
-            rows.delete_snapshot(session, scene_id, snapshot_id, _MENDED, timedelta(0))
+            rows.delete_snapshot(session, scene_id, snapshot_id, _REPAIRED, timedelta(0))

@@ -27,7 +27,7 @@ _SAMPLE = 100
 
 @dataclass(frozen=True)
 class Trouble:
-    """A fault that only an operator can mend; while a ``serious`` one lasts, blobs cannot be examined."""
+    """A fault that only an operator can repair; while a ``serious`` one lasts, blobs cannot be examined."""
 
     what: str
     hint: str
@@ -35,7 +35,7 @@ class Trouble:
 
 
 def _another_store(storage: Storage) -> Iterator[Trouble]:
-    """A blob store that has none of the database's images: mending would delete the rows of all."""
+    """A blob store that has none of the database's images: repairing would delete the rows of all."""
     with storage.database.reading() as session:
         query = select(ImageRow.scene_id, ImageRow.sha256).where(ImageRow.verdict == "accepted")
         images = session.execute(query.limit(_SAMPLE)).all()

@@ -109,7 +109,7 @@ class Database:
             schema = f"version {version} of the schema" if version else "no schema"
             raise IncompatibleDatabaseError(
                 f"The database has {schema}, and this program needs version {KNOWN_VERSIONS[-1]}.",
-                hint="Back it up. Then fvs serve migrates it when it starts, as does fvs doctor --mend.",
+                hint="Back it up. Then fvs serve migrates it when it starts, as does fvs doctor --repair.",
             )
 
     @contextmanager

@@ -80,9 +80,9 @@ def test_the_gateway_knows_all_methods_of_the_engine() -> None:
 
 
 def test_errors_keep_their_kind_on_the_wire() -> None:
-    error = error_of(failure_of(InvalidInputError("Wrong.", hint="Mend it.")))
+    error = error_of(failure_of(InvalidInputError("Wrong.", hint="Correct it.")))
     assert isinstance(error, InvalidRequestError)
-    assert (error.message, error.hint) == ("Wrong.", "Mend it.")
+    assert (error.message, error.hint) == ("Wrong.", "Correct it.")
     assert isinstance(error_of(failure_of(UnavailableError("Later."))), UnavailableError)
     defect = error_of(failure_of(ZeroDivisionError("oops")))
     assert (defect.code, defect.message) == ("internal", "The service failed.")
