@@ -364,8 +364,6 @@ class SelectionLoop:
             choice = choice.model_copy(update={"before_db": psnr_of(self.scene, before, choice.chosen)})
             self._folder.write_step(choice, None)
         train_s = self._train(monitor)
-        if choice.chosen in self.scene.unregistered and not any(choice.chosen in line for line in warnings):
-            warnings += (f"{choice.chosen} overlaps the registered images too little to be registered yet.",)
         return StepRecord(
             choice=choice,
             views=len(self.visited) + 1,

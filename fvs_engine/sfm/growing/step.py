@@ -1,9 +1,10 @@
 """One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fvs_engine.images.names import listed
 from fvs_engine.sfm.colmap.database import verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.guided import guide, still_true
@@ -94,6 +95,8 @@ def step(
         replaced = f"A re-map by {change.mapper} mapping replaced the current model."
         lines = (replaced, *change.warnings) if change.mapper else change.warnings
         warnings = (*warnings, *(f"{reason} {line}" for line in lines))
+    new = [name for name in state.pending if name in usable and not any(name in line for line in warnings)]
+    warnings = (*warnings, *_unregistered(new, candidates, change.state))
     state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
     return Step(state, changed, still_true(warnings, state))
 
@@ -108,6 +111,16 @@ def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored:
         warnings=(*news, *stages.warnings, *change.warnings),
         from_all=True,
     )
+
+
+def _unregistered(new: Sequence[str], matched: Sequence[str], state: GrowthState) -> Iterator[str]:
+    """Why those of the ``new`` images without a pose have none, and the remedy."""
+    left = [name for name in new if name in set(state.unregistered)]
+    remedy = "Photograph what lies between them and the others."
+    if unmatched := [name for name in left if name not in matched]:
+        yield f"Unregistered, as they match no other image: {listed(unmatched)}. {remedy}"
+    if few := [name for name in left if name in matched]:
+        yield f"Unregistered, as too few of their matches are of points in the model: {listed(few)}. {remedy}"
 
 
 def _match(

@@ -373,7 +373,7 @@ def test_a_photograph_that_shares_too_little_waits_and_is_named(yard: Dataset, t
     assert record.chosen == "0007.jpg"
     assert (record.registered, record.unregistered, record.iterations) == (4, 1, 20)
     (warning,) = record.warnings
-    assert "0007.jpg overlaps the registered images too little" in warning
+    assert "match no other image: 0007.jpg" in warning
 
 
 def test_initial_views_that_do_not_overlap_are_refused(yard: Dataset, tmp_path: Path) -> None:

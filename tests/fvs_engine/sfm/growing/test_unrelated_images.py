@@ -36,8 +36,9 @@ def test_strangers_and_collages_are_not_registered(
     update = growing.add(misleading, Monitor())
     assert update.registered == ()
     assert update.unregistered == tuple(misleading)
-    (warning,) = update.warnings
-    assert "collage.jpg is not registered" in warning
+    collage, stranger = update.warnings
+    assert "collage.jpg is not registered" in collage
+    assert "match no other image: stranger-0.jpg. Photograph what lies between" in stranger
     assert growing.generation == 1
 
 
