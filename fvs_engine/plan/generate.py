@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at_from_each
 from fvs_engine.geometry.validation import finite_array
-from fvs_engine.plan.clearance import FreeSpace, Matter
+from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.sample import even_sample
 from fvs_engine.plan.volumes import AnyVolume
 from fvs_engine.views import PinholeView
 
@@ -97,7 +98,7 @@ class _Stages:
             self._target = space.matter.middle
         elif aim.target != "nearest":
             raise InvalidInputError("Candidates aim at a target, at 'middle' or at 'nearest'.")
-        self._shown = _even_share(space.matter)
+        self._shown = space.matter.centres[even_sample(len(space.matter), _MOST_SHOWN)]
         self.left = {"no-fly": 0, "reach": 0, "matter": 0}
 
     def kept(self, positions: Array, most: int) -> tuple[list[int], list[RigidTransform]]:
@@ -171,10 +172,3 @@ class _Stages:
         u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
         inside = (z > 0.0) & (u >= 0.0) & (u <= camera.width * z) & (v >= 0.0) & (v <= camera.height * z)
         return bool(inside.any())
-
-
-def _even_share(matter: Matter) -> Array:
-    """At most ``_MOST_SHOWN`` centres of matter, drawn evenly and always the same."""
-    if len(matter) <= _MOST_SHOWN:
-        return matter.centres
-    return matter.centres[np.random.default_rng(0).choice(len(matter), _MOST_SHOWN, replace=False)]

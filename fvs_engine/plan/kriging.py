@@ -14,6 +14,7 @@ from scipy.linalg import solve_triangular
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.distances import distances_between
+from fvs_engine.plan.sample import even_sample
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -50,7 +51,7 @@ class TargetVariance:
             raise InvalidInputError("Targets need one weight each, of at least 0.")
         if shares.sum() == 0:
             raise InvalidInputError("All targets have a weight of 0.", hint="Give one of them more.")
-        self._used = used = _even_share(
+        self._used = used = even_sample(
             len(targets), min(_MOST_TARGETS, _MOST_PRODUCTS // max(1, len(candidates)))
         )
         targets, shares = targets[used], shares[used]
@@ -132,10 +133,3 @@ def _factor(visited: Array) -> Array:
 def _solve(factor: Array, right: Array) -> Array:
     """``factor``⁻¹ ``right`` for a lower triangle."""
     return np.asarray(solve_triangular(factor, right, lower=True)) if len(factor) else right
-
-
-def _even_share(count: int, most: int) -> NDArray[np.int64]:
-    """Indices of at most ``most`` of ``count``, drawn evenly and always the same."""
-    if count <= most:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(0).choice(count, max(1, most), replace=False))

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.plan.sample import even_sample
 from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]
@@ -52,7 +53,8 @@ class Familiarity:
 
     def __init__(self, observations: Observations, candidates: Sequence[PinholeView]) -> None:
         most = min(_MOST_POINTS, _MOST_PRODUCTS // max(1, len(candidates)))
-        used, self._share = _share(len(observations.points), most)
+        used = even_sample(len(observations.points), most)
+        self._share = len(used) / len(observations.points) if len(used) else 1.0
         self._points = observations.points[used]
         self._centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
         number = np.full(len(observations.points), -1)
@@ -160,10 +162,3 @@ def _comparable(lengths: Array, others: Array) -> Mask:
     """Whether two distances to a point are similar enough for its features to match."""
     near = lengths <= MOST_DISTANCE_RATIO * others
     return np.asarray(near & (others <= MOST_DISTANCE_RATIO * lengths))
-
-
-def _share(count: int, most: int) -> tuple[NDArray[np.int64], float]:
-    """Indices of at most ``most`` of ``count``, drawn evenly and always the same, and their share."""
-    if count <= most:
-        return np.arange(count), 1.0
-    return np.sort(np.random.default_rng(0).choice(count, most, replace=False)), most / count
