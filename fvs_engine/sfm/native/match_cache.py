@@ -29,15 +29,21 @@ def load_around(database: Path, names: Collection[str], new: Collection[str]) ->
     needs few of them: with 200 images that takes longer than registering one.
     """
     ids = image_ids(database)
-    pairs = verified_ids(database, MIN_PAIR_MATCHES)
+    images = {ids[name] for name in names if name in ids}
+    # COLMAP fails at a pair of an image that it does not have.
+    pairs = [pair for pair in verified_ids(database, MIN_PAIR_MATCHES) if images.issuperset(pair)]
     centre = {ids[name] for name in new if name in ids}
     near = centre.union(*(pair for pair in pairs if not centre.isdisjoint(pair)))
     inside = [pair for pair in pairs if near.issuperset(pair)]
     part = matches_around(database)
     try:
-        images = [ids[name] for name in names if name in ids]
         write_part(
-            part, database, images, inside, of_images=("keypoints",), of_pairs=("two_view_geometries",)
+            part,
+            database,
+            sorted(images),
+            inside,
+            of_images=("keypoints",),
+            of_pairs=("two_view_geometries",),
         )
         return load_all(part, names)
     finally:

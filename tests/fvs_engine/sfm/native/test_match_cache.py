@@ -28,3 +28,14 @@ def test_a_new_image_gets_the_matches_of_those_that_it_matches(
     for pair in inside:
         assert graph.num_matches_between_images(*pair) == whole.num_matches_between_images(*pair)
     assert not list(tmp_path.glob("around.db*"))
+
+
+def test_matches_with_images_that_are_not_asked_for_are_left_out(
+    kermit_sfm: SfmResult, kermit_names: list[str], tmp_path: Path
+) -> None:
+    database = tmp_path / "database.db"
+    shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", database)
+    left_out, *names, new = kermit_names[-4:]
+    assert (left_out, new) in verified_matches(database, MIN_PAIR_MATCHES)
+    cache = load_around(database, [*names, new], [new])
+    assert {cache.image(i).name for i in cache.images} == {*names, new}
