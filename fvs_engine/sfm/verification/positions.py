@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama
+from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama, umeyama
 from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
@@ -33,7 +33,7 @@ _FROZEN = 3
 """Number of images with exactly the same position from which on the receiver counts as frozen."""
 
 _NOISE = 4.0
-"""Robust standard deviations of the positions within which no camera is misplaced."""
+"""Standard deviations of the positions within which no camera is misplaced."""
 
 GPS_ACCURACY_M = 5.0
 """Accuracy of GPS without corrections under an open sky."""
@@ -44,11 +44,12 @@ def misplaced(priors: PosePriors, centres: Mapping[str, Array]) -> dict[str, flo
 
     The two are aligned robustly; up to half may be wrong. Far is more than a share of the distance from the
     middle of the others (at least their spread: the error of an alignment grows with distance), and more than
-    the positions scatter.
+    the positions scatter. None is where one alignment fits all: that of cameras side by side, by noisy
+    positions, is far off at others.
     """
     shared = sorted(centres.keys() & priors.by_name.keys())
     aligned = align_positions(priors, centres, shared, _MIN_SHARED)
-    if aligned is None:
+    if aligned is None or _all_fit(priors, centres, shared):
         return {}
     report, off, spread = aligned
     world = priors.positions(shared)
@@ -56,6 +57,13 @@ def misplaced(priors: PosePriors, centres: Mapping[str, Array]) -> dict[str, flo
     noise = np.maximum(priors.position_sigmas(shared), 1.4826 * report.median)
     limit = np.maximum(_MAX_SHARE * reach, _NOISE * noise)
     return {name: float(off[k]) for k, name in enumerate(shared) if off[k] > limit[k]}
+
+
+def _all_fit(priors: PosePriors, centres: Mapping[str, Array], shared: list[str]) -> bool:
+    """Whether one alignment brings all centres as near to their priors as these are accurate."""
+    model, world = np.stack([centres[name] for name in shared]), priors.positions(shared)
+    off = np.linalg.norm(umeyama(model, world).apply(model) - world, axis=1)
+    return bool((off <= _NOISE * priors.position_sigmas(shared)).all())
 
 
 def informative(priors: PosePriors, centres: Mapping[str, Array]) -> bool:

@@ -52,6 +52,16 @@ def test_noise_accuses_nobody_and_hides_no_blunder():
     assert set(misplaced(priors(places), centres)) == {"07"}
 
 
+def test_noise_of_cameras_side_by_side_accuses_nobody_far_from_them():
+    """A robust alignment by seven in a row alone is off by much at the other two."""
+    centres = {f"{k}": np.array([0.02 * k, 0.006 * (k % 2), 0.0]) for k in range(7)}
+    centres |= {"7": np.array([1.0, 0.6, 0.1]), "8": np.array([1.2, 1.1, -0.2])}
+    for seed in range(40):
+        draw = np.random.default_rng(seed)
+        places = {name: centre + draw.normal(scale=0.02, size=3) for name, centre in centres.items()}
+        assert misplaced(priors(places, 0.02), centres) == {}
+
+
 def test_a_few_positions_and_inaccurate_ones_say_nothing():
     centres = orbit(20)
     away = in_world(centres) | {"03": np.array([500.0, 0.0, 0.0])}
