@@ -20,9 +20,11 @@ from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.distances import view_points
 from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
+from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.registrable import NEARER, few_registrable
@@ -113,7 +115,7 @@ def plan_next_views(
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
     legs = FreeLegs(np.concatenate([targets.centres, places]), space) if space is not None else None
     mission = with_appearance(
-        plan_mission(targets, budget, places, _seen(model), legs), later, model.gaussians
+        plan_mission(targets, budget, places, _seen(model, targets.spread), legs), later, model.gaussians
     )
     few = few_registrable(mission.registrable, len(later))
     if few is not None:
@@ -158,14 +160,15 @@ def _estimated(model: TrainedModel) -> bool:
     return model.manifest.cameras is not None and model.manifest.cameras.source == "photographs"
 
 
-def _seen(model: TrainedModel) -> list[Seen]:
-    """The held-out views, which the model was not trained on."""
+def _seen(model: TrainedModel, scale: float) -> list[Seen]:
+    """The held-out views, which the model was not trained on; ``scale``: the spread of the plan's targets."""
     metrics = model.workspace.read_metrics()
     if metrics is None or not metrics.views or not model.held_out_views:
         return []
-    targets = Targets(model.training_views, model.held_out_views, model.views)
-    variances = dict(zip(targets.index, targets.own_variances().tolist(), strict=True))
-    return [Seen(variances[view.name], view.psnr_db) for view in metrics.views if view.name in variances]
+    held_out, visited = (view_points(views, scale) for views in (model.held_out_views, model.training_views))
+    names = [view.name for view in model.held_out_views]
+    known = dict(zip(names, variances(held_out, visited).tolist(), strict=True))
+    return [Seen(known[view.name], view.psnr_db) for view in metrics.views if view.name in known]
 
 
 def _pose(view: PinholeView) -> PlannedPose:

@@ -126,3 +126,22 @@ def test_it_says_how_many_candidates_can_be_registered() -> None:
     observations = Observations(points, np.repeat(np.arange(300), 2), np.tile(eyes, (300, 1)))
     targets = Targets(ring(0, 10), ring(15, 20, 90, 180), (), observations)
     assert mission(targets, views=1).registrable == 2
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_targets_are_served_from_near_them_and_not_from_afar(count: int) -> None:
+    """Targets at one position, or side by side, have no spread that distances could be measured by."""
+    wanted = [view_at(np.radians(170 + 1e-3 * number), 3.0) for number in range(count)]
+    far = [view_at(np.radians(170), 300.0)]  # in the same direction
+    found = plan_mission(
+        Targets(ring(0, 10, 20), [*far, *ring(*range(30, 360, 10))], wanted),
+        Budget(views=1),
+        [ring(0)[0].centre],
+    )
+    assert [stop.name for stop in found.tours[0].stops] == ["170"]
+    assert found.end.variance < 0.6 * found.now.variance
+
+
+def view_at(angle: float, radius: float) -> PinholeView:
+    centre = (radius * np.cos(angle), radius * np.sin(angle), 0.1 * radius)
+    return PinholeView(f"{angle} {radius}", CAMERA, look_at(centre, (0, 0, 0), (0.0, 0.0, 1.0)).inverse())

@@ -46,7 +46,7 @@ def plan_views(request: PlanViews, state: ModelState) -> PlannedFlight:
     starts = [np.array(start) for start in request.starts] or [state.visited[-1].centre]
     by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
     seen = _seen(request.updates, by_image, targets.spread)
-    budget = Budget(request.budget, request.distance, request.home)
+    budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
     legs = None if space is None else FreeLegs(np.concatenate([targets.centres, starts]), space)
     mission = plan_mission(targets, budget, starts, seen, legs)
     shown = with_appearance(mission, targets.later, state.gaussians)
