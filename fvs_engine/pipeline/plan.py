@@ -21,7 +21,7 @@ from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import FreeLegs
+from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
@@ -113,7 +113,7 @@ def plan_next_views(
     observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
     targets = Targets(model.training_views, later, served, observations)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
-    legs = FreeLegs(np.concatenate([targets.centres, places]), space) if space is not None else None
+    legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
     mission = with_appearance(
         plan_mission(targets, budget, places, _seen(model, targets.spread), legs), later, model.gaussians
     )

@@ -265,8 +265,7 @@ def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Seque
     if not (possible & reachable).any():
         raise InvalidInputError(
             "No candidate can be reached from where the vehicle is.",
-            hint="Something is in the way, or the start is too near to matter or in a no-fly zone: give "
-            "another start, or candidates on this side.",
+            hint="Something is in the way: give another start, or candidates on this side.",
         )
     nearest = lengths[:, possible & reachable].min(axis=1)
     ways = nearest * (2.0 if budget.home else 1.0)

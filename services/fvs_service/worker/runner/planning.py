@@ -6,7 +6,7 @@ import numpy as np
 
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import FreeLegs
+from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
@@ -47,7 +47,7 @@ def plan_views(request: PlanViews, state: ModelState) -> PlannedFlight:
     by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
     seen = _seen(request.updates, by_image, targets.spread)
     budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
-    legs = None if space is None else FreeLegs(np.concatenate([targets.centres, starts]), space)
+    legs = None if space is None else free_legs(targets.centres, np.stack(starts), space)
     mission = plan_mission(targets, budget, starts, seen, legs)
     shown = with_appearance(mission, targets.later, state.gaussians)
     return PlannedFlight(mission=shown, generated=generated)
