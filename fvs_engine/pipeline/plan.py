@@ -138,8 +138,9 @@ def plan_next_views(
 
 def read_volume(path: Path) -> AnyVolume:
     """The volume in a JSON file; raises ``InvalidInputError``, naming the file."""
+    document = read_json(path)  # names the file in its errors
     try:
-        return volume_from_json(json.dumps(read_json(path)))
+        return volume_from_json(json.dumps(document))
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
 

@@ -118,7 +118,11 @@ def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
         )
     for kept, where, remedy in (
         (space.allowed(starts), "in a no-fly zone", "smaller zones"),
-        (space.clear(starts), "inside matter, or within the safety distance of it", "a shorter distance"),
+        (
+            space.clear(starts),
+            "inside matter, or within the safety distance of it",
+            "a shorter safety distance",
+        ),
     ):
         if not kept.all():
             number = f"vehicle {np.argmin(kept) + 1} of {len(starts)}" if len(starts) > 1 else "the vehicle"

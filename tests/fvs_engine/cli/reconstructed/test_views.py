@@ -148,7 +148,7 @@ def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
     zone.write_text('{"kind": "cylinder"}')
     assert "zone.json: The volume cannot be used" in fvs("plan", out, *options, "--no-fly", zone).stderr
     buried = fvs("plan", out, "--safety", 1e6)
-    assert "Something is in the way" in buried.stderr
+    assert "candidates are inside matter, or within the safety distance of it" in buried.stderr
     assert "not both" in fvs("plan", out, "--volume", volume, "--candidates", volume).stderr
 
 
@@ -161,6 +161,13 @@ def test_plans_that_cannot_be_made_say_what_to_change(
     assert "Give at least" in short.stderr
     assert "is not X,Y,Z" in fvs("plan", first_run[0], "--start", "1,2").stderr
     assert "finite" in fvs("plan", first_run[0], "--start", "nan,0,0").stderr
+    assert "at most 1e+09" in fvs("plan", first_run[0], "--start", "1e300,0,0").stderr
+    few = fvs("plan", first_run[0], "--start", "1,0,0", "--vehicles", 3)
+    assert "There are 1 --start for 3 --vehicles" in few.stderr
+    assert "need a --volume" in fvs("plan", first_run[0], "--level").stderr
+    assert "--count needs a --volume" in fvs("plan", first_run[0], "--count", 50).stderr
+    nothing = fvs("plan", first_run[0], "--no-fly", tmp_path / "zone.json").stderr
+    assert nothing.count("zone.json") == 1
     assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
 
 
