@@ -16,6 +16,9 @@ from fvs_engine.plan.tours import Budget, plan_tours
 
 Array = NDArray[np.float64]
 
+_LEAST_GAIN = 1e-6
+"""Fall of the mean variance, as a share of it, below which a candidate and the targets have nothing to do
+with each other: some seven spreads of the scene lie between them."""
 _HELPED = 3
 """Number of targets named that a candidate helps most."""
 MOST_TERMS = 2_000
@@ -32,11 +35,17 @@ def plan_mission(
     """Plan for vehicles at ``starts`` [3] each.
 
     Places in ``legs`` are the later views of ``targets``, then the starts; by default straight lines. Raises
-    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates.
+    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates and where none helps the targets.
     """
     if not targets.later:
         raise InvalidInputError(
             "There is no candidate to plan with.", hint="Give poses that can be flown to."
+        )
+    if targets.variance.gains([]).max() < _LEAST_GAIN * targets.variance.variance:
+        raise InvalidInputError(
+            "No candidate helps the targets: all are too far from them, or look elsewhere.",
+            hint="Give candidates nearer to the targets that look the same way; check that both are in the "
+            "frame of the scene.",
         )
     count = len(targets.later)
     places = np.concatenate([targets.centres, np.reshape(starts, (-1, 3))])

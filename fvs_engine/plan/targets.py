@@ -18,7 +18,7 @@ class Targets:
     """Targets and the views that may be visited ``later``, given the ``visited`` ones.
 
     All are in the model frame. Without targets the model must serve all views, visited and later ones. The
-    scale of distances is that of the scene: few targets, or ones side by side, have none of their own.
+    scale of distances is that of visited and later views: few targets, or ones side by side, have none.
     ``observations`` are the sparse points where poses are estimated, so that a visited view must be
     registered to be of use (None: poses are known). ``taken`` views will be visited by others: they count
     as visited, and are no targets.
@@ -36,7 +36,7 @@ class Targets:
         served = targets or (*visited, *later)
         self.later = tuple(later)
         self.index = {view.name: index for index, view in enumerate(later)}
-        self.spread = spread(tuple(dict.fromkeys((*visited, *later, *targets))))
+        self.spread = spread((*visited, *later)) or spread(served)
         self._visited = view_points((*visited, *taken), self.spread)
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)

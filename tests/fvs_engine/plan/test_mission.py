@@ -142,6 +142,15 @@ def test_few_targets_are_served_from_near_them_and_not_from_afar(count: int) -> 
     assert found.end.variance < 0.6 * found.now.variance
 
 
+def test_targets_that_no_candidate_is_near_are_refused() -> None:
+    far = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 300.0)])
+    with pytest.raises(InvalidInputError, match="No candidate helps the targets") as found:
+        plan_mission(far, Budget(views=3), [ring(0)[0].centre])
+    assert "nearer to the targets" in (found.value.hint or "")
+    beside = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 9.0)])
+    assert plan_mission(beside, Budget(views=3), [ring(0)[0].centre]).stops == 3
+
+
 def view_at(angle: float, radius: float) -> PinholeView:
     centre = (radius * np.cos(angle), radius * np.sin(angle), 0.1 * radius)
     return PinholeView(f"{angle} {radius}", CAMERA, look_at(centre, (0, 0, 0), (0.0, 0.0, 1.0)).inverse())
