@@ -155,7 +155,7 @@ def plan(
         )
     free = volume is not None or safety is not None or bool(no_fly)
 
-    def job(monitor: "Monitor", warn: "Warn") -> "tuple[PlanResult, Path]":  # noqa: ARG001
+    def job(monitor: "Monitor", _warn: "Warn") -> "tuple[PlanResult, Path]":
         from fvs_engine.pipeline.plan import Flight, plan_next_views
         from fvs_engine.plan.tours import Budget
 
@@ -170,6 +170,7 @@ def plan(
             if free
             else None,
             out=out,
+            monitor=monitor,
         )
 
     report.show_plan(*run_job(job, machine=as_json), machine=as_json)

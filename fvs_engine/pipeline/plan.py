@@ -16,6 +16,7 @@ from fvs_engine.files.json_input import read_json
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
@@ -86,6 +87,7 @@ def plan_next_views(
     vehicles: int = 1,
     flight: Flight | None = None,
     out: Path | None = None,
+    monitor: Monitor | None = None,
 ) -> tuple[PlanResult, Path]:
     """Plan views among the candidates of a file; write plan.json and plan.png.
 
@@ -98,8 +100,9 @@ def plan_next_views(
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
     ``read_candidates`` and ``plan_mission`` raise, and ``StorageError``.
     """
+    monitor = monitor or Monitor()
     model = open_model(root)
-    space = _free_space(model, flight) if flight is not None else None
+    space = _free_space(model, flight, monitor) if flight is not None else None
     if flight is not None and space is not None and flight.volume is not None:
         volume = read_volume(flight.volume)
         later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
@@ -111,11 +114,14 @@ def plan_next_views(
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
     observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
-    targets = Targets(model.training_views, later, served, observations)
+    targets = Targets(model.training_views, later, served, observations, monitor=monitor)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
     legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
     mission = with_appearance(
-        plan_mission(targets, budget, places, _seen(model, targets.spread), legs), later, model.gaussians
+        plan_mission(targets, budget, places, _seen(model, targets.spread), legs, monitor),
+        later,
+        model.gaussians,
+        monitor,
     )
     few = few_registrable(mission.registrable, len(later))
     if few is not None:
@@ -145,9 +151,10 @@ def read_volume(path: Path) -> AnyVolume:
         raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
 
 
-def _free_space(model: TrainedModel, flight: Flight) -> FreeSpace:
+def _free_space(model: TrainedModel, flight: Flight, monitor: Monitor) -> FreeSpace:
     """Where vehicles may be, by the model's opaque Gaussians."""
-    return FreeSpace(matter_of(model.gaussians), flight.safety, tuple(map(read_volume, flight.no_fly)))
+    zones = tuple(map(read_volume, flight.no_fly))
+    return FreeSpace(matter_of(model.gaussians), flight.safety, zones, monitor=monitor)
 
 
 def _up(model: TrainedModel) -> NDArray[np.float64]:

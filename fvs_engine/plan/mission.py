@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Mission, Stop, Term, VehicleTour
+from fvs_engine.plan.planner import Mask
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
@@ -31,12 +33,16 @@ def plan_mission(
     starts: Sequence[Array],
     seen: Sequence[Seen] = (),
     legs: Legs | None = None,
+    monitor: Monitor | None = None,
 ) -> Mission:
     """Plan for vehicles at ``starts`` [3] each.
 
     Places in ``legs`` are the later views of ``targets``, then the starts; by default straight lines. Raises
-    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates and where none helps the targets.
+    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates and where none helps the targets;
+    ``Cancelled``.
     """
+    monitor = monitor or Monitor()
+
     if not targets.later:
         raise InvalidInputError(
             "There is no candidate to plan with.", hint="Give poses that can be flown to."
@@ -51,7 +57,12 @@ def plan_mission(
     places = np.concatenate([targets.centres, np.reshape(starts, (-1, 3))])
     legs = legs or StraightLegs(places)
     vehicles = range(count, len(places))
-    tours = plan_tours(targets.variance, budget, targets.admissible, legs, vehicles)
+
+    def admissible(plan: Sequence[int]) -> Mask:
+        monitor.check()  # asked for before every step of a plan
+        return targets.admissible(plan)
+
+    tours = plan_tours(targets.variance, budget, admissible, legs, vehicles)
     ways = [
         (start, *tour.views, *([start] if budget.home and tour.views else []))
         for start, tour in zip(vehicles, tours, strict=True)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import spread, view_points
 from fvs_engine.plan.kriging import TargetVariance, variances
 from fvs_engine.plan.planner import Mask
@@ -21,7 +22,7 @@ class Targets:
     scale of distances is that of visited and later views: few targets, or ones side by side, have none.
     ``observations`` are the sparse points where poses are estimated, so that a visited view must be
     registered to be of use (None: poses are known). ``taken`` views will be visited by others: they count
-    as visited, and are no targets.
+    as visited, and are no targets. Raises ``Cancelled``.
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class Targets:
         observations: Observations | None = None,
         *,
         taken: Sequence[AnyView] = (),
+        monitor: Monitor | None = None,
     ) -> None:
         served = targets or (*visited, *later)
         self.later = tuple(later)
@@ -43,7 +45,9 @@ class Targets:
         """Points of the targets, [T, 6]."""
         self.variance = TargetVariance(self.points, self._later, self._visited)
         seen = observations is not None and len(observations.points) > 0
-        self.familiarity = Familiarity(observations, later) if observations is not None and seen else None
+        self.familiarity = (
+            Familiarity(observations, later, monitor) if observations is not None and seen else None
+        )
         """Familiarity of the later views; None where poses are known."""
 
     @property

@@ -11,6 +11,10 @@ import pytest
 from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.plan import plan_next_views
+from fvs_engine.plan.tours import Budget
 
 Fvs = Callable[..., Any]
 
@@ -169,6 +173,14 @@ def test_plans_that_cannot_be_made_say_what_to_change(
     nothing = fvs("plan", first_run[0], "--no-fly", tmp_path / "zone.json").stderr
     assert nothing.count("zone.json") == 1
     assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
+
+
+def test_a_plan_is_stopped(first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    monitor = Monitor()
+    monitor.cancel()
+    with pytest.raises(Cancelled):
+        plan_next_views(first_run[0], Budget(views=3), out=tmp_path / "plan", monitor=monitor)
+    assert not (tmp_path / "plan").exists()
 
 
 def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
