@@ -16,12 +16,17 @@ if TYPE_CHECKING:
 MOST_VIEWS = 200
 """A plan of so many takes half a minute; a longer flight is planned again on the way."""
 
+_FARTHEST = 1e9
+_COUNT = 300
+
 
 def _position(text: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} is not X,Y,Z") from error
+    if not all(abs(part) <= _FARTHEST for part in (x, y, z)):
+        raise typer.BadParameter(f"{text!r} is not X,Y,Z with finite numbers of at most {_FARTHEST:g}")
     return x, y, z
 
 
@@ -35,7 +40,7 @@ def _aim(text: str | None, *, level: bool) -> "Aim":
     try:
         return Aim(_position(text), level)
     except typer.BadParameter as error:
-        raise typer.BadParameter(f"{text!r} is not middle, nearest or X,Y,Z") from error
+        raise typer.BadParameter(error.message.replace("is not X", "is not middle, nearest or X")) from error
 
 
 def plan(
@@ -62,7 +67,7 @@ def plan(
             min=1,
             max=MAX_VEHICLES,
             metavar="K",
-            help="Number of vehicles; without --start all are at the last photograph.",
+            help="Number of vehicles; without a --start for each all are at the last photograph.",
         ),
     ] = 1,
     start: Annotated[
@@ -89,9 +94,15 @@ def plan(
         ),
     ] = None,
     count: Annotated[
-        int,
-        typer.Option(min=1, max=2_000, metavar="N", help="Number of candidates to generate in the volume."),
-    ] = 300,
+        int | None,
+        typer.Option(
+            min=1,
+            max=2_000,
+            metavar="N",
+            help="Number of candidates to generate in the volume.",
+            show_default=str(_COUNT),
+        ),
+    ] = None,
     aim: Annotated[
         str | None,
         typer.Option(
@@ -133,11 +144,18 @@ def plan(
         raise typer.BadParameter("Give --candidates or --volume, not both.")
     if volume is None and (aim is not None or level):
         raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
+    if volume is None and count is not None:
+        raise typer.BadParameter("--count needs a --volume: other candidates have their number.")
     aimed = _aim(aim, level=level)
     starts = [_position(text) for text in start or []]
+    if len(starts) > MAX_VEHICLES or (starts and vehicles not in (1, len(starts))):
+        raise typer.BadParameter(
+            f"There are {len(starts)} --start for {vehicles} --vehicles: give one for each, at most "
+            f"{MAX_VEHICLES}, or none."
+        )
     free = volume is not None or safety is not None or bool(no_fly)
 
-    def job(monitor: "Monitor", warn: "Warn") -> "tuple[PlanResult, Path]":  # noqa: ARG001
+    def job(monitor: "Monitor", _warn: "Warn") -> "tuple[PlanResult, Path]":
         from fvs_engine.pipeline.plan import Flight, plan_next_views
         from fvs_engine.plan.tours import Budget
 
@@ -148,8 +166,11 @@ def plan(
             targets_file=targets,
             starts=starts,
             vehicles=vehicles,
-            flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count, aimed) if free else None,
+            flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count or _COUNT, aimed)
+            if free
+            else None,
             out=out,
+            monitor=monitor,
         )
 
     report.show_plan(*run_job(job, machine=as_json), machine=as_json)

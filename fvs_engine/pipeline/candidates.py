@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError
@@ -33,6 +33,8 @@ _MAX_MISFIT = 0.25
 _MAX_ATTITUDE_DEG = 20.0
 """Median angle between the attitudes of shared views: below that of any wrong axis."""
 
+_Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+
 
 class CameraInput(Record):
     """Intrinsics of a candidate, in px."""
@@ -52,7 +54,7 @@ class PoseInput(Record):
     """
 
     name: str = Field(min_length=1)
-    position: tuple[float, float, float]
+    position: tuple[_Coordinate, _Coordinate, _Coordinate]
     orientation_wxyz: tuple[float, float, float, float]
     camera: CameraInput | None = None
 
@@ -90,7 +92,7 @@ def read_candidates(
             hint='Write [{"name": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
         )
     if not candidates:
-        raise InvalidInputError(f"{path} holds no candidate.", hint="List at least one pose.")
+        raise InvalidInputError(f"{path} holds no pose.", hint="List at least one.")
     seen: set[str] = set()
     for candidate in candidates:
         if candidate.name in seen:

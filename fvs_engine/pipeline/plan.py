@@ -16,13 +16,16 @@ from fvs_engine.files.json_input import read_json
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
-from fvs_engine.plan.flight import FreeLegs
+from fvs_engine.plan.distances import view_points
+from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
+from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.mission import plan_mission
 from fvs_engine.plan.plan_records import Mission
 from fvs_engine.plan.registrable import NEARER, few_registrable
@@ -84,6 +87,7 @@ def plan_next_views(
     vehicles: int = 1,
     flight: Flight | None = None,
     out: Path | None = None,
+    monitor: Monitor | None = None,
 ) -> tuple[PlanResult, Path]:
     """Plan views among the candidates of a file; write plan.json and plan.png.
 
@@ -96,8 +100,9 @@ def plan_next_views(
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
     ``read_candidates`` and ``plan_mission`` raise, and ``StorageError``.
     """
+    monitor = monitor or Monitor()
     model = open_model(root)
-    space = _free_space(model, flight) if flight is not None else None
+    space = _free_space(model, flight, monitor) if flight is not None else None
     if flight is not None and space is not None and flight.volume is not None:
         volume = read_volume(flight.volume)
         later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
@@ -109,11 +114,14 @@ def plan_next_views(
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
     observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
-    targets = Targets(model.training_views, later, served, observations)
+    targets = Targets(model.training_views, later, served, observations, monitor=monitor)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
-    legs = FreeLegs(np.concatenate([targets.centres, places]), space) if space is not None else None
+    legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
     mission = with_appearance(
-        plan_mission(targets, budget, places, _seen(model), legs), later, model.gaussians
+        plan_mission(targets, budget, places, _seen(model, targets.spread), legs, monitor),
+        later,
+        model.gaussians,
+        monitor,
     )
     few = few_registrable(mission.registrable, len(later))
     if few is not None:
@@ -136,15 +144,17 @@ def plan_next_views(
 
 def read_volume(path: Path) -> AnyVolume:
     """The volume in a JSON file; raises ``InvalidInputError``, naming the file."""
+    document = read_json(path)  # names the file in its errors
     try:
-        return volume_from_json(json.dumps(read_json(path)))
+        return volume_from_json(json.dumps(document))
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
 
 
-def _free_space(model: TrainedModel, flight: Flight) -> FreeSpace:
+def _free_space(model: TrainedModel, flight: Flight, monitor: Monitor) -> FreeSpace:
     """Where vehicles may be, by the model's opaque Gaussians."""
-    return FreeSpace(matter_of(model.gaussians), flight.safety, tuple(map(read_volume, flight.no_fly)))
+    zones = tuple(map(read_volume, flight.no_fly))
+    return FreeSpace(matter_of(model.gaussians), flight.safety, zones, monitor=monitor)
 
 
 def _up(model: TrainedModel) -> NDArray[np.float64]:
@@ -158,14 +168,15 @@ def _estimated(model: TrainedModel) -> bool:
     return model.manifest.cameras is not None and model.manifest.cameras.source == "photographs"
 
 
-def _seen(model: TrainedModel) -> list[Seen]:
-    """The held-out views, which the model was not trained on."""
+def _seen(model: TrainedModel, scale: float) -> list[Seen]:
+    """The held-out views, which the model was not trained on; ``scale``: the spread of the plan's targets."""
     metrics = model.workspace.read_metrics()
     if metrics is None or not metrics.views or not model.held_out_views:
         return []
-    targets = Targets(model.training_views, model.held_out_views, model.views)
-    variances = dict(zip(targets.index, targets.own_variances().tolist(), strict=True))
-    return [Seen(variances[view.name], view.psnr_db) for view in metrics.views if view.name in variances]
+    held_out, visited = (view_points(views, scale) for views in (model.held_out_views, model.training_views))
+    names = [view.name for view in model.held_out_views]
+    known = dict(zip(names, variances(held_out, visited).tolist(), strict=True))
+    return [Seen(known[view.name], view.psnr_db) for view in metrics.views if view.name in known]
 
 
 def _pose(view: PinholeView) -> PlannedPose:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.volumes import AnyVolume
 
 Array = NDArray[np.float64]
@@ -218,7 +219,8 @@ class _Balls:
 class FreeSpace:
     """Where a vehicle may be: farther than ``safety`` from ``matter``, and in no ``no_fly`` zone.
 
-    With ``reach``, only within that distance of ``start`` [3]. Raises ``InvalidInputError`` where one of the
+    With ``reach``, only within that distance of ``start`` [3]. ``monitor`` stops tests of many positions or
+    legs, which then raise ``Cancelled``. Raises ``InvalidInputError`` where one of the
     two is given without the other or a number is out of range.
     """
 
@@ -227,6 +229,7 @@ class FreeSpace:
     no_fly: Sequence[AnyVolume] = ()
     start: Array | None = None
     reach: float | None = None
+    monitor: Monitor = field(default_factory=Monitor, repr=False)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.safety < np.inf:
@@ -240,6 +243,7 @@ class FreeSpace:
         """Which of ``points`` [N, 3] are in no zone."""
         mask = np.ones(len(points), dtype=np.bool_)
         for zone in self.no_fly:
+            self.monitor.check()
             mask[mask] = ~zone.contains(points[mask])
         return mask
 
@@ -251,12 +255,15 @@ class FreeSpace:
 
     def clear(self, points: Array) -> Mask:
         """Which of ``points`` [N, 3] are clear of matter."""
+        self.monitor.check()
         return self.matter.clear(points, self.safety)
 
     def joins(self, points: Array, others: Array) -> Mask:
         """Between which ``points`` [N, 3] and the ``others`` of their rows a straight leg can be flown."""
         mask = np.ones(len(points), dtype=np.bool_)
         for zone in self.no_fly:
+            self.monitor.check()
             mask[mask] = ~zone.crossed(points[mask], others[mask])
+        self.monitor.check()
         mask[mask] = self.matter.sees(points[mask], others[mask], self.safety)
         return mask

@@ -98,6 +98,45 @@ class FreeLegs:
         return self._rows[place]
 
 
+def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
+    """The legs over ``candidates`` [n, 3] and then ``starts`` [V, 3].
+
+    Raises ``InvalidInputError`` where all candidates, or any start, are in a zone or too near to matter: no
+    way leads to or from them.
+    """
+    allowed = space.allowed(candidates)
+    if not allowed.any():
+        raise InvalidInputError(
+            f"{_all(len(candidates))} in no-fly zones.",
+            hint="Give candidates outside of them, or smaller zones.",
+        )
+    if not space.clear(candidates[allowed]).any():
+        others = "" if allowed.all() else " outside of no-fly zones"
+        raise InvalidInputError(
+            f"{_all(int(allowed.sum()), others)} inside matter, or within the safety distance of it.",
+            hint="Give a shorter safety distance, or candidates farther from the model.",
+        )
+    for kept, where, remedy in (
+        (space.allowed(starts), "in a no-fly zone", "smaller zones"),
+        (
+            space.clear(starts),
+            "inside matter, or within the safety distance of it",
+            "a shorter safety distance",
+        ),
+    ):
+        if not kept.all():
+            number = f"vehicle {np.argmin(kept) + 1} of {len(starts)}" if len(starts) > 1 else "the vehicle"
+            raise InvalidInputError(
+                f"The start of {number} is {where}: no way leads out.",
+                hint=f"Give another start, or {remedy}.",
+            )
+    return FreeLegs(np.concatenate([candidates, starts]), space)
+
+
+def _all(count: int, which: str = "") -> str:
+    return f"The only candidate{which} is" if count == 1 else f"All {count} candidates{which} are"
+
+
 def _pairs(points: Array) -> Indices:
     """The pairs [N, 2] of places that are examined, each once, the lower index first."""
     from scipy.spatial import cKDTree  # slow to import

@@ -7,15 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Mission, Stop, Term, VehicleTour
+from fvs_engine.plan.planner import Mask
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
 
 Array = NDArray[np.float64]
 
+_LEAST_GAIN = 1e-6
+"""Fall of the mean variance, as a share of it, below which a candidate and the targets have nothing to do
+with each other: some seven spreads of the scene lie between them."""
 _HELPED = 3
 """Number of targets named that a candidate helps most."""
 MOST_TERMS = 2_000
@@ -28,21 +33,36 @@ def plan_mission(
     starts: Sequence[Array],
     seen: Sequence[Seen] = (),
     legs: Legs | None = None,
+    monitor: Monitor | None = None,
 ) -> Mission:
     """Plan for vehicles at ``starts`` [3] each.
 
     Places in ``legs`` are the later views of ``targets``, then the starts; by default straight lines. Raises
-    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates.
+    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates and where none helps the targets;
+    ``Cancelled``.
     """
+    monitor = monitor or Monitor()
+
     if not targets.later:
         raise InvalidInputError(
             "There is no candidate to plan with.", hint="Give poses that can be flown to."
+        )
+    if targets.variance.gains([]).max() < _LEAST_GAIN * targets.variance.variance:
+        raise InvalidInputError(
+            "No candidate helps the targets: all are too far from them, or look elsewhere.",
+            hint="Give candidates nearer to the targets that look the same way; check that both are in the "
+            "frame of the scene.",
         )
     count = len(targets.later)
     places = np.concatenate([targets.centres, np.reshape(starts, (-1, 3))])
     legs = legs or StraightLegs(places)
     vehicles = range(count, len(places))
-    tours = plan_tours(targets.variance, budget, targets.admissible, legs, vehicles)
+
+    def admissible(plan: Sequence[int]) -> Mask:
+        monitor.check()  # asked for before every step of a plan
+        return targets.admissible(plan)
+
+    tours = plan_tours(targets.variance, budget, admissible, legs, vehicles)
     ways = [
         (start, *tour.views, *([start] if budget.home and tour.views else []))
         for start, tour in zip(vehicles, tours, strict=True)

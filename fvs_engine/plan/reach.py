@@ -63,3 +63,11 @@ def default_radius(centres: Array) -> float:
             hint="Choose among a number of nearest views instead (--nearest).",
         )
     return SPACINGS * float(np.median(moved))
+
+
+def rounded_up(distance: float) -> float:
+    """Rounded up to four digits, so that a printed length is enough."""
+    if distance == 0:
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(distance)) - 3)
+    return float(np.ceil(distance / unit) * unit)

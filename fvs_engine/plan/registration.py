@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.sample import even_sample
 from fvs_engine.views import PinholeView
 
@@ -48,10 +49,16 @@ class Familiarity:
 
     A point counts exp(−(a / ``ANGLE_RAD``)²), with the smallest angle a between the directions from the
     candidate and from a camera that saw it at no more than ``MOST_DISTANCE_RATIO`` times, and no less than
-    that part of, the distance. Of very many points an even share stands for all.
+    that part of, the distance. Of very many points an even share stands for all. Raises ``Cancelled``.
     """
 
-    def __init__(self, observations: Observations, candidates: Sequence[PinholeView]) -> None:
+    def __init__(
+        self,
+        observations: Observations,
+        candidates: Sequence[PinholeView],
+        monitor: Monitor | None = None,
+    ) -> None:
+        monitor = monitor or Monitor()
         most = min(_MOST_POINTS, _MOST_PRODUCTS // max(1, len(candidates)))
         used = even_sample(len(observations.points), most)
         self._share = len(used) / len(observations.points) if len(used) else 1.0
@@ -62,6 +69,7 @@ class Familiarity:
         seen_points = _SeenPoints(self._points, number[observations.observed_point], observations.seen_from)
         self._weights = np.zeros((len(candidates), len(used)), dtype=np.float32)
         for weights, view in zip(self._weights, candidates, strict=True):
+            monitor.check()
             inside = _in_frame(view, self._points)
             weights[inside] = seen_points.weights(inside, view.centre)
         self.counts = self._weights.sum(axis=1, dtype=np.float64) / self._share

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import spread, view_points
 from fvs_engine.plan.kriging import TargetVariance, variances
 from fvs_engine.plan.planner import Mask
@@ -17,10 +18,11 @@ Array = NDArray[np.float64]
 class Targets:
     """Targets and the views that may be visited ``later``, given the ``visited`` ones.
 
-    All are in the model frame. Without targets the model must serve all views, visited and later ones.
+    All are in the model frame. Without targets the model must serve all views, visited and later ones. The
+    scale of distances is that of visited and later views: few targets, or ones side by side, have none.
     ``observations`` are the sparse points where poses are estimated, so that a visited view must be
     registered to be of use (None: poses are known). ``taken`` views will be visited by others: they count
-    as visited, and are no targets.
+    as visited, and are no targets. Raises ``Cancelled``.
     """
 
     def __init__(
@@ -31,18 +33,21 @@ class Targets:
         observations: Observations | None = None,
         *,
         taken: Sequence[AnyView] = (),
+        monitor: Monitor | None = None,
     ) -> None:
         served = targets or (*visited, *later)
         self.later = tuple(later)
         self.index = {view.name: index for index, view in enumerate(later)}
-        self.spread = spread(served)
+        self.spread = spread((*visited, *later)) or spread(served)
         self._visited = view_points((*visited, *taken), self.spread)
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)
         """Points of the targets, [T, 6]."""
         self.variance = TargetVariance(self.points, self._later, self._visited)
         seen = observations is not None and len(observations.points) > 0
-        self.familiarity = Familiarity(observations, later) if observations is not None and seen else None
+        self.familiarity = (
+            Familiarity(observations, later, monitor) if observations is not None and seen else None
+        )
         """Familiarity of the later views; None where poses are known."""
 
     @property

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.kriging import TargetVariance
 from fvs_engine.plan.planner import Admissible, Mask, plan_views, stands_alone
+from fvs_engine.plan.reach import rounded_up
 from fvs_engine.plan.route import Legs, shortest_route
 
 Array = NDArray[np.float64]
@@ -39,14 +40,15 @@ class Budget:
     """The budget of a plan: ``views`` in all, and a ``distance`` for each vehicle; None is no limit.
 
     With ``home`` every vehicle flies back to its start, which counts. ``flown``: what each vehicle has flown
-    already, which counts too (empty: nothing). Raises ``InvalidInputError`` for numbers that are not
-    positive.
+    already, which counts too (empty: nothing). ``scale``: of the user's unit per unit of ``distance``, for
+    messages. Raises ``InvalidInputError`` for numbers that are not positive.
     """
 
     views: int
     distance: float | None = None
     home: bool = False
     flown: tuple[float, ...] = ()
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.views < 1:
@@ -263,16 +265,18 @@ def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Seque
     if not (possible & reachable).any():
         raise InvalidInputError(
             "No candidate can be reached from where the vehicle is.",
-            hint="Something is in the way, or the start is too near to matter or in a no-fly zone: give "
-            "another start, or candidates on this side.",
+            hint="Something is in the way: give another start, or candidates on this side.",
         )
     nearest = lengths[:, possible & reachable].min(axis=1)
     ways = nearest * (2.0 if budget.home else 1.0)
+    distance = np.inf if budget.distance is None else budget.distance
     if not any(way <= budget.left(vehicle) for vehicle, way in enumerate(ways)):
         back = " and back" if budget.home else ""
+        given, away, least = (
+            budget.scale * float(length) for length in (distance, nearest.min(), ways.min())
+        )
         raise InvalidInputError(
-            f"A distance of {budget.distance:.4g} does not reach any candidate: the nearest is "
-            f"{nearest.min():.4g} away.",
-            hint=f"Give at least {ways.min():.4g} for the way there{back}, or nearer candidates.",
+            f"A distance of {given:.4g} does not reach any candidate: the nearest is {away:.4g} away.",
+            hint=f"Give at least {rounded_up(least):.4g} for the way there{back}, or nearer candidates.",
         )
     return np.asarray(reachable)

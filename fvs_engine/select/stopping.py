@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.plan_records import Outlook
-from fvs_engine.plan.reach import Reach
+from fvs_engine.plan.reach import Reach, rounded_up
 from fvs_engine.select.loop_records import StopReason
 
 _LEAST_SHARE = 1e-6
@@ -85,7 +85,7 @@ def nothing_in_reach(
     return StopReason(
         kind="nothing-in-reach",
         message=f"None of the {len(unvisited)} unvisited views is within {reach.radius:.4g} of the camera; "
-        f"a radius of {_rounded_up(nearest):.4g} would reach the nearest.",
+        f"a radius of {rounded_up(nearest):.4g} would reach the nearest.",
     )
 
 
@@ -129,13 +129,5 @@ def check_first_step(
         raise InvalidInputError(
             f"A travel of {max_travel:.4g} reaches no view: the nearest is {nearest:.4g} from the last "
             "initial one.",
-            hint=f"Give --max-travel of at least {_rounded_up(nearest):.4g}.",
+            hint=f"Give --max-travel of at least {rounded_up(nearest):.4g}.",
         )
-
-
-def _rounded_up(distance: float) -> float:
-    """Rounded up to three digits, so that the printed radius does reach the view."""
-    if distance == 0:
-        return 0.0
-    unit = 10.0 ** (np.floor(np.log10(distance)) - 2)
-    return float(np.ceil(distance / unit) * unit)

@@ -72,6 +72,8 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     assert set(flown[0]) == {"c1.0", "c2.0"}
     assert "does not reach" in run("plan", scene_id, *given, "--distance", 0.5, expect=3).stderr
     assert "not both" in run("plan", scene_id, *given, "--generator", "grid", expect=2).stderr
+    for other in (given, ["--generator", "grid"]):
+        assert "--count is for orbit" in run("plan", scene_id, *other, "--count", 5, expect=2).stderr
 
 
 def test_tables_have_the_unit_of_lengths_where_there_is_one(run: Run, gateway: Any) -> None:

@@ -83,3 +83,21 @@ def test_which_characters_a_name_may_have_is_said(kind: Any, longest: int) -> No
 )
 def test_names_keep_their_case_at_the_beginning_of_a_sentence(message: str, said: str) -> None:
     assert sentence("", message) == said
+
+
+def test_a_list_with_a_wrong_item_is_not_called_empty() -> None:
+    body = {"field": ["two"], "other": []}
+    with pytest.raises(ValidationError) as wrong:
+        TypeAdapter(
+            dict[str, Annotated[tuple[int, ...], Field(min_length=1, fail_fast=True)]]
+        ).validate_python(body)
+    refused = invalid_body(wrong.value, body)
+    assert [(error.field, error.message) for error in refused.errors] == [
+        ("field.0", "it must be a whole number"),
+        ("other", "it must not be empty"),
+    ]
+
+
+def test_a_sentence_ends_once() -> None:
+    assert sentence("volume", "The up vector is zero.") == "volume: The up vector is zero."
+    assert sentence("", "The up vector is zero.") == "The up vector is zero."

@@ -215,6 +215,16 @@ def test_volumes_are_of_the_world(gateway: Any) -> None:
         assert np.hypot(x - 100.0, y) > 20.0
 
 
+def test_a_distance_that_is_too_short_is_answered_in_metres(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    asked = {"candidates": [{"id": "c", "pose": _at(25.0)}], "vehicles": [_at(0.0)], "frame": "world"}
+    short = _plan(gateway, scene, **asked, distance_m=2.0).json()
+    assert "A distance of 2 does not reach any candidate: the nearest is 25 away" in short["detail"]
+    assert short["hint"].startswith("Give at least 25 ")
+    assert _plan(gateway, scene, **asked, distance_m=25.0).json()["tours"][0]["length_m"] == pytest.approx(25)
+
+
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 
 

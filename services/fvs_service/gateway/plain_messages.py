@@ -81,6 +81,7 @@ def _shown(part: object) -> object:
 
 def sentence(field: str, message: str) -> str:
     """A sentence with ``message`` about ``field``, which is empty for the whole request."""
+    message = message.removesuffix(".")
     if not field:
         return f"{_capital(message)}."
     for subject, verb in (("it ", " "), ("its ", "'s ")):

@@ -6,6 +6,7 @@ from typing import Any
 
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from fvs_service.errors import FieldError, InvalidRequestError
 from fvs_service.gateway.plain_messages import plain_message, sentence
@@ -24,10 +25,20 @@ def invalid_request(error: RequestValidationError) -> InvalidRequestError:
 
 def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> InvalidRequestError:
     """The error for a ``body`` that does not fit its model; ``hint`` names the description of the model."""
-    found = error.errors(include_url=False, include_input=False)[:_MAX_FIELDS]
+    found = _of_the_sender(error.errors(include_url=False, include_input=False))[:_MAX_FIELDS]
     return _error(
         (_field(item, _path(item["loc"], body, missing=item["type"] == "missing")) for item in found), hint
     )
+
+
+def _of_the_sender(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """All but those of lists that are too short only because their wrong items do not count."""
+    return [
+        each
+        for each in errors
+        if each["type"] != "too_short"
+        or not any(other["loc"][: len(each["loc"])] == each["loc"] for other in errors if other is not each)
+    ]
 
 
 def _error(fields: Iterable[FieldError], hint: str = _HINT) -> InvalidRequestError:

@@ -132,6 +132,7 @@ class Plans:
             budget=request.views,
             distance=None if request.distance_m is None else request.distance_m / scale,
             home=request.home,
+            scale=scale,
             updates=self._updates(scene_id),
         )
         return _Prepared(

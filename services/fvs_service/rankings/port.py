@@ -145,8 +145,8 @@ class PlanViews(ModelRequest):
     ``generate`` makes candidates instead of ``views``. With a ``clearance`` legs go around what is in the
     way; without one they are straight. ``targets`` are what the model must serve (empty: its images and the
     views), ``taken`` as in ``RankViews``, ``starts`` where vehicles are (empty: one at the last image),
-    ``budget``, ``distance`` and ``home`` as in the engine's ``Budget``. ``updates`` are the scene's so far,
-    the oldest first: they calibrate the forecast.
+    ``budget``, ``distance``, ``home`` and ``scale`` as in the engine's ``Budget``. ``updates`` are the
+    scene's so far, the oldest first: they calibrate the forecast.
     """
 
     kind: Literal["plan"] = "plan"
@@ -159,6 +159,7 @@ class PlanViews(ModelRequest):
     budget: int
     distance: float | None = None
     home: bool = False
+    scale: float = 1.0
     updates: tuple[UpdateQuality, ...] = ()
 
     @property

@@ -73,7 +73,7 @@ def test_known_views_by_either_name(tmp_path: Path, views: tuple[PinholeView, ..
         ("", "not JSON"),
         ("{}", "neither a list of candidates nor"),
         ('"x"', "neither a list of candidates nor"),
-        ("[]", "holds no candidate"),
+        ("[]", "holds no pose"),
         ([1], "candidate 0, the entry: "),
         ([POSE, {}], "candidate 1, name: Field required"),
         ([{**POSE, "yaw_deg": 3}], "candidate 0, yaw_deg: Extra inputs"),
@@ -86,6 +86,10 @@ def test_known_views_by_either_name(tmp_path: Path, views: tuple[PinholeView, ..
         (
             '[{"name": "a", "position": [1e999, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}]',
             "position.0.*finite",
+        ),
+        (
+            [{**POSE, "position": [0, -1e300, 0]}],
+            "candidate 0, position.1: .* greater than or equal to -1000000000",
         ),
         ([POSE, POSE], "two candidates called 'a'"),
         ([{"name": "x", "view": "99.png"}], "no view '99.png'"),

@@ -9,7 +9,7 @@ import pytest
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.clearance import FreeSpace, Matter
 from fvs_engine.plan.distances import path_length
-from fvs_engine.plan.flight import MOST_PLACES, FreeLegs
+from fvs_engine.plan.flight import MOST_PLACES, FreeLegs, free_legs
 from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.volumes import Box, Cylinder
 
@@ -147,3 +147,30 @@ def test_ways_that_are_flown_still_go_around_a_zone():
     assert space.joins(places[way[:-1]], places[way[1:]]).all()
     assert legs.between(np.array([0]), np.array([1]))[0, 0] == pytest.approx(path_length(places[way]))
     assert path_length(places[way]) <= before
+
+
+BALL = Matter(np.zeros((1, 3)), np.ones(1))
+ZONE = Box(centre=(5.0, 0.0, 0.0), size=(2.0, 2.0, 2.0))
+INSIDE, ZONED, FREE = (0.5, 0.0, 0.0), (5.0, 0.5, 0.0), (0.0, 4.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("candidates", "starts", "words"),
+    [
+        ([ZONED, ZONED], [FREE], r"All 2 candidates are in no-fly zones\."),
+        ([INSIDE], [FREE], r"The only candidate is inside matter, or within the safety"),
+        ([INSIDE, ZONED], [FREE], "The only candidate outside of no-fly zones is inside matter"),
+        ([FREE, INSIDE], [ZONED], "start of the vehicle is in a no-fly zone"),
+        ([FREE], [FREE, ZONED], "start of vehicle 2 of 2 is in a no-fly zone"),
+        ([FREE], [INSIDE, FREE], "start of vehicle 1 of 2 is inside matter, or within the safety"),
+    ],
+)
+def test_what_no_way_leads_to_is_named(candidates, starts, words):
+    with pytest.raises(InvalidInputError, match=words) as found:
+        free_legs(np.array(candidates), np.array(starts), FreeSpace(BALL, 0.1, [ZONE]))
+    assert found.value.hint
+
+
+def test_candidates_that_cannot_be_flown_to_do_not_matter_beside_others():
+    legs = free_legs(np.array([INSIDE, ZONED, FREE]), np.array([FREE]), FreeSpace(BALL, 0.1, [ZONE]))
+    assert legs.between(np.array([3]), np.arange(3))[0].tolist() == pytest.approx([np.inf, np.inf, 0.0])

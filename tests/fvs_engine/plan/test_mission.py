@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fvs_engine.errors import InvalidInputError
+from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
@@ -126,3 +127,64 @@ def test_it_says_how_many_candidates_can_be_registered() -> None:
     observations = Observations(points, np.repeat(np.arange(300), 2), np.tile(eyes, (300, 1)))
     targets = Targets(ring(0, 10), ring(15, 20, 90, 180), (), observations)
     assert mission(targets, views=1).registrable == 2
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_targets_are_served_from_near_them_and_not_from_afar(count: int) -> None:
+    """Targets at one position, or side by side, have no spread that distances could be measured by."""
+    wanted = [view_at(np.radians(170 + 1e-3 * number), 3.0) for number in range(count)]
+    far = [view_at(np.radians(170), 300.0)]  # in the same direction
+    found = plan_mission(
+        Targets(ring(0, 10, 20), [*far, *ring(*range(30, 360, 10))], wanted),
+        Budget(views=1),
+        [ring(0)[0].centre],
+    )
+    assert [stop.name for stop in found.tours[0].stops] == ["170"]
+    assert found.end.variance < 0.6 * found.now.variance
+
+
+def test_targets_that_no_candidate_is_near_are_refused() -> None:
+    far = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 300.0)])
+    with pytest.raises(InvalidInputError, match="No candidate helps the targets") as found:
+        plan_mission(far, Budget(views=3), [ring(0)[0].centre])
+    assert "nearer to the targets" in (found.value.hint or "")
+    beside = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 9.0)])
+    assert plan_mission(beside, Budget(views=3), [ring(0)[0].centre]).stops == 3
+
+
+class Impatient(Monitor):
+    """Is cancelled at a check."""
+
+    def __init__(self, at: int) -> None:
+        super().__init__()
+        self.left = at
+
+    def check(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            self.cancel()
+        super().check()
+
+
+@pytest.mark.parametrize("at", [1, 2, 8])
+def test_a_plan_stops_between_its_steps_when_it_is_cancelled(targets: Targets, at: int) -> None:
+    start = [ring(0)[0].centre]
+    for budget in (Budget(views=20), Budget(views=20, distance=5.0)):
+        with pytest.raises(Cancelled):
+            plan_mission(targets, budget, start, SEEN, monitor=Impatient(at))
+
+
+def test_what_a_plan_needs_stops_when_it_is_cancelled() -> None:
+    views = ring(*range(0, 60, 10))
+    places = np.array([view.centre for view in views])
+    space = FreeSpace(no_fly=[Box(centre=(0, 0, 0), size=(1, 1, 1))] * 3, monitor=Impatient(3))
+    with pytest.raises(Cancelled):
+        FreeLegs(places, space)
+    seen = Observations(np.zeros((1, 3)), np.zeros(1, dtype=np.int64), places[:1])
+    with pytest.raises(Cancelled):
+        Targets(views[:1], views[1:], observations=seen, monitor=Impatient(3))
+
+
+def view_at(angle: float, radius: float) -> PinholeView:
+    centre = (radius * np.cos(angle), radius * np.sin(angle), 0.1 * radius)
+    return PinholeView(f"{angle} {radius}", CAMERA, look_at(centre, (0, 0, 0), (0.0, 0.0, 1.0)).inverse())

@@ -148,3 +148,14 @@ def test_what_a_vehicle_has_flown_is_taken_from_its_distance():
     nearest = legs.between(np.array(starts), np.arange(COUNT)).min(axis=1)
     with pytest.raises(InvalidInputError, match="does not reach"):
         plan(variance, Budget(views=3, distance=9.0, flown=tuple(9.0 - nearest / 2)), legs, starts)
+
+
+@pytest.mark.parametrize("home", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_distance_that_a_hint_gives_is_enough_and_in_the_unit_of_the_user(seed, home):
+    variance, legs, starts = setting(seed)
+    with pytest.raises(InvalidInputError, match=r"A distance of 0\.0025 does not") as short:
+        plan(variance, Budget(views=3, distance=0.001, home=home, scale=2.5), legs, starts)
+    least = float(short.value.hint.split()[3])
+    (tour,) = plan(variance, Budget(views=3, distance=least / 2.5, home=home), legs, starts)
+    assert tour.views

@@ -88,6 +88,10 @@ def generator_asked(
         raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
     if volume is None and (aim is not None or level):
         raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
+    if count is not None and (
+        candidates is not None or generator in (GeneratorName.GRID, GeneratorName.DATASET)
+    ):
+        raise typer.BadParameter("--count is for orbit, around-current and --volume.")
     if volume is not None:
         return _in_volume(volume, count, aim, level=level)
     if generator is not None or (candidates is None and count is not None):

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import FreeLegs
+from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
@@ -26,30 +27,38 @@ from fvs_service.rankings.port import (
 from fvs_service.worker.runner.model_states import ModelState
 
 
-def generate_views(request: GenerateViews, state: ModelState) -> GeneratedViews:
-    """Generate candidates in a volume. Raises ``InvalidInputError`` when none is clear of matter."""
-    space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly)
+def generate_views(request: GenerateViews, state: ModelState, monitor: Monitor) -> GeneratedViews:
+    """Generate candidates in a volume.
+
+    Raises ``InvalidInputError`` when none is clear of matter, and ``Cancelled``.
+    """
+    space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly, monitor=monitor)
     return GeneratedViews(views=_generated(request.views, space))
 
 
-def plan_views(request: PlanViews, state: ModelState) -> PlannedFlight:
-    """Plan a flight; raises ``InvalidInputError`` for what cannot be flown."""
+def plan_views(request: PlanViews, state: ModelState, monitor: Monitor) -> PlannedFlight:
+    """Plan a flight; raises ``InvalidInputError`` for what cannot be flown, and ``Cancelled``."""
     space: FreeSpace | None = None
     generated: tuple[PinholeView, ...] = ()
     if request.clearance is not None:
-        space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly)
+        space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly, monitor=monitor)
     if request.generate is not None:
-        generated = _generated(request.generate, space or FreeSpace(state.matter))
+        generated = _generated(request.generate, space or FreeSpace(state.matter, monitor=monitor))
     targets = Targets(
-        state.visited, generated or request.views, request.targets, state.observations, taken=request.taken
+        state.visited,
+        generated or request.views,
+        request.targets,
+        state.observations,
+        taken=request.taken,
+        monitor=monitor,
     )
     starts = [np.array(start) for start in request.starts] or [state.visited[-1].centre]
     by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
     seen = _seen(request.updates, by_image, targets.spread)
-    budget = Budget(request.budget, request.distance, request.home)
-    legs = None if space is None else FreeLegs(np.concatenate([targets.centres, starts]), space)
-    mission = plan_mission(targets, budget, starts, seen, legs)
-    shown = with_appearance(mission, targets.later, state.gaussians)
+    budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
+    legs = None if space is None else free_legs(targets.centres, np.stack(starts), space)
+    mission = plan_mission(targets, budget, starts, seen, legs, monitor)
+    shown = with_appearance(mission, targets.later, state.gaussians, monitor)
     return PlannedFlight(mission=shown, generated=generated)
 
 

@@ -183,12 +183,12 @@ class RunnerServer:
     def _generate(self, request: GenerateViews, monitor: Monitor) -> GeneratedViews:
         state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
-        return generate_views(request, state)
+        return generate_views(request, state, monitor)
 
     def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
         state = self._states.of_snapshot(request.snapshot_id)
         monitor.check()
-        return plan_views(request, state)
+        return plan_views(request, state, monitor)
 
     def _run_job(self, connection: Connection, request: RunJob) -> Any:
         if not self._job_running.acquire(blocking=False):

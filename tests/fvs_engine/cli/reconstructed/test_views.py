@@ -11,6 +11,12 @@ import pytest
 from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES
+from fvs_engine.errors import Cancelled
+from fvs_engine.monitor import Monitor
+from fvs_engine.pipeline.model import open_model
+from fvs_engine.pipeline.plan import plan_next_views
+from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.tours import Budget
 
 Fvs = Callable[..., Any]
 
@@ -148,7 +154,7 @@ def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
     zone.write_text('{"kind": "cylinder"}')
     assert "zone.json: The volume cannot be used" in fvs("plan", out, *options, "--no-fly", zone).stderr
     buried = fvs("plan", out, "--safety", 1e6)
-    assert "Something is in the way" in buried.stderr
+    assert "candidates are inside matter, or within the safety distance of it" in buried.stderr
     assert "not both" in fvs("plan", out, "--volume", volume, "--candidates", volume).stderr
 
 
@@ -161,7 +167,43 @@ def test_plans_that_cannot_be_made_say_what_to_change(
     assert "Give at least" in short.stderr
     assert "is not X,Y,Z" in fvs("plan", first_run[0], "--start", "1,2").stderr
     assert "finite" in fvs("plan", first_run[0], "--start", "nan,0,0").stderr
+    assert "at most 1e+09" in fvs("plan", first_run[0], "--start", "1e300,0,0").stderr
+    few = fvs("plan", first_run[0], "--start", "1,0,0", "--vehicles", 3)
+    assert "There are 1 --start for 3 --vehicles" in few.stderr
+    assert "need a --volume" in fvs("plan", first_run[0], "--level").stderr
+    assert "--count needs a --volume" in fvs("plan", first_run[0], "--count", 50).stderr
+    nothing = fvs("plan", first_run[0], "--no-fly", tmp_path / "zone.json").stderr
+    assert nothing.count("zone.json") == 1
     assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
+
+
+def test_a_forecast_measures_variances_as_its_plan_does(
+    first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Candidates far away widen the plan's scale of distances; that of the photographs seen is the same."""
+    held_out = [view.name for view in open_model(first_run[0]).held_out_views]
+    far = {"name": "far", "position": [500.0, 0.0, 0.0], "orientation_wxyz": [1, 0, 0, 0]}
+    file = tmp_path / "candidates.json"
+    file.write_text(json.dumps([*({"name": f"c{name}", "view": name} for name in held_out), far]))
+    given: list[Any] = []
+
+    def spied(targets: Any, budget: Any, starts: Any, seen: Any, *rest: Any) -> Any:
+        given.extend(seen)
+        return plan_mission(targets, budget, starts, seen, *rest)
+
+    monkeypatch.setattr("fvs_engine.pipeline.plan.plan_mission", spied)
+    made, _ = plan_next_views(first_run[0], Budget(views=1), candidates_file=file, out=tmp_path / "plan")
+    expected = [term.variance for term in made.mission.terms if term.name != "far"]
+    assert held_out
+    assert sorted(view.variance for view in given) == pytest.approx(sorted(expected))
+
+
+def test_a_plan_is_stopped(first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    monitor = Monitor()
+    monitor.cancel()
+    with pytest.raises(Cancelled):
+        plan_next_views(first_run[0], Budget(views=3), out=tmp_path / "plan", monitor=monitor)
+    assert not (tmp_path / "plan").exists()
 
 
 def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
