@@ -144,7 +144,7 @@ class GrowingScene:
         gone = set(removed).intersection((*self._visited, *self.quarantined))
         left = tuple(name for name in self._visited if name not in gone)
         new = tuple(name for name in dict.fromkeys(names) if name not in left)
-        if not new and not gone:
+        if not new and not gone and self._source.has(self._visited):
             return SceneUpdate((), self.unregistered, 0, self._scarcity(), {})
         if self._dirty:
             self.save()  # the pose source may be at most one update ahead of the state
@@ -202,6 +202,7 @@ class GrowingScene:
         )
         self._files.write_state(state, self._points)
         self._dirty = False
+        self._source.acknowledge()
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, TrainingView]:
         """Localise images that are not part of the scene, for evaluation; the scene does not change.

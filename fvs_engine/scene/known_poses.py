@@ -51,6 +51,13 @@ class KnownPoses:
         """See ``PoseSource``: images that crash triangulation."""
         return SfmFolder(self._folder).quarantine.reasons
 
+    def has(self, visited: Collection[str]) -> bool:  # noqa: ARG002 - it keeps none
+        """See ``PoseSource``."""
+        return True
+
+    def acknowledge(self) -> None:
+        """See ``PoseSource``: it keeps no warnings."""
+
     def release(self, names: Collection[str]) -> None:
         """See ``PoseSource``."""
         SfmFolder(self._folder).quarantine.release(names)

@@ -28,6 +28,17 @@ class PoseSource(Protocol):
         """Images that are left out because they crash structure from motion → the reasons."""
         ...
 
+    def has(self, visited: Collection[str]) -> bool:
+        """Whether its images are those ``visited``, apart from quarantined ones and deleted photographs.
+
+        They are not after an ``update`` that failed or was killed: images may have left it, or come to it.
+        """
+        ...
+
+    def acknowledge(self) -> None:
+        """Forget the warnings of updates: their results were saved. Others are returned once more."""
+        ...
+
     def release(self, names: Collection[str]) -> None:
         """Forget quarantined images, so that the next ``update`` tries them again."""
         ...

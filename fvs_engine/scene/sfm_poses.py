@@ -27,6 +27,7 @@ class SfmPoses:
         priors: PosePriors | None = None,
     ) -> None:
         self._priors = priors
+        self._image_dir = dataset.image_dir
         self._growing = GrowingReconstruction.open(
             folder, dataset.image_dir, settings, monitor, leaving=dataset.arriving
         )
@@ -40,6 +41,15 @@ class SfmPoses:
     def quarantined(self) -> Mapping[str, str]:
         """See ``PoseSource``."""
         return self._growing.quarantined
+
+    def has(self, visited: Collection[str]) -> bool:
+        """See ``PoseSource``."""
+        present = {name for name in visited if (self._image_dir / name).is_file()}
+        return set(self._growing.added) == present - self._growing.quarantined.keys()
+
+    def acknowledge(self) -> None:
+        """See ``PoseSource``."""
+        self._growing.acknowledge()
 
     def release(self, names: Collection[str]) -> None:
         """See ``PoseSource``."""

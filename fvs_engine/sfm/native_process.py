@@ -7,6 +7,7 @@ The jobs of one thread run one after another in forks of one child (``native.chi
 thread.
 """
 
+import contextlib
 import json
 import os
 import queue
@@ -31,6 +32,10 @@ _ENVIRONMENT = {
 }
 _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
 """Exit statuses of a process that was killed: by a user, or by the system when memory runs out."""
+_LOG_BYTES = 8_000_000
+"""A larger log is kept as the old one, which it replaces: a scene may grow for as long as it likes."""
+_LOGGED_CHARACTERS = 2_000
+"""Characters of a job's arguments that are logged: those of a large scene have the priors of all images."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 
@@ -63,8 +68,8 @@ def run_native(
     }
     child = _this_threads_child()
     try:
-        with log_file.open("a", encoding="utf-8") as log:
-            log.write(f"== {job} {json.dumps(dict(arguments))}\n")
+        with _open_log(log_file) as log:
+            log.write(f"== {job} {_shortened(json.dumps(dict(arguments)))}\n")
             log.flush()
             child.begin(json.dumps(order), log)
         outcome, status = _wait(child, monitor, on_tick, on_event)
@@ -76,6 +81,19 @@ def run_native(
     if "error" in outcome:
         raise NativeJobError(f"Stage {job!r} failed: {outcome['error']}", hint=f"Details are in {log_file}.")
     return outcome["result"]
+
+
+def _open_log(file: Path) -> IO[str]:
+    with contextlib.suppress(FileNotFoundError):
+        if file.stat().st_size > _LOG_BYTES:
+            file.replace(file.with_name(f"{file.stem}.old{file.suffix}"))
+    return file.open("a", encoding="utf-8")
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= _LOGGED_CHARACTERS:
+        return text
+    return f"{text[:_LOGGED_CHARACTERS]}… ({len(text)} characters)"
 
 
 def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:

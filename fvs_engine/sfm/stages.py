@@ -27,6 +27,7 @@ from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 
+_MAPPING = "mapping"
 _NOT_MAPPING = ("gate", "incremental_first_up_to", "witness")
 """Settings that do not change the mappers' models."""
 
@@ -89,11 +90,18 @@ class SfmFolder:
 
     def mapping(self, mapper: str) -> Path:
         """A mapper's models, in folders 0, 1 and so on."""
-        return self.root / "mapping" / mapper
+        return self.root / _MAPPING / mapper
 
     def remove_images(self, names: Iterable[str]) -> None:
-        """Remove images from the databases; unknown names are ignored."""
+        """Remove images from the databases, and all results with their ids; unknown names are ignored.
+
+        An image that is added again gets another id, which no earlier model or result has.
+        """
         gone = list(names)
+        if self.database.exists() and not image_ids(self.database).keys().isdisjoint(gone):
+            self.report.unlink(missing_ok=True)
+            delete_database(self.calibrated)
+            shutil.rmtree(self.root / _MAPPING, ignore_errors=True)
         remove_images(self.database, gone)
         remove_images(self.witness, gone)
         delete_database(matches_around(self.database))
@@ -166,7 +174,7 @@ class Stages:
             self.folder.remove_images(image_ids(self.folder.database).keys() - sizes.keys())
         if before.get("models") != state["models"] or changed:
             delete_database(self.folder.calibrated)
-            shutil.rmtree(self.folder.mapping("x").parent, ignore_errors=True)
+            shutil.rmtree(self.folder.root / _MAPPING, ignore_errors=True)
         if before.get("mapping") != state["mapping"] or changed:
             self.folder.report.unlink(missing_ok=True)
         self.folder.rejected.unlink(missing_ok=True)

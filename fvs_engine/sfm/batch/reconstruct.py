@@ -198,7 +198,8 @@ def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
     warnings = []
     if unregistered := _unregistered(names, chosen):
         warnings.append(
-            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}."
+            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}. "
+            "Photograph what lies between them and the others, or leave out what is of another place."
         )
     warnings += [
         f"{listed(images)} make a model of their own, which no matches join with this one: photograph what "

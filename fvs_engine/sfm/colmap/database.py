@@ -113,13 +113,20 @@ def veto_pairs(path: Path, pairs: Iterable[tuple[int, int]]) -> None:
 
 
 def restore_pairs(path: Path) -> list[tuple[str, str]]:
-    """Undo all vetoes; return the pairs of names to verify again."""
+    """Undo all vetoes; return the pairs of names to verify again.
+
+    A pair is returned at every call until it is verified: the process may be killed before.
+    """
     names = {image_id: name for name, image_id in image_ids(path).items()}
     with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
         vetoed = f"two_view_geometries WHERE config = {_VETOED} AND rows = 0"  # COLMAP's own keep matches
-        pairs = [pair_id for (pair_id,) in db.execute(f"SELECT pair_id FROM {vetoed} ORDER BY pair_id")]
+        db.execute("CREATE TABLE IF NOT EXISTS restored_pairs (pair_id INTEGER PRIMARY KEY)")  # not COLMAP's
+        db.execute(f"INSERT OR IGNORE INTO restored_pairs SELECT pair_id FROM {vetoed}")
         db.execute(f"DELETE FROM {vetoed}")
-    return [(names[pair_id // _MAX_IMAGES], names[pair_id % _MAX_IMAGES]) for pair_id in pairs]
+        db.execute("DELETE FROM restored_pairs WHERE pair_id IN (SELECT pair_id FROM two_view_geometries)")
+        found = db.execute("SELECT pair_id FROM restored_pairs ORDER BY pair_id").fetchall()
+    pairs = [(pair_id // _MAX_IMAGES, pair_id % _MAX_IMAGES) for (pair_id,) in found]
+    return [(names[first], names[second]) for first, second in pairs if {first, second} <= names.keys()]
 
 
 def count_rows(path: Path, table: str) -> int:

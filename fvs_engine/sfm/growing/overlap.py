@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import Camera, RigidTransform
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.verification.veto import believed_frame
+from fvs_engine.sfm.verification.veto import believed_frame, is_vague
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def predicted_neighbours(
 ) -> dict[str, list[str]]:
     """For those of ``names`` that have a whole pose prior, the registered images that overlap them most.
 
-    Empty when the priors do not agree with the model.
+    Vague priors do not count. Empty when the priors do not agree with the model.
     """
     poses = {view.name: view.camera_from_model.inverse() for view in current.views}
     frame = believed_frame(priors, poses)
@@ -38,8 +38,9 @@ def predicted_neighbours(
     model_from_world = frame.world_from_model.inverse()
     found = {}
     for name in names:
-        world_from_camera = priors.by_name[name].world_from_camera if name in priors.by_name else None
-        if world_from_camera is not None:
+        prior = priors.by_name.get(name)
+        world_from_camera = None if prior is None else prior.world_from_camera
+        if prior is not None and world_from_camera is not None and not is_vague(prior, priors, frame):
             expected = model_from_world.move_camera(world_from_camera)
             # Most images of a scene have one camera; the prior is too coarse for the others to matter.
             found[name] = most_overlapping(expected, current.views[-1].camera, current, _BY_OVERLAP)

@@ -19,6 +19,7 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
 )
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
+from fvs_engine.sfm.growing.guided import still_true
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
@@ -150,7 +151,8 @@ class GrowingReconstruction:
         their EXIF. Poses and models that contradict them are rejected; where they agree with the model, they
         keep it from drifting, and images that match nothing are matched where they should be. ``known``:
         the views from which the result counts its changes, by default those before the call. A caller that
-        was killed after a commit has older ones.
+        was killed after a commit has older ones; one that gives them also gets the warnings again that it
+        did not ``acknowledge``.
 
         Images that crash pycolmap are quarantined: they are no longer added, and a warning names them.
 
@@ -163,23 +165,27 @@ class GrowingReconstruction:
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
         _require_readable(self._image_dir, tuple(new))
         if new:
+            self._remove_left_over()
             self._state = self._state.model_copy(
                 update={"images": self._state.images | new, "pending": (*self._state.pending, *new)}
             )
             self._folder.save(self._state)
         before = self.reconstruction.views if known is None else known
-        warnings: tuple[str, ...] = ()
+        if known is None:
+            self._state = self._state.model_copy(update={"unreported": ()})
+        warnings = self._state.unreported
         seconds: Mapping[str, float] = {}
         quarantined = set(self.quarantined)
         while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
             try:
                 advance = self._grow if self.registered else self._bootstrap
-                warnings, seconds = advance(monitor, priors)
+                news, seconds = advance(monitor, priors)
+                warnings = (*warnings, *news)
             except CulpritError as culprit:
                 self._folder.sfm.quarantine.add(culprit)
                 self._take_out({culprit.name})
-        news = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
-        warnings = tuple(dict.fromkeys((*warnings, *news)))
+        crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
+        warnings = still_true(tuple(dict.fromkeys((*warnings, *crashed))), self._state)
         current = self.reconstruction
         return PoseUpdate.between(
             before,
@@ -190,6 +196,12 @@ class GrowingReconstruction:
             warnings,
             seconds,
         )
+
+    def acknowledge(self) -> None:
+        """Forget the warnings so far: the caller has what ``add`` returned on disk."""
+        if self._state.unreported:
+            self._state = self._state.model_copy(update={"unreported": ()})
+            self._folder.save(self._state)
 
     def remove(self, names: Collection[str]) -> None:
         """Remove images, as if they had never been added: their features, matches, poses and observations.
@@ -252,6 +264,7 @@ class GrowingReconstruction:
                 "bootstrap_images": len(names),
                 "mapped_images": len(names),
                 "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
+                "unreported": (*self._state.unreported, *result.report.warnings),
             }
         )
         registered = [name for name in names if name in posed]
@@ -275,11 +288,13 @@ class GrowingReconstruction:
         if done.from_all:
             self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
             self._retrieval = None
+        unreported = (*self._state.unreported, *done.warnings)
+        state = done.state.model_copy(update={"unreported": unreported})
         if done.changed:
-            self._commit(done.state)
+            self._commit(state)
         else:
-            self._folder.save(done.state)
-            self._state = done.state
+            self._folder.save(state)
+            self._state = state
         if done.from_all:
             self._open_retrieval().prepare(list(done.state.images))
         return done.warnings, stages.seconds
@@ -299,12 +314,22 @@ class GrowingReconstruction:
             self._state = state
         self._folder.sfm.remove_images(names)
 
+    def _remove_left_over(self) -> None:
+        """Remove images from the database that a removal left there when it was killed after its commit."""
+        self._require_sound_database()
+        database = self._folder.sfm.database
+        if database.exists():
+            self._folder.sfm.remove_images(image_ids(database).keys() - self._state.images.keys())
+
+    def _require_sound_database(self) -> None:
+        if not self._database_is_sound:
+            require_sound_database(self._folder.sfm.database)
+            self._database_is_sound = True
+
     def _extract_features(self, stages: Stages) -> list[str]:
         """Extract features of all added images; returns the images that have some."""
         database = stages.folder.database
-        if not self._database_is_sound:
-            require_sound_database(database)
-            self._database_is_sound = True
+        self._require_sound_database()
         names = list(self._state.images)
         add_features(stages, self._image_dir, names)
         features = feature_counts(database)

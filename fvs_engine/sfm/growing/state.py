@@ -45,6 +45,9 @@ class GrowthState(Record):
     priors_ignored: tuple[str, ...] = ()
     """The last update's warnings about unused pose priors; they are repeated only when they change."""
 
+    unreported: tuple[str, ...] = ()
+    """Warnings that the caller has not acknowledged: it may have been killed before it got them."""
+
     generation: int = 0
     bootstrap_images: int = 0
     """Number of the first images, from which the vocabulary was computed."""

@@ -16,8 +16,8 @@ _ORIENTATIONS_IGNORED = (
 )
 
 _CONTRADICTED = (
-    "its position prior contradicts all of its verified pairs, so that it shows a look-alike place, or the "
-    "position is wrong"
+    "its position prior contradicts all verified pairs that join it with the model, so that it shows a "
+    "look-alike place, or the position is wrong"
 )
 
 
@@ -26,7 +26,8 @@ class Veto:
     """``priors`` to use, none when the images contradict them; ``ignored``: warnings of unused ones.
 
     ``informative``: whether their positions can judge poses: few, or inaccurate ones for so small a scene,
-    cannot. ``without_pairs``: images that have no verified pair left → the reason.
+    cannot. ``without_pairs``: images that no verified pairs join with the model any more → the
+    reason.
     """
 
     priors: PosePriors

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.rotations import matrix_from_rotation_vector
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.veto import PriorFrame
+from fvs_engine.sfm.verification.veto import PriorFrame, is_vague
 
 Array = NDArray[np.float64]
 
@@ -17,9 +17,6 @@ _LEAST_POSITION_SHARE = 0.005
 """Minimum position sigma, as a share of the cameras' distance from their middle: models have errors, too."""
 
 _LEAST_ORIENTATION_DEG = 1.0
-
-_MOST_POSITION_SHARE, _MOST_ORIENTATION_DEG = 0.5, 30.0
-"""Standard deviations up to which a prior tells where points should be."""
 
 _DOUBTED_SIGMAS = 3.0
 """Scale of the robust loss, in standard deviations."""
@@ -47,17 +44,12 @@ class ExpectedPose:
         more accurate than those of registered images have been.
         """
         world_from_camera = prior.world_from_camera
-        if world_from_camera is None or not frame.oriented:
+        if world_from_camera is None or not frame.oriented or is_vague(prior, priors, frame):
             return None
         world = priors.positions(list(frame.aligned))
         away = ((world - world.mean(axis=0)) ** 2).sum()
         outside = ((np.array(prior.position) - world.mean(axis=0)) ** 2).sum() / away
         spread = np.sqrt(away / len(world))
-        if (
-            prior.position_sigma > _MOST_POSITION_SHARE * spread
-            or prior.orientation_sigma_deg > _MOST_ORIENTATION_DEG
-        ):
-            return None
         noise = max(prior.position_sigma, frame.position_noise)
         sigma = noise * np.sqrt(1.0 + 1.0 / len(world) + outside)
         least = _LEAST_POSITION_SHARE * spread

@@ -34,9 +34,9 @@ def veto(
     """Veto pairs of ``names``, images that are not in the model, which ``priors`` (as JSON) contradict.
 
     Nothing is vetoed when the priors do not agree with the model: ``contradicted_support`` is then their
-    support by the pairs in the model, else None. ``without``: those of ``names`` that have no verified pair
-    left. ``oriented``: False when orientations are not believed. ``informative``: whether the positions can
-    judge the poses of other images.
+    support by the pairs in the model, else None. ``without``: those of ``names`` that no chain of verified
+    pairs joins with the model any more. ``oriented``: False when orientations are not believed.
+    ``informative``: whether the positions can judge the poses of other images.
     """
     model = pycolmap.Reconstruction(model_dir)
     poses = camera_poses(model)
@@ -75,8 +75,10 @@ def veto(
         frame,
     )
     veto_pairs(path, [(pair.first, pair.second) for pair in vetoed])
-    left = {i for pair in every if pair not in vetoed for i in (pair.first, pair.second)}
-    lost = {i for pair in vetoed for i in (pair.first, pair.second)} - left
+    gone = {id(pair) for pair in vetoed}
+    left = [(pair.first, pair.second) for pair in every if id(pair) not in gone]
+    lost = {i for pair in vetoed for i in (pair.first, pair.second)}
+    lost -= _joined({ids[name] for name in poses if name in ids}, left)
     return {
         "believed": True,
         "oriented": oriented,
@@ -84,6 +86,17 @@ def veto(
         "contradicted_support": None,
         "without": [name for name in names if ids[name] in lost],
     }
+
+
+def _joined(start: set[int], pairs: Sequence[tuple[int, int]]) -> set[int]:
+    """The images that chains of ``pairs`` join with those of ``start``, and these."""
+    joined, size = set(start), 0
+    while len(joined) > size:
+        size = len(joined)
+        for pair in pairs:
+            if not joined.isdisjoint(pair):
+                joined.update(pair)
+    return joined
 
 
 def _support(

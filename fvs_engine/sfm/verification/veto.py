@@ -16,7 +16,7 @@ from fvs_engine.geometry import RigidTransform, SimilarityTransform
 from fvs_engine.geometry.alignment.cameras import mean_rotation
 from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.pair_check import angle_deg, relative_pose
 from fvs_engine.sfm.verification.positions import align_positions, contradict
 from fvs_engine.sfm.verification.prior_support import SIGMAS, limits_deg
@@ -27,6 +27,9 @@ _MAX_TURN_DEG = 20.0
 """Angle between the rotations by positions and by orientations beyond which the orientations are wrong."""
 
 _MIN_ORIENTATIONS = 3
+
+_MOST_POSITION_SHARE, _MOST_ORIENTATION_DEG = 0.5, 30.0
+"""Standard deviations (a position's in shares of the track) up to which a prior tells what an image shows."""
 
 _MEDIAN_LENGTH = 1.54
 """Of vectors whose three coordinates have the standard deviation 1."""
@@ -86,6 +89,16 @@ def believed_frame(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> P
         tuple(name for name, agrees in zip(shared, report.inliers, strict=True) if agrees),
         report.median / _MEDIAN_LENGTH,
         float(np.median(off_deg)) / _MEDIAN_LENGTH if oriented else 0.0,
+    )
+
+
+def is_vague(prior: PosePrior, priors: PosePriors, frame: PriorFrame) -> bool:
+    """Whether a prior, by its own standard deviations, does not tell what its image should show."""
+    world = priors.positions(list(frame.aligned))
+    spread = float(np.sqrt(((world - world.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return (
+        prior.position_sigma > _MOST_POSITION_SHARE * spread
+        or prior.orientation_sigma_deg > _MOST_ORIENTATION_DEG
     )
 
 

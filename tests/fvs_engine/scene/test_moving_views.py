@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from same_scenes import assert_same, assert_same_scenes
 
-from fvs_engine.errors import TrainingError
+from fvs_engine.errors import Cancelled, TrainingError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -35,8 +35,16 @@ class MovingPoses:
         self.points = dataset.points.cloud.xyz if dataset.points else np.zeros((0, 3))
         self.quarantined: dict[str, str] = {}
         self.renumbers = True
+        self.images: set[str] = set()
+        self.acknowledged = 0
 
     model_dir = None
+
+    def has(self, visited: Collection[str]) -> bool:
+        return self.images == set(visited)
+
+    def acknowledge(self) -> None:
+        self.acknowledged += 1
 
     def release(self, names: Collection[str]) -> None:
         for name in names:
@@ -49,6 +57,7 @@ class MovingPoses:
         monitor: Monitor,
         priors: PosePriors | None = None,  # noqa: ARG002
     ) -> PoseUpdate:
+        self.images = set(visited)
         monitor.check()
         views = [self._posed(name) for name in visited if name not in self.late]
         draw = np.random.default_rng(len(visited) if self.renumbers else 0)
@@ -179,6 +188,32 @@ def test_a_removed_image_leaves_no_trace_and_can_come_back(
     assert not scene.is_trained("full")
     scene.add([names[1]], Monitor())
     assert_same(scene.train("full", Monitor()), before)
+
+
+def test_images_come_back_that_an_update_which_failed_took_out(
+    moving: tuple[GrowingScene, MovingPoses],
+) -> None:
+    """The scene still has them, but its pose source does not."""
+    scene, source = moving
+    scene.add(FIRST, Monitor())
+    stopped = Monitor()
+    stopped.cancel()
+    with pytest.raises(Cancelled):
+        scene.add((), stopped, removed=FIRST[1:])
+    assert scene.visited == FIRST
+    assert source.images == {FIRST[0]}
+    scene.add(FIRST, Monitor())
+    assert source.images == set(FIRST)
+
+
+def test_warnings_are_acknowledged_when_the_scene_is_saved(
+    moving: tuple[GrowingScene, MovingPoses],
+) -> None:
+    scene, source = moving
+    scene.add(FIRST, Monitor())
+    assert source.acknowledged == 0
+    scene.save()
+    assert source.acknowledged == 1
 
 
 def test_removing_an_image_without_a_pose_keeps_the_models(

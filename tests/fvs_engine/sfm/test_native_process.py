@@ -261,3 +261,17 @@ def test_a_child_that_ignores_the_request_to_stop_is_killed(tmp_path: Path, monk
         run_native("match", {}, tmp_path / "native.log", monitor)
     timer.join()
     assert time.monotonic() - began < 10.0
+
+
+def test_the_log_of_a_scene_that_grows_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native_process, "_LOG_BYTES", 10_000, raising=False)
+    answer = """print('{"result": 1}\\n{"ended": 0}', flush=True)"""
+    use_child(
+        monkeypatch, f"import sys\n{answer}\nfor _ in sys.stdin: {answer}"
+    )  # the first order comes with it
+    log = tmp_path / "native.log"
+    for number in range(30):
+        run_native("veto", {"number": number, "priors": "x" * 100_000}, log, Monitor())
+    assert '== veto {"number": 29, ' in log.read_text(encoding="utf-8")
+    assert {file.name for file in tmp_path.iterdir()} == {"native.log", "native.old.log"}
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 30_000

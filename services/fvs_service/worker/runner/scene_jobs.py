@@ -174,12 +174,12 @@ class SceneJobs:
         stage = FirstModelMonitor(monitor)
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
+            for sentence in update.warnings:
+                warn(f"The first {len(first)} images: {sentence}")
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
             return  # with the others they may support a model
-        for sentence in update.warnings:
-            warn(f"The first {len(first)} images: {sentence}")
         first = {name: image for name, image in first.items() if name not in scene.quarantined}
         publish("first", self._outcome_of_update(request, scene, first, model, "first"))
 

@@ -62,6 +62,7 @@ def test_vetoed_pairs_are_not_verified_until_they_are_restored(
     match_pairs(stages, pairs)  # matching them again changes nothing
     assert verified_matches(path, 15).keys() == before.keys() - set(pairs)
     assert restore_pairs(path) == pairs
+    assert restore_pairs(path) == pairs  # also after a kill before they were matched
     match_pairs(stages, pairs)
     assert verified_matches(path, 15) == before
     assert restore_pairs(path) == []

@@ -16,7 +16,10 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
 from fvs_engine.monitor import Monitor, Progress
+from fvs_engine.sfm.growing import step as step_module
+from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.settings import SfmSettings
 
 KILLED = """
@@ -69,6 +72,30 @@ def test_a_model_that_was_not_committed_is_forgotten(grown: Grown, images: Path,
     assert not (folder / "model-000002").exists()
     assert not (folder / ".model.partial").exists()
     assert len(growing.reconstruction.views) == len(FIRST)
+
+
+@pytest.mark.usefixtures("native_here")
+def test_warnings_of_an_update_that_was_killed_are_returned_once_more(
+    grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """It was committed, and the caller had not saved what it returned."""
+
+    def register(
+        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
+    ) -> ModelChange:
+        return ModelChange(state, warnings=("DOUBTFUL CAMERAS: why.",))
+
+    monkeypatch.setattr(step_module, "register", register)
+    folder = copy_of(grown.bootstrapped, tmp_path)
+
+    def warned() -> list[str]:
+        growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
+        update = growing.add([*FIRST, NEXT], Monitor(), known=grown.first.views)
+        return [line for line in update.warnings if line.startswith("DOUBTFUL")]
+
+    assert warned() == warned() == ["DOUBTFUL CAMERAS: why."]
+    GrowingReconstruction.open(folder, images, SETTINGS, Monitor()).acknowledge()
+    assert warned() == []
 
 
 @pytest.mark.parametrize("stage", ["features", pytest.param("registration", marks=pytest.mark.slow)])

@@ -52,6 +52,9 @@ def test_neighbours_are_predicted_from_whole_priors_that_are_believed(room: Reco
     found = predicted_neighbours(["new", "no orientation", "without a prior"], priors, room)
     assert list(found) == ["new"]
     assert found["new"][0] == "06"
+    for vague in ({"position_sigma": 100.0}, {"orientation_sigma_deg": 90.0}):
+        uncertain = PosePriors(by_name=by_name | {"new": by_name["new"].model_copy(update=vague)})
+        assert predicted_neighbours(["new"], uncertain, room) == {}
     mixed = dict(zip(by_name, np.random.default_rng(0).permutation(list(by_name)).tolist(), strict=True))
     shuffled = PosePriors(by_name={name: by_name[other] for name, other in mixed.items()})
     assert predicted_neighbours(["new"], shuffled, room) == {}
