@@ -23,10 +23,14 @@ Yaw = Annotated[Number, Field(ge=-360, le=360)]
 """Compasses count from 0 to 360, gimbals from -180 to 180."""
 Tilt = Annotated[Number, Field(ge=-180, le=180)]
 """A pitch or a roll; gimbals that turn over exceed 90."""
+AngleSigma = Annotated[Number, Field(ge=0, le=180)]
+"""The standard deviation of an attitude about each axis."""
 
 MAX_COORDINATE_M = 2e7
 Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 """Coordinates up to half the Earth's circumference in metres, which UTM and earth-centred ones need."""
+PositionSigma = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
+"""The standard deviation of each coordinate of a position."""
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[Number, Field(ge=1e-6, le=MAX_COORDINATE_M)]
 """Lengths of a micrometre or more: shorter ones are rounding at the size of a scene."""

@@ -61,6 +61,22 @@ def test_what_the_sender_does_not_tell_is_taken_from_the_file(gateway: Any, phot
     assert (by_sender["yaw_deg"], by_sender["pitch_deg"]) == (-30.5, -50.0)
 
 
+def test_standard_deviations_are_of_the_position_that_is_used(gateway: Any, photograph: Photograph) -> None:
+    scene, accuracy = gateway.scene(), {"position_sigma_m": 0.02, "attitude_sigma_deg": 1.5}
+    here = {"latitude_deg": 48.31, "longitude_deg": 7.26, "altitude_m": 500.0}
+    fix = _gps((48, 18, 0), (7, 15, 0))
+    of_file = gateway.put(scene, photograph(1, exif=fix), **accuracy).json()["prior"]
+    assert of_file["source"] == "metadata"
+    assert of_file["latitude_deg"] == pytest.approx(48.3)
+    of_sender = gateway.put(scene, photograph(2, exif=fix), **here, **accuracy).json()["prior"]
+    assert of_sender["source"] == "request"
+    for prior in (of_file, of_sender):
+        assert {name: prior[name] for name in accuracy} == accuracy
+    assert gateway.put(scene, photograph(3), **accuracy).json()["prior"] is None  # of nothing
+    for wrong in ({"position_sigma_m": -1}, {"attitude_sigma_deg": 181}, {"position_sigma_m": "nan"}):
+        assert gateway.put(scene, photograph(4), **here, **wrong).status_code == 422
+
+
 def test_a_compass_is_of_no_use_in_a_local_frame(gateway: Any, photograph: Photograph) -> None:
     scene = gateway.scene(world={"kind": "local"})
     gimbal = _with_xmp(photograph(1), GimbalYawDegree="-30.5", GimbalPitchDegree="-60")

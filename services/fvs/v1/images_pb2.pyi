@@ -180,7 +180,7 @@ class DownloadImageRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ..., start: _Optional[int] = ..., stop: _Optional[int] = ...) -> None: ...
 
 class Prior(_message.Message):
-    __slots__ = ("source", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg")
+    __slots__ = ("source", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg")
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
     LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -192,6 +192,8 @@ class Prior(_message.Message):
     YAW_DEG_FIELD_NUMBER: _ClassVar[int]
     PITCH_DEG_FIELD_NUMBER: _ClassVar[int]
     ROLL_DEG_FIELD_NUMBER: _ClassVar[int]
+    POSITION_SIGMA_M_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_SIGMA_DEG_FIELD_NUMBER: _ClassVar[int]
     source: PriorSource
     latitude_deg: float
     longitude_deg: float
@@ -203,10 +205,12 @@ class Prior(_message.Message):
     yaw_deg: float
     pitch_deg: float
     roll_deg: float
-    def __init__(self, source: _Optional[_Union[PriorSource, str]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ...) -> None: ...
+    position_sigma_m: float
+    attitude_sigma_deg: float
+    def __init__(self, source: _Optional[_Union[PriorSource, str]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
 
 class ImageMetadata(_message.Message):
-    __slots__ = ("name", "captured_at", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg")
+    __slots__ = ("name", "captured_at", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg")
     NAME_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -219,6 +223,8 @@ class ImageMetadata(_message.Message):
     YAW_DEG_FIELD_NUMBER: _ClassVar[int]
     PITCH_DEG_FIELD_NUMBER: _ClassVar[int]
     ROLL_DEG_FIELD_NUMBER: _ClassVar[int]
+    POSITION_SIGMA_M_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_SIGMA_DEG_FIELD_NUMBER: _ClassVar[int]
     name: str
     captured_at: _timestamp_pb2.Timestamp
     latitude_deg: float
@@ -231,7 +237,9 @@ class ImageMetadata(_message.Message):
     yaw_deg: float
     pitch_deg: float
     roll_deg: float
-    def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ...) -> None: ...
+    position_sigma_m: float
+    attitude_sigma_deg: float
+    def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
 
 class Image(_message.Message):
     __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at")

@@ -6,7 +6,17 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp, within
-from fvs_service.quantities import Altitude, AsText, Coordinate, Latitude, Longitude, Tilt, Yaw
+from fvs_service.quantities import (
+    Altitude,
+    AngleSigma,
+    AsText,
+    Coordinate,
+    Latitude,
+    Longitude,
+    PositionSigma,
+    Tilt,
+    Yaw,
+)
 from fvs_service.scenes.model import AltitudeDatum
 
 IMAGE_NAME = r"^[^/\\\x00-\x1f\x7f]+$"
@@ -78,7 +88,9 @@ class Prior(Model):
     """The pose of an image as far as it is known before structure from motion.
 
     Positions are geodetic or in the scene's local frame; angles are a vehicle's (yaw clockwise from north,
-    pitch up, roll with the right side down).
+    pitch up, roll with the right side down). `position_sigma_m` and `attitude_sigma_deg` are standard
+    deviations, of each coordinate and about each axis. Without them geodetic positions count as good to 5 m,
+    local ones as exact, and attitudes as good to 10°.
     """
 
     source: PriorSource
@@ -92,6 +104,8 @@ class Prior(Model):
     yaw_deg: float | None = None
     pitch_deg: float | None = None
     roll_deg: float | None = None
+    position_sigma_m: float | None = None
+    attitude_sigma_deg: float | None = None
 
     @property
     def geodetic(self) -> bool:
@@ -103,11 +117,18 @@ class Prior(Model):
         """Whether it has a position in the scene's local frame."""
         return self.x_m is not None
 
+    @property
+    def posed(self) -> bool:
+        """Whether it has a position or an angle, not only standard deviations."""
+        angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
+        return self.geodetic or self.local or any(angle is not None for angle in angles)
+
 
 class ImageMetadata(Model):
     """Metadata from the sender, all optional; they override those in the file.
 
-    Position and angles that are not given are read from the file.
+    Position and angles that are not given are read from the file. The standard deviations are of the position
+    and angles that are used.
     """
 
     name: ImageName | None = None
@@ -122,6 +143,8 @@ class ImageMetadata(Model):
     yaw_deg: AsText[Yaw] | None = None
     pitch_deg: AsText[Tilt] | None = None
     roll_deg: AsText[Tilt] | None = None
+    position_sigma_m: AsText[PositionSigma] | None = None
+    attitude_sigma_deg: AsText[AngleSigma] | None = None
 
     @field_validator("name")
     @classmethod
@@ -147,7 +170,7 @@ class ImageMetadata(Model):
         return self
 
     def prior(self) -> Prior | None:
-        """The prior of the request; None without position and angles."""
+        """The prior of the request; None when nothing of it is given."""
         given = self.model_dump(exclude={"name", "captured_at"}, exclude_none=True)
         if self.latitude_deg is not None:
             given.setdefault("altitude_datum", AltitudeDatum.SEA_LEVEL)

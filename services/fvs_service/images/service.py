@@ -273,11 +273,11 @@ def _prior(metadata: ImageMetadata, inspection: Inspection, scene: Scene) -> Pri
     """The prior of the request, completed from the file: the position as a whole, angles one by one."""
     given, found = metadata.prior(), _prior_of(inspection, scene)
     if given is None or found is None:
-        return given or found
+        return found if given is None or not given.posed else given
     placed = given.geodetic or given.local
     rest = found.model_dump(exclude=set(_POSITION) if placed else None, exclude_none=True)
     both = {**rest, **given.model_dump(exclude_none=True)}
-    if found.geodetic and not placed:
+    if (found.geodetic and not placed) or not given.posed:
         both["source"] = found.source
     return Prior(**both)
 

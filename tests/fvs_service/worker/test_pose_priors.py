@@ -74,6 +74,22 @@ def test_priors_are_in_the_world_frame() -> None:
     assert len(by_gps.by_name) == 2
 
 
+def test_priors_have_the_standard_deviations_of_the_sender() -> None:
+    """Also those of a position in the file, which structure from motion itself takes for good to 5 m."""
+    place = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 400.0}
+    told = Prior(
+        source=PriorSource.METADATA,
+        altitude_datum=AltitudeDatum.SEA_LEVEL,
+        position_sigma_m=0.02,
+        **place,
+    )
+    posed = told.model_copy(update={"yaw_deg": 0.0, "pitch_deg": 0.0, "attitude_sigma_deg": 1.5})
+    found = pose_priors(_named(_image(1, told), _image(2, posed)), _ORIGIN)
+    assert found is not None
+    assert found.position_sigmas(["000001.jpg", "000002.jpg"]).tolist() == [0.02, 0.02]
+    assert found.by_name["000002.jpg"].orientation_sigma_deg == 1.5
+
+
 def test_attitudes_are_passed_on_with_positions() -> None:
     """Also those in the file, which structure from motion itself does not read."""
     seen = _geodetic(1, PriorSource.METADATA)

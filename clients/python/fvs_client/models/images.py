@@ -41,13 +41,16 @@ class _PosePrior(BaseModel):
     yaw_deg: float | None = None
     pitch_deg: float | None = None
     roll_deg: float | None = None
+    position_sigma_m: float | None = None
+    attitude_sigma_deg: float | None = None
 
 
 class ImageMetadata(_PosePrior, Input):
     """What is known of an image; it overrides the file's metadata. All fields are optional.
 
     A position is geodetic (latitude, longitude, altitude) or, in a scene with a local world, x, y and z. Yaw
-    is clockwise from north, pitch up, roll right side down.
+    is clockwise from north, pitch up, roll right side down. The sigmas are standard deviations: of each
+    coordinate of the position and about each axis, whether position and angles are given here or in the file.
     """
 
     name: str | None = None

@@ -12,14 +12,14 @@ from fvs_service.scenes.model import Origin
 from fvs_service.snapshots.georeferencing import world_position
 
 _ATTITUDE_SIGMA_DEG = 10.0
-"""Accuracy of a gimbal's attitude: pitch and roll are good to a degree or two, a compass is not."""
+"""That of a gimbal without one of its own: pitch and roll are good to a degree or two, a compass is not."""
 
 
 def pose_priors(images: Mapping[str, Image], origin: Origin | None) -> PosePriors | None:
     """The pose priors of ``images`` (by file name) in the world frame with this ``origin``.
 
-    None when no request gave a position and no image has an attitude: structure from motion reads the
-    positions in the files itself.
+    None when no request gave a position or its accuracy and no image has an attitude: structure from motion
+    reads the positions in the files itself.
     """
     found = {
         name: (image.prior, position)
@@ -35,13 +35,17 @@ def pose_priors(images: Mapping[str, Image], origin: Origin | None) -> PosePrior
 
 def _tells_more_than_the_file(prior: Prior) -> bool:
     whole = prior.yaw_deg is not None and prior.pitch_deg is not None
-    return prior.source is PriorSource.REQUEST or whole
+    return prior.source is PriorSource.REQUEST or whole or prior.position_sigma_m is not None
 
 
 def _pose_prior(prior: Prior, position: np.ndarray) -> PosePrior:
     """The position, and the orientation where it is known; a photograph without a roll is upright."""
-    accuracy_m = GPS_ACCURACY_M if prior.geodetic else 0.0
+    position_sigma_m, attitude_sigma_deg = prior.position_sigma_m, prior.attitude_sigma_deg
+    if position_sigma_m is None:
+        position_sigma_m = GPS_ACCURACY_M if prior.geodetic else 0.0
+    if attitude_sigma_deg is None:
+        attitude_sigma_deg = _ATTITUDE_SIGMA_DEG
     if prior.yaw_deg is None or prior.pitch_deg is None:
-        return PosePrior.at(position, accuracy_m)
+        return PosePrior.at(position, position_sigma_m)
     world_from_camera = camera_at(position, prior.yaw_deg, prior.pitch_deg, prior.roll_deg or 0.0)
-    return PosePrior.of_camera(world_from_camera, accuracy_m, _ATTITUDE_SIGMA_DEG)
+    return PosePrior.of_camera(world_from_camera, position_sigma_m, attitude_sigma_deg)
