@@ -6,7 +6,13 @@ from pydantic import Field
 
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.splat.settings import Densification, LearningRates, TrainingSettings, coarse_to_fine
+from fvs_engine.splat.settings import (
+    Densification,
+    LearningRates,
+    TrainingSettings,
+    coarse_to_fine,
+    coarse_to_fine_of_small_images,
+)
 
 ModelQuality = Literal["quick", "full"]
 """The two models of a scene: ``quick`` ranks soon after new images, ``full`` is better and takes longer."""
@@ -14,8 +20,8 @@ ModelQuality = Literal["quick", "full"]
 QUICK_SHARE = 0.2
 """Iterations of a quick model as a share of those of the full model (ADR 26)."""
 
-HALF_SIZE_FROM_PX = 800
-"""Long side of the images from which on a quick model is trained on images of half their size at most."""
+LARGE_PX = 800
+"""Long side of the images from which on iterations at full size are too expensive to have many (ADR 26)."""
 
 _MORE_AT_HALF_SIZE = 1.25
 """Factor of the iterations of such a model, which are cheaper (ADR 26)."""
@@ -62,8 +68,9 @@ class SceneSettings(Record):
 
     A full model of n views is trained for n × ``iterations_per_view`` iterations, but at least for
     ``initial_iterations`` (the paper's Algorithm 1: 1,000 for 10 views, 100 more for each further one); a
-    quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``),
-    of images of 800 px or more a quick one only to half of their size, with a quarter more iterations.
+    quick model for the share ``quick_share`` of that. Both go from coarse to fine (``coarse_to_fine``): of
+    images of 800 px or more a quick one only to half of their size, with a quarter more iterations; a full
+    one of many smaller images has half of its iterations at full size.
 
     ``warm_starts``: a quick model continues from the last full one where that is better (``WarmStart``). The
     models then depend on which full models were trained before.
@@ -93,8 +100,11 @@ class SceneSettings(Record):
 
         Renders are worse for some iterations after Gaussians were split.
         """
-        to_half_size = quality == "quick" and self.quick_at_half_size
-        levels = coarse_to_fine(iterations, to_half_size=to_half_size)
+        if quality == "full" and self.long_side_px < LARGE_PX:
+            levels = coarse_to_fine_of_small_images(iterations, self.initial_iterations)
+        else:
+            to_half_size = quality == "quick" and self.quick_at_half_size
+            levels = coarse_to_fine(iterations, to_half_size=to_half_size)
         rules = self.training.densification
         reduced = [level.until_iteration for level in levels if level.until_iteration < iterations]
         last = min(rules.last_iteration, reduced[-1] if reduced else 0)
@@ -104,4 +114,4 @@ class SceneSettings(Record):
     @property
     def quick_at_half_size(self) -> bool:
         """Whether quick models are trained on images of half the size at most."""
-        return self.long_side_px >= HALF_SIZE_FROM_PX
+        return self.long_side_px >= LARGE_PX

@@ -1,5 +1,6 @@
 """Training settings and presets, and the memory that training needs."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Self
 
@@ -61,15 +62,39 @@ class Level(Record):
     growth: float = Field(default=1.0, gt=0, le=1)
 
 
+_SHARES = {8: 0.5, 4: 0.75, 2: 0.875}
+_SHARES_TO_HALF_SIZE = {8: 0.6, 4: 0.9, 2: 1.0}
+_SHARES_OF_SMALL_IMAGES = {8: 0.2, 4: 0.35, 2: 0.5}
+"""Reduction → the share of the iterations after which images get larger."""
+
+
 def coarse_to_fine(iterations: int, *, to_half_size: bool = False) -> tuple[Level, ...]:
     """Half of the iterations at an eighth of the size, a quarter at a quarter, an eighth at half of it.
 
     A small image is cheap and shows what matters at first: positions and colours (ADR 24).
     ``to_half_size``: six, three and one tenth of them, and none at full size, which takes half of the time.
     """
-    shares = ((0.6, 8), (0.9, 4), (1.0, 2)) if to_half_size else ((0.5, 8), (0.75, 4), (0.875, 2))
-    levels = {max(1, round(share * iterations)): reduction for share, reduction in shares}
-    return tuple(Level(until_iteration=until, reduction=reduction) for until, reduction in levels.items())
+    shares = _SHARES_TO_HALF_SIZE if to_half_size else _SHARES
+    return _levels({reduction: share * iterations for reduction, share in shares.items()})
+
+
+def coarse_to_fine_of_small_images(iterations: int, of_few_views: int) -> tuple[Level, ...]:
+    """As ``coarse_to_fine`` up to the iterations ``of_few_views``; up to half of more are at full size.
+
+    At full size iterations of small images are cheap, and few views are overfitted by them (ADR 26).
+    """
+    least = min(iterations, of_few_views)
+    return _levels(
+        {
+            reduction: max(share * least, _SHARES_OF_SMALL_IMAGES[reduction] * iterations)
+            for reduction, share in _SHARES.items()
+        }
+    )
+
+
+def _levels(until: Mapping[int, float]) -> tuple[Level, ...]:
+    levels = {max(1, round(iteration)): reduction for reduction, iteration in until.items()}
+    return tuple(Level(until_iteration=last, reduction=reduction) for last, reduction in levels.items())
 
 
 class TrainingSettings(Record):
