@@ -105,8 +105,8 @@ OPTIONS: Mapping[str, Mapping[str, str]] = {
 """What a route needs in the query, beside its body."""
 QUERIES: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}": [
-        {**VEHICLE, "altitude_datum": "sea-level"},
-        {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "yaw_deg": 0.0},
+        {**VEHICLE, "altitude_datum": "sea-level", "attitude_sigma_deg": 2.0},
+        {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "yaw_deg": 0.0, "position_sigma_m": 0.1},
     ]
 }
 EXTREMES = ("5e-324", "-5e-324", "1e-300", "1e308", "-1e308", "1e400", "-1e400", "NaN", "9" * 5000)
