@@ -16,17 +16,19 @@ if TYPE_CHECKING:
 MOST_VIEWS = 200
 """A plan of so many takes half a minute; a longer flight is planned again on the way."""
 
-_FARTHEST = 1e9
 _COUNT = 300
 
 
-def _position(text: str) -> tuple[float, float, float]:
+def _position(text: str, alternatives: str = "") -> tuple[float, float, float]:
+    from fvs_engine.geometry.validation import MAX_POSITION
+
+    expected = f"{alternatives}X,Y,Z"
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is not X,Y,Z") from error
-    if not all(abs(part) <= _FARTHEST for part in (x, y, z)):
-        raise typer.BadParameter(f"{text!r} is not X,Y,Z with finite numbers of at most {_FARTHEST:g}")
+        raise typer.BadParameter(f"{text!r} is not {expected}") from error
+    if not all(abs(part) <= MAX_POSITION for part in (x, y, z)):
+        raise typer.BadParameter(f"{text!r} is not {expected}, finite and at most {MAX_POSITION:g}")
     return x, y, z
 
 
@@ -37,10 +39,7 @@ def _aim(text: str | None, *, level: bool) -> "Aim":
         return Aim("middle", level)
     if text == "nearest":
         return Aim("nearest", level)
-    try:
-        return Aim(_position(text), level)
-    except typer.BadParameter as error:
-        raise typer.BadParameter(error.message.replace("is not X", "is not middle, nearest or X")) from error
+    return Aim(_position(text, "middle, nearest or "), level)
 
 
 def plan(

@@ -17,6 +17,9 @@ _FEW = 16
 MAX_COORDINATE = 1e10
 """Longest translation, in any unit: squares of it, and of it in another unit, are float32 numbers."""
 
+MAX_POSITION = MAX_COORDINATE / 10
+"""Largest coordinate of a given position: after any rotation it is below ``MAX_COORDINATE``."""
+
 
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """``values`` as float64 of exactly ``shape``; ``InvalidInputError`` if it is not, or not finite."""

@@ -19,6 +19,7 @@ from fvs_engine.geometry import (
     robust_umeyama,
 )
 from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.validation import MAX_POSITION
 from fvs_engine.images.names import match_names
 from fvs_engine.pipeline.model import TrainedModel
 from fvs_engine.pipeline.views import usual_camera
@@ -33,7 +34,7 @@ _MAX_MISFIT = 0.25
 _MAX_ATTITUDE_DEG = 20.0
 """Median angle between the attitudes of shared views: below that of any wrong axis."""
 
-_Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+_Coordinate = Annotated[float, Field(ge=-MAX_POSITION, le=MAX_POSITION)]
 
 
 class CameraInput(Record):

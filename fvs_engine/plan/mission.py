@@ -42,7 +42,6 @@ def plan_mission(
     ``Cancelled``.
     """
     monitor = monitor or Monitor()
-
     if not targets.later:
         raise InvalidInputError(
             "There is no candidate to plan with.", hint="Give poses that can be flown to."

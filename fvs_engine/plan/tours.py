@@ -40,8 +40,8 @@ class Budget:
     """The budget of a plan: ``views`` in all, and a ``distance`` for each vehicle; None is no limit.
 
     With ``home`` every vehicle flies back to its start, which counts. ``flown``: what each vehicle has flown
-    already, which counts too (empty: nothing). ``scale``: of the user's unit per unit of ``distance``, for
-    messages. Raises ``InvalidInputError`` for numbers that are not positive.
+    already, which counts too (empty: nothing). ``scale``: the length of one unit of ``distance`` in the unit
+    of messages. Raises ``InvalidInputError`` for numbers that are not positive.
     """
 
     views: int

@@ -21,10 +21,10 @@ QUICK_SHARE = 0.2
 """Iterations of a quick model as a share of those of the full model (ADR 26)."""
 
 LARGE_PX = 800
-"""Long side of the images from which on iterations at full size are too expensive to have many (ADR 26)."""
+"""Long side of images from which on few iterations are at full size: there they are expensive (ADR 26)."""
 
 _MORE_AT_HALF_SIZE = 1.25
-"""Factor of the iterations of such a model, which are cheaper (ADR 26)."""
+"""Factor of the iterations of a quick model at half size at most, where they are cheaper (ADR 26)."""
 
 SCENE_TRAINING = TrainingSettings(
     iterations=30_000,

@@ -33,9 +33,9 @@ _ENVIRONMENT = {
 _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
 """Exit statuses of a process that was killed: by a user, or by the system when memory runs out."""
 _LOG_BYTES = 8_000_000
-"""A larger log is kept as the old one, which it replaces: a scene may grow for as long as it likes."""
+"""Size of a log above which it is renamed to ``native.old.log``, replacing the one before."""
 _LOGGED_CHARACTERS = 2_000
-"""Characters of a job's arguments that are logged: those of a large scene have the priors of all images."""
+"""Maximum number of characters of a job's arguments in the log: they hold the priors of all images."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 

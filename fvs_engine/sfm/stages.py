@@ -93,9 +93,9 @@ class SfmFolder:
         return self.root / _MAPPING / mapper
 
     def remove_images(self, names: Iterable[str]) -> None:
-        """Remove images from the databases, and all results with their ids; unknown names are ignored.
+        """Remove images from the databases and delete the results that refer to them; ignore unknown names.
 
-        An image that is added again gets another id, which no earlier model or result has.
+        An image that is added again gets another id: models and results from before do not fit it.
         """
         gone = list(names)
         if self.database.exists() and not image_ids(self.database).keys().isdisjoint(gone):

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pycolmap
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
@@ -89,14 +91,14 @@ def veto(
 
 
 def _joined(start: set[int], pairs: Sequence[tuple[int, int]]) -> set[int]:
-    """The images that chains of ``pairs`` join with those of ``start``, and these."""
-    joined, size = set(start), 0
-    while len(joined) > size:
-        size = len(joined)
-        for pair in pairs:
-            if not joined.isdisjoint(pair):
-                joined.update(pair)
-    return joined
+    """The images of ``start``, and those that ``pairs`` connect with them, directly or through others."""
+    images = sorted(start.union(*pairs))
+    index = {image: k for k, image in enumerate(images)}
+    ends = np.array([[index[first], index[second]] for first, second in pairs], dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(len(images), len(images)))
+    component = connected_components(graph, directed=False)[1]
+    connected = {component[index[image]] for image in start}
+    return {image for image in images if component[index[image]] in connected}
 
 
 def _support(

@@ -12,7 +12,7 @@ from fvs_service.scenes.model import Origin
 from fvs_service.snapshots.georeferencing import world_position
 
 _ATTITUDE_SIGMA_DEG = 10.0
-"""That of a gimbal without one of its own: pitch and roll are good to a degree or two, a compass is not."""
+"""The default: a gimbal's pitch and roll are good to a degree or two, its compass is not."""
 
 
 def pose_priors(images: Mapping[str, Image], origin: Origin | None) -> PosePriors | None:

@@ -1,4 +1,4 @@
-"""Images leave a growing reconstruction and come back."""
+"""Images are removed from a growing reconstruction and added again."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from fvs_engine.sfm.stages import SfmFolder
 
 @pytest.mark.usefixtures("native_here")
 def test_images_that_all_left_and_came_back_take_new_ones(grown: Grown, images: Path, tmp_path: Path):
-    """The bootstrap's result has the ids that the images had in the database before they left."""
+    """The first model's stored result refers to image ids that the database no longer has."""
     folder = copy_of(grown.bootstrapped, tmp_path)
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     growing.remove(FIRST)
