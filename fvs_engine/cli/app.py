@@ -109,7 +109,7 @@ def reconstruct(
             metavar="MODEL",
             help="Camera model to estimate: SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV. Only OPENCV "
             "allows for pixels that are not square.",
-            show_default="SIMPLE_RADIAL",
+            show_default="SIMPLE_RADIAL; from ten images on RADIAL with its principal point",
         ),
     ] = None,
     test_every: Annotated[

@@ -109,10 +109,12 @@ def _find(
 
 
 def _sfm_settings(settings: ReconstructionSettings, threads: int | None) -> SfmSettings:
-    usual = SfmSettings(seed=settings.seed, threads=threads, intrinsics=settings.intrinsics)
-    if settings.camera_model is None:
-        return usual
-    return usual.model_copy(update={"camera_model": settings.camera_model})
+    return SfmSettings(
+        seed=settings.seed,
+        threads=threads,
+        camera_model=settings.camera_model,
+        intrinsics=settings.intrinsics,
+    )
 
 
 def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:

@@ -133,7 +133,11 @@ class SfmSettings(Record):
     )
     """For larger sets, where more images see each point; ADR 44 has the cost in accuracy."""
 
-    camera_model: CameraModel = "SIMPLE_RADIAL"
+    camera_model: CameraModel | None = None
+    """The camera model to estimate; None: ``SIMPLE_RADIAL``, and for cameras of ten images or more ``RADIAL``
+    with its principal point.
+    """
+
     intrinsics: KnownIntrinsics | None = None
     """A calibration that does not change; without one focal length and distortion are estimated."""
 
@@ -157,6 +161,11 @@ class SfmSettings(Record):
     seed: int = Field(default=0, ge=0)
     threads: int | None = Field(default=None, ge=1)
     """Threads for the native code, all cores if None. With several, results vary in the last digits."""
+
+    @property
+    def first_camera_model(self) -> CameraModel:
+        """The camera model that the mappers start with."""
+        return self.camera_model or "SIMPLE_RADIAL"
 
     def features(self, images: int) -> FeatureSettings:
         """The settings for the images of a set of ``images``."""

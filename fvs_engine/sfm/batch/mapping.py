@@ -198,6 +198,7 @@ def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -
                 "out_dir": str(fresh_folder(partial)),
                 "names": list(some),
                 "refine": stages.settings.intrinsics is None,
+                "lens": stages.settings.camera_model is None,
                 "seed": stages.settings.seed,
                 "threads": stages.settings.threads,
             },

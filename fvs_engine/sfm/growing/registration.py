@@ -48,6 +48,7 @@ def register(
                 "out_dir": str(fresh_folder(out_dir)),
                 "names": list(some),
                 "refine": settings.intrinsics is None,
+                "lens": settings.camera_model is None,
                 "priors": priors.model_dump(mode="json"),
                 "witness": None if asked is None else str(stages.folder.witness),
                 "min_image_support": settings.growth.min_image_support,

@@ -178,11 +178,11 @@ def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:
     known, width, height = settings.intrinsics, group.width, group.height
     if known is None:
         if group.focal_prior_px is None:
-            return settings.camera_model, ""
+            return settings.first_camera_model, ""
         camera = pycolmap.Camera.create_from_model_name(
-            1, settings.camera_model, group.focal_prior_px, width, height
+            1, settings.first_camera_model, group.focal_prior_px, width, height
         )
-        return settings.camera_model, ", ".join(repr(float(value)) for value in camera.params)
+        return settings.first_camera_model, ", ".join(repr(float(value)) for value in camera.params)
     if abs(known.width_px * height / (known.height_px * width) - 1.0) > 0.01:
         raise InvalidInputError(
             f"The given intrinsics are for {known.width_px}×{known.height_px} px, but there are images of "

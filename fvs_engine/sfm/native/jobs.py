@@ -15,6 +15,7 @@ import pycolmap
 
 from fvs_engine.sfm.colmap.database import image_ids, remove_images
 from fvs_engine.sfm.native.matching import match
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
 
 Report = Callable[[int], None]
 
@@ -90,10 +91,14 @@ def map_incremental(
     out_dir: str,
     names: list[str],
     refine: bool,
+    lens: bool,
     seed: int,
     threads: int | None,
 ) -> int:
-    """Incremental mapping of ``names``; the models go to ``out_dir``/0, 1, …; their number."""
+    """Incremental mapping of ``names``; the models go to ``out_dir``/0, 1, …; their number.
+
+    Each is adjusted robustly at the end; ``refine`` and ``lens`` as for ``RobustAdjustment``.
+    """
     pycolmap.set_random_seed(seed)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = seed
@@ -112,6 +117,7 @@ def map_incremental(
     models = pycolmap.incremental_mapping(
         database, image_dir, out_dir, options, next_image_callback=next_image
     )
+    _adjust(models, out_dir, refine=refine, lens=lens, threads=threads)
     return len(models)
 
 
@@ -123,10 +129,11 @@ def map_global(
     out_dir: str,
     names: list[str],
     refine: bool,
+    lens: bool,
     seed: int,
     threads: int | None,
 ) -> int:
-    """Global mapping (GLOMAP) of ``names``; the models go to ``out_dir``/0, 1, …; their number."""
+    """Global mapping (GLOMAP) of ``names``, otherwise as ``map_incremental``."""
     pycolmap.set_random_seed(seed)
     options = pycolmap.GlobalPipelineOptions()
     options.image_names = names
@@ -135,7 +142,24 @@ def map_global(
     adjustment = options.mapper.bundle_adjustment
     adjustment.refine_focal_length = adjustment.refine_extra_params = refine
     options.mapper.bundle_adjustment = adjustment
-    return len(pycolmap.global_mapping(database, image_dir, out_dir, options))
+    models = pycolmap.global_mapping(database, image_dir, out_dir, options)
+    _adjust(models, out_dir, refine=refine, lens=lens, threads=threads)
+    return len(models)
+
+
+def _adjust(
+    models: Mapping[int, pycolmap.Reconstruction],
+    out_dir: str,
+    *,
+    refine: bool,
+    lens: bool,
+    threads: int | None,
+) -> None:
+    """Adjust the models of a mapper robustly, and write them to ``out_dir``/0, 1, … again."""
+    for number, model in models.items():
+        RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
+        remove_outliers(model)
+        model.write_binary(str(Path(out_dir) / str(number)))
 
 
 def triangulate(

@@ -10,8 +10,10 @@ from fvs_engine.sfm.colmap.part_database import matches_around, write_part
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 
-def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
-    """The images ``names`` and all verified matches between them."""
+def load_all(
+    database: Path, names: Collection[str], model: pycolmap.Reconstruction
+) -> pycolmap.DatabaseCache:
+    """The images ``names`` and all verified matches between them, with the cameras of ``model``."""
     options = pycolmap.DatabaseCacheOptions()
     options.min_num_matches = MIN_PAIR_MATCHES
     options.image_names = set(names)
@@ -19,10 +21,18 @@ def load_all(database: Path, names: Collection[str]) -> pycolmap.DatabaseCache:
     options.load_all_images = True
     options.ignore_watermarks = True  # as everything else does that reads verified matches
     with pycolmap.Database.open(database) as opened:
-        return pycolmap.DatabaseCache.create(opened, options)
+        cache = pycolmap.DatabaseCache.create(opened, options)
+    # The database has the camera models that mapping starts from; COLMAP fails where they differ.
+    for camera_id, camera in model.cameras.items():
+        if cache.exists_camera(camera_id):
+            cached = cache.camera(camera_id)
+            cached.model, cached.params = camera.model, camera.params
+    return cache
 
 
-def load_around(database: Path, names: Collection[str], new: Collection[str]) -> pycolmap.DatabaseCache:
+def load_around(
+    database: Path, names: Collection[str], new: Collection[str], model: pycolmap.Reconstruction
+) -> pycolmap.DatabaseCache:
     """The images ``names``, and the verified matches between ``new`` ones and those that they match.
 
     COLMAP would read the matches of all images, and its mapper would process them all, although a new image
@@ -45,6 +55,6 @@ def load_around(database: Path, names: Collection[str], new: Collection[str]) ->
             of_images=("keypoints",),
             of_pairs=("two_view_geometries",),
         )
-        return load_all(part, names)
+        return load_all(part, names, model)
     finally:
         delete_database(part)

@@ -4,6 +4,7 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.positions import misplaced
 from fvs_engine.sfm.verification.veto import believed_frame
@@ -12,17 +13,13 @@ _LEAST_SIGMA_SHARE = 0.005
 """Minimum standard deviation of a prior, as a share of the cameras' distance from their middle."""
 
 
-def adjust_with_priors(
-    model: pycolmap.Reconstruction,
-    priors: PosePriors,
-    options: pycolmap.BundleAdjustmentOptions,
-    seed: int,
-) -> bool:
+def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: int) -> bool:
     """Adjust cameras and points to the images and, if they are credible, to the position priors.
 
     Priors far from their cameras are left out, and those that fit badly have less weight. Afterwards the
     model is in the frame of the priors. Returns whether anything was adjusted.
     """
+    model = adjustment.model
     poses = camera_poses(model)
     frame = believed_frame(priors, poses)
     if frame is None:
@@ -32,10 +29,7 @@ def adjust_with_priors(
     model.transform(
         pycolmap.Sim3d(to_world.scale, pycolmap.Rotation3d(to_world.rotation), to_world.translation)
     )
-    config = pycolmap.BundleAdjustmentConfig()
     images = [model.image(image_id) for image_id in model.reg_image_ids()]
-    for image in images:
-        config.add_image(image.image_id)
     known = [image for image in images if image.name in priors.by_name and image.name not in wrong]
     world = priors.positions([image.name for image in known])
     least = _LEAST_SIGMA_SHARE * float(np.sqrt(((world - world.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -45,12 +39,16 @@ def adjust_with_priors(
         position = pycolmap.PosePrior()
         position.pose_prior_id, position.corr_data_id = image.image_id, image.data_id
         position.position = np.array(prior.position)
-        position.position_covariance = max(prior.position_sigma, least) ** 2 * np.eye(3)
+        # Reprojection errors are in px, not in their standard deviations; so priors are in those units, too.
+        sigma = max(prior.position_sigma, least) / adjustment.sigma_px
+        position.position_covariance = sigma**2 * np.eye(3)
         position.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
         positions.append(position)
     robust = pycolmap.PosePriorBundleAdjustmentOptions()
     robust.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
     robust.alignment_ransac.random_seed = seed
-    pycolmap.create_pose_prior_bundle_adjuster(options, robust, config, positions, model).solve()
+    pycolmap.create_pose_prior_bundle_adjuster(
+        adjustment.options, robust, adjustment.config, positions, model
+    ).solve()
     model.update_point_3d_errors()
     return True

@@ -14,6 +14,7 @@ from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
@@ -47,6 +48,7 @@ def register(
     out_dir: str,
     names: list[str],
     refine: bool,
+    lens: bool,
     priors: dict[str, Any],
     witness: str | None,
     min_image_support: float,
@@ -59,8 +61,8 @@ def register(
 ) -> dict[str, Any]:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``priors`` are ``PosePriors`` as JSON, ``witness`` is the witness's database. ``two_view_points``:
-    triangulate points that only two images show, too.
+    ``refine`` and ``lens`` as for ``RobustAdjustment``. ``priors`` are ``PosePriors`` as JSON, ``witness`` is
+    the witness's database. ``two_view_points``: triangulate points that only two images show, too.
 
     Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
     those whose distance to their neighbours nothing confirms (``unscaled``), all ``posed`` names, those
@@ -73,9 +75,10 @@ def register(
     images = {image.name for image in model.images.values()} | set(names)
     growth = _Growth(
         model,
-        load_around(Path(database), images, names),
+        load_around(Path(database), images, names, model),
         _pipeline_options(refine, seed, threads, two_view_points),
         PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
+        lens=lens,
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
     adjusted = False
@@ -83,7 +86,7 @@ def register(
         report(number)
         if adjustments.due(model):
             if not adjusted:
-                growth.use(load_all(Path(database), images))
+                growth.use(load_all(Path(database), images, model))
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
             adjusted = True
@@ -130,8 +133,11 @@ class _Growth:
         cache: pycolmap.DatabaseCache,
         options: pycolmap.IncrementalPipelineOptions,
         check: PoseCheck,
+        *,
+        lens: bool,
     ) -> None:
         self.model = model
+        self._lens = lens
         self.registered: list[str] = []
         self.rejected: dict[str, str] = {}
         self.check = check
@@ -182,8 +188,15 @@ class _Growth:
             options.get_triangulation(),
             False,
         )
-        adjustment, seed = options.get_global_bundle_adjustment(), options.random_seed
-        adjust_with_priors(self.model, self.check.priors, adjustment, seed)
+        adjustment = RobustAdjustment(
+            self.model,
+            refine=options.ba_refine_focal_length,
+            lens=self._lens,
+            threads=options.num_threads,
+        )
+        if not adjust_with_priors(adjustment, self.check.priors, options.random_seed):
+            adjustment.solve()
+        self.mapper.filter_points(options.get_mapper())
         self.mapper.filter_frames(options.get_mapper())
         try:
             move(self.model, align_poses(camera_poses(self.model), before))

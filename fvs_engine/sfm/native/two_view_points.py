@@ -13,7 +13,8 @@ def add_two_view_points(model: pycolmap.Reconstruction, database: Path, names: S
 
     The points have no colours yet.
     """
-    mapper = pycolmap.IncrementalMapper(load_all(database, {image.name for image in model.images.values()}))
+    cache = load_all(database, {image.name for image in model.images.values()}, model)
+    mapper = pycolmap.IncrementalMapper(cache)
     mapper.begin_reconstruction(model)
     options = pycolmap.IncrementalPipelineOptions()
     options.triangulation.ignore_two_view_tracks = False

@@ -48,8 +48,8 @@ def frame(view: AnyView) -> dict[str, object]:
     """The view in OpenGL's axes, camera to world, with its own intrinsics."""
     camera = view.camera
     assert isinstance(camera, DistortedCamera)
-    assert camera.model == "SIMPLE_RADIAL"
-    focal, cx, cy, k1 = camera.params
+    assert camera.model == "RADIAL"
+    focal, cx, cy, k1, k2 = camera.params
     matrix = view.camera_from_model.inverse().matrix @ np.diag([1.0, -1.0, -1.0, 1.0])
     return {
         "file_path": f"images/{view.name}",
@@ -59,6 +59,7 @@ def frame(view: AnyView) -> dict[str, object]:
         "cx": cx,
         "cy": cy,
         "k1": k1,
+        "k2": k2,
         "w": camera.width,
         "h": camera.height,
     }

@@ -231,6 +231,7 @@ def unmatched(
         "out_dir": str(tmp_path / "out"),
         "names": [name],
         "refine": True,
+        "lens": True,
         "priors": priors.model_dump(mode="json"),
         "witness": None,
         "min_image_support": 0.75,

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 
 from fvs_engine.geometry import umeyama
@@ -81,9 +82,9 @@ def test_an_image_is_registered_by_the_matches_around_it_as_by_all(
 ) -> None:
     images, loaded = yard_dir / "images", []
 
-    def load(database: Path, names: set[str]) -> object:
+    def load(database: Path, names: set[str], model: pycolmap.Reconstruction) -> object:
         loaded.append(len(names))
-        return load_all(database, names)
+        return load_all(database, names, model)
 
     centres = []
     for whole in (False, True):
@@ -91,7 +92,9 @@ def test_an_image_is_registered_by_the_matches_around_it_as_by_all(
             patched.setattr(registration, "load_all", load)
             if whole:
                 patched.setattr(
-                    registration, "load_around", lambda database, names, _new: load_all(database, names)
+                    registration,
+                    "load_around",
+                    lambda database, names, _new, model: load_all(database, names, model),
                 )
             growing = grow(tmp_path / str(whole), images)
             growing.add(NAMES[:5], Monitor())

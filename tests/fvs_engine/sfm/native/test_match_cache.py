@@ -1,6 +1,8 @@
 import shutil
 from pathlib import Path
 
+import pycolmap
+
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_ids, verified_matches
 from fvs_engine.sfm.native.match_cache import load_all, load_around
@@ -18,11 +20,14 @@ def test_a_new_image_gets_the_matches_of_those_that_it_matches(
     inside = {pair for pair in pairs if near.issuperset(pair)}
     assert 0 < len(inside) < len(pairs)
 
-    whole = load_all(database, kermit_names).correspondence_graph
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    whole = load_all(database, kermit_names, model).correspondence_graph
     for suffix in ("", "-wal", "-shm"):
         tmp_path.joinpath(f"around.db{suffix}").write_bytes(b"of a run that was killed")
-    cache = load_around(database, kermit_names, [new])
+    cache = load_around(database, kermit_names, [new], model)
     graph = cache.correspondence_graph
+    # The database has the camera that mapping started with; COLMAP takes no other than the model's.
+    assert {i: camera.model_name for i, camera in cache.cameras.items()} == {1: "RADIAL"}
     assert {cache.image(i).name for i in cache.images} == set(kermit_names)
     assert graph.num_image_pairs() == len(inside)
     for pair in inside:
@@ -37,5 +42,5 @@ def test_matches_with_images_that_are_not_asked_for_are_left_out(
     shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", database)
     left_out, *names, new = kermit_names[-4:]
     assert (left_out, new) in verified_matches(database, MIN_PAIR_MATCHES)
-    cache = load_around(database, [*names, new], [new])
+    cache = load_around(database, [*names, new], [new], pycolmap.Reconstruction(kermit_sfm.model_dir))
     assert {cache.image(i).name for i in cache.images} == {*names, new}

@@ -1,0 +1,86 @@
+"""Robust bundle adjustment: wrong matches, lenses, and cameras that it must not change."""
+
+import numpy as np
+import pycolmap
+import pytest
+from row_of_cameras import COUNT, error_of_centres, row_of_cameras
+
+from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, RobustAdjustment
+
+LENS = pycolmap.Camera(
+    model="RADIAL", width=800, height=600, params=np.array([700.0, 392.0, 307.0, -0.06, 0.05]), camera_id=1
+)
+GUESS = pycolmap.Camera(
+    model="SIMPLE_RADIAL", width=800, height=600, params=np.array([705.0, 400.0, 300.0, 0.0]), camera_id=1
+)
+
+
+def adjust(model: pycolmap.Reconstruction, *, refine: bool = True, lens: bool = True) -> None:
+    RobustAdjustment(model, refine=refine, lens=lens, threads=1).solve()
+
+
+def least_squares(model: pycolmap.Reconstruction) -> None:
+    """Bundle adjustment with squared errors and known intrinsics."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = options.refine_focal_length = options.refine_extra_params = False
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+
+
+def without_images_from(model: pycolmap.Reconstruction, number: int) -> pycolmap.Reconstruction:
+    for image_id in range(number, COUNT + 1):
+        model.deregister_frame(model.image(image_id).frame_id)
+    return model
+
+
+def test_wrong_matches_that_mappers_keep_hardly_move_cameras():
+    clean = row_of_cameras(0.2, 6)
+    squared, robust = (row_of_cameras(0.2, 6, wrong_share=0.05) for _ in range(2))
+    least_squares(clean)
+    least_squares(squared)
+    adjust(robust, refine=False)
+    assert error_of_centres(squared) > 2 * error_of_centres(clean)
+    assert error_of_centres(robust) < 1.3 * error_of_centres(clean)
+
+
+def test_principal_point_and_distortion_are_estimated_from_ten_images_on():
+    plain, whole = (row_of_cameras(0.2, 8, taken_with=LENS, camera=GUESS) for _ in range(2))
+    adjust(plain, lens=False)
+    adjust(whole)
+    assert plain.camera(1).model_name == "SIMPLE_RADIAL"
+    assert plain.camera(1).params[1:3].tolist() == [400.0, 300.0]
+    assert whole.camera(1).model_name == "RADIAL"
+    assert error_of_centres(whole) < 0.5 * error_of_centres(plain)
+    assert np.abs(whole.camera(1).params[1:3] - LENS.params[1:3]).max() < 3.0
+
+
+@pytest.mark.parametrize(("images", "model"), [(MIN_IMAGES_OF_LENS - 1, "SIMPLE_RADIAL"), (10, "RADIAL")])
+def test_a_camera_of_few_images_keeps_its_model(images: int, model: str):
+    few = without_images_from(row_of_cameras(0.2, 6, taken_with=LENS, camera=GUESS), images + 1)
+    adjust(few)
+    assert few.camera(1).model_name == model
+
+
+def test_known_intrinsics_do_not_change():
+    model = row_of_cameras(0.2, 8, taken_with=LENS, camera=GUESS)
+    adjust(model, refine=False)
+    assert model.camera(1).model_name == "SIMPLE_RADIAL"
+    assert model.camera(1).params.tolist() == GUESS.params.tolist()
+
+
+def test_another_camera_of_few_images_keeps_its_intrinsics():
+    model = row_of_cameras(0.2, 6, taken_with=LENS, camera=GUESS, of_another_camera=4)
+    adjust(model)
+    assert (model.camera(1).model_name, model.camera(2).model_name) == ("RADIAL", "SIMPLE_RADIAL")
+    assert model.camera(2).params.tolist() == GUESS.params.tolist()
+
+
+def test_a_model_without_points_is_adjusted():
+    model = row_of_cameras(0.2, 6)
+    for point_id in list(model.point3D_ids()):
+        model.delete_point3D(point_id)
+    adjust(model)
+    assert model.num_reg_images() == COUNT
