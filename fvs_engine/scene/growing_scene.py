@@ -103,6 +103,11 @@ class GrowingScene:
         return tuple(name for name in self._visited if name not in self._posed)
 
     @property
+    def why_unregistered(self) -> Mapping[str, str]:
+        """Visited images without a pose → the reason, a sentence, as far as it is known."""
+        return self._source.why_unregistered
+
+    @property
     def quarantined(self) -> Mapping[str, str]:
         """Visited images that are left out because they crash structure from motion → the reasons."""
         return self._source.quarantined

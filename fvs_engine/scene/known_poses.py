@@ -51,6 +51,11 @@ class KnownPoses:
         """See ``PoseSource``: images that crash triangulation."""
         return SfmFolder(self._folder).quarantine.reasons
 
+    @property
+    def why_unregistered(self) -> Mapping[str, str]:
+        """See ``PoseSource``: every image has a pose."""
+        return {}
+
     def has(self, visited: Collection[str]) -> bool:  # noqa: ARG002 - it keeps none
         """See ``PoseSource``."""
         return True

@@ -28,6 +28,11 @@ class PoseSource(Protocol):
         """Images that are left out because they crash structure from motion → the reasons."""
         ...
 
+    @property
+    def why_unregistered(self) -> Mapping[str, str]:
+        """Images without a pose → the reason, a sentence, by the last ``update``."""
+        ...
+
     def has(self, visited: Collection[str]) -> bool:
         """Whether its images are those ``visited``, apart from quarantined ones and deleted photographs.
 

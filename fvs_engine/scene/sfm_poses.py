@@ -42,6 +42,11 @@ class SfmPoses:
         """See ``PoseSource``."""
         return self._growing.quarantined
 
+    @property
+    def why_unregistered(self) -> Mapping[str, str]:
+        """See ``PoseSource``."""
+        return self._growing.why_unregistered
+
     def has(self, visited: Collection[str]) -> bool:
         """See ``PoseSource``."""
         present = {name for name in visited if (self._image_dir / name).is_file()}

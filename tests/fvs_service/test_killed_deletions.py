@@ -102,7 +102,7 @@ def _finish(storage: Storage, lease: Lease, job_id: str, rng: random.Random) -> 
     for file in files.values():
         file.write_bytes(bytes([rng.randrange(4)]) * 100)
     metrics = SnapshotMetrics(registered=2, unregistered=0, points=1, iterations=1, gaussians=1, sh_degree=0)
-    made = NewSnapshot(metrics, Alignment(), files, (), ())
+    made = NewSnapshot(metrics, Alignment(), files, (), {})
     storage.snapshots.commit(lease, job, "snapshot", made)
     storage.ledger.succeed(lease, job_id)
 

@@ -126,7 +126,7 @@ def test_a_snapshot_is_committed_once_per_stage(gateway: Any, tmp_path: Path) ->
         alignment=Alignment(),
         files={"cameras.json": tmp_path / "cameras.json"},
         registered=(),
-        unregistered=(),
+        unregistered={},
     )
     lease = gateway.lease(scene)
     assert storage.snapshots.commit(lease, job, "snapshot", again).id == first
@@ -174,7 +174,7 @@ def test_a_fine_model_that_knows_fewer_images_does_not_guide(gateway: Any, tmp_p
             Alignment(),
             {"cameras.json": tmp_path / "cameras.json"},
             (),
-            (),
+            {},
         )
         return storage.snapshots.commit(lease, job, stage, made).id
 
@@ -208,7 +208,7 @@ def test_a_snapshot_of_a_lost_lease_is_not_committed(gateway: Any, tmp_path: Pat
     from fvs_service.snapshots.model import SnapshotMetrics
 
     made = NewSnapshot(
-        SnapshotMetrics(**metrics), Alignment(), {"cameras.json": tmp_path / "cameras.json"}, (), ()
+        SnapshotMetrics(**metrics), Alignment(), {"cameras.json": tmp_path / "cameras.json"}, (), {}
     )
     with pytest.raises(StaleLeaseError):
         storage.snapshots.commit(frozen, job, "snapshot", made)
@@ -235,17 +235,28 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
         "gaussians": 1,
         "sh_degree": 0,
     }
-    made = NewSnapshot(
-        SnapshotMetrics(**metrics),
-        Alignment(),
-        {"cameras.json": tmp_path / "cameras.json"},
-        registered=digests[:1],
-        unregistered=digests[1:2],
-    )
-    storage.snapshots.commit(lease, job, "snapshot", made)
-    items = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
+
+    def commit(stage: str, registered: list[str], unregistered: dict[str, str]) -> list[dict[str, Any]]:
+        made = NewSnapshot(
+            SnapshotMetrics(**metrics),
+            Alignment(),
+            {"cameras.json": tmp_path / "cameras.json"},
+            registered=registered,
+            unregistered=unregistered,
+        )
+        storage.snapshots.commit(lease, job, stage, made)
+        items: list[dict[str, Any]] = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
+        return items
+
+    items = commit("first", digests[:1], {digests[1]: "It matches no other image."})
     assert [item["registration"] for item in items] == ["registered", "unregistered", "pending"]
+    assert [item["reason"] for item in items] == ["", "It matches no other image.", ""]
+    assert items[1]["hint"].startswith("Photograph what lies between")
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["pending"] == 1
+
+    items = commit("second", digests[1:], {digests[0]: ""})
+    assert [item["registration"] for item in items] == ["unregistered", "registered", "registered"]
+    assert [item["reason"] + item["hint"] for item in items] == ["", "", ""]
 
 
 def _local() -> Any:

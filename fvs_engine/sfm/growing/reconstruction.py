@@ -22,6 +22,7 @@ from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.guided import still_true
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval
+from fvs_engine.sfm.growing.reasons import why_unregistered
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.step import step
 from fvs_engine.sfm.growing.update import PoseUpdate
@@ -118,6 +119,11 @@ class GrowingReconstruction:
     def unregistered(self) -> tuple[str, ...]:
         """Names of the added images without a pose, in the order of adding."""
         return self._state.unregistered
+
+    @property
+    def why_unregistered(self) -> Mapping[str, str]:
+        """Unregistered images → the reason, a sentence, by the last update."""
+        return why_unregistered(self._state, self._folder.sfm.database)
 
     @property
     def added(self) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ class Registration(StrEnum):
     """No update has processed it yet."""
     REGISTERED = "registered"
     UNREGISTERED = "unregistered"
-    """It has no pose so far, mostly because it overlaps with no other image; every update tries it again."""
+    """It has no pose so far; `reason` says why, and every update tries it again."""
     UNUSED = "unused"
     """Not accepted, so never part of a model."""
     EXCLUDED = "excluded"
@@ -187,7 +187,7 @@ class Image(Model):
     name: str
     verdict: Verdict
     reason: str
-    """Why it is not accepted, excluded or quarantined; else empty."""
+    """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
     warnings: tuple[ImageWarning, ...]
     duplicate_of: Digest | None
@@ -241,7 +241,7 @@ class KnownImage(Model):
     digest: Digest
     verdict: Verdict
     reason: str
-    """Why it is not accepted, excluded or quarantined; else empty."""
+    """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
 
 

@@ -1,6 +1,6 @@
 """Images in the database."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -12,6 +12,7 @@ _HEX = len("sha256:")
 _LEFT_OUT = [registration.value for registration in Registration if registration.left_out]
 _VARIABLES = 500
 """Databases limit the values in one query."""
+_UNREGISTERED_HINT = "Photograph what lies between it and the other images; every update tries it again."
 
 
 def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None:
@@ -139,13 +140,22 @@ def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, .
     return tuple(map(_image, rows))
 
 
-def register(session: Session, scene_id: str, registered: Iterable[str], unregistered: Iterable[str]) -> None:
+def register(
+    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, str]
+) -> None:
     """Record which accepted images, given by digest, have a pose in the current model.
 
-    Those that are left out stay so: they were taken out while the model was made.
+    ``unregistered``: those without one → the reason, which may be empty. Those that are left out stay so:
+    they were taken out while the model was made.
     """
+    registered = list(registered)
+    posed = {digest[_HEX:] for digest in registered}
+    for row in _unregistered(session, scene_id):
+        if row.sha256 in posed:
+            row.document = {**row.document, "reason": "", "hint": ""}
+    session.flush()
     for registration, digests in (
-        (Registration.REGISTERED, list(registered)),
+        (Registration.REGISTERED, registered),
         (Registration.UNREGISTERED, list(unregistered)),
     ):
         for start in range(0, len(digests), _VARIABLES):
@@ -159,6 +169,17 @@ def register(session: Session, scene_id: str, registered: Iterable[str], unregis
                 )
                 .values(registration=registration.value)
             )
+    reasons = {digest[_HEX:]: reason for digest, reason in unregistered.items()}
+    for row in _unregistered(session, scene_id):
+        reason = reasons.get(row.sha256, row.document["reason"])
+        hint = _UNREGISTERED_HINT if reason else ""
+        row.document = {**row.document, "reason": reason, "hint": hint}
+    session.flush()
+
+
+def _unregistered(session: Session, scene_id: str) -> list[ImageRow]:
+    unregistered = ImageRow.registration == Registration.UNREGISTERED.value
+    return list(session.scalars(select(ImageRow).where(ImageRow.scene_id == scene_id, unregistered)))
 
 
 def _image(row: ImageRow) -> Image:

@@ -45,14 +45,15 @@ _MODEL = frozenset({GAUSSIANS, COLMAP, ALIGNMENT})
 class NewSnapshot:
     """A snapshot to commit: ``files`` are files on the worker's disk by artifact name.
 
-    ``registered`` and ``unregistered`` are the digests of the images that the job processed.
+    ``registered`` and ``unregistered`` have the digests of the images that the job processed; the latter with
+    the reasons, which may be empty.
     """
 
     metrics: SnapshotMetrics
     alignment: Alignment
     files: Mapping[str, Path]
     registered: Iterable[str]
-    unregistered: Iterable[str]
+    unregistered: Mapping[str, str]
 
 
 class Snapshots:

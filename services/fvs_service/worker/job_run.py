@@ -266,7 +266,11 @@ class JobRuns:
             alignment=alignment,
             files={name: folder / name for name in (*outcome.files, ALIGNMENT)},
             registered=tuple(outcome.model_from_camera) if updating else (),
-            unregistered=outcome.unregistered if updating else (),
+            unregistered={
+                digest: with_original_names(reason, images) for digest, reason in outcome.unregistered.items()
+            }
+            if updating
+            else {},
         )
         self._storage.snapshots.commit(leased.lease, job, stage, made)
 

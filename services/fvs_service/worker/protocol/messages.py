@@ -114,14 +114,14 @@ class StageProgress(Record):
 class JobOutcome(Record):
     """What a job has made: ``files`` in ``folder``, and which images are registered.
 
-    ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` are the digests
-    of all others that the job processed.
+    ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` has the digests
+    of all others that the job processed, with the reasons, which may be empty.
     """
 
     folder: str
     files: tuple[str, ...]
     model_from_camera: dict[str, RigidTransform]
-    unregistered: tuple[str, ...]
+    unregistered: dict[str, str]
     metrics: SnapshotMetrics
 
 

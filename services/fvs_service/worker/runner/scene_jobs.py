@@ -203,6 +203,7 @@ class SceneJobs:
             reconstruction,
             scene.model_dir,
             measured,
+            why_unregistered=scene.why_unregistered,
             compressed=name == "full",  # others are waited for, and soon replaced
         )
 
@@ -335,6 +336,7 @@ class SceneJobs:
         colmap: Path,
         measured: Mapping[str, float | None],
         *,
+        why_unregistered: Mapping[str, str] = MappingProxyType({}),
         compressed: bool = True,
     ) -> JobOutcome:
         """Write the artifacts, which the worker commits, into ``folder``.
@@ -342,7 +344,11 @@ class SceneJobs:
         ``colmap`` is the folder of ``reconstruction``; ``measured`` are metrics of the model's quality.
         """
         posed = {view.name for view in views}
-        unregistered = tuple(image.digest for name, image in images.items() if name not in posed)
+        unregistered = {
+            image.digest: why_unregistered.get(name, "")
+            for name, image in images.items()
+            if name not in posed
+        }
         metrics = SnapshotMetrics(
             registered=len(views),
             unregistered=len(unregistered),

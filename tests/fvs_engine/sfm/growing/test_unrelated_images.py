@@ -10,6 +10,7 @@ from PIL import Image
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.growing.reasons import UNMATCHED
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import Reconstruction
 
@@ -39,6 +40,10 @@ def test_strangers_and_collages_are_not_registered(
     collage, stranger = update.warnings
     assert "collage.jpg is not registered" in collage
     assert "match no other image: stranger-0.jpg. Photograph what lies between" in stranger
+    why = growing.why_unregistered
+    assert why.keys() == set(misleading)
+    assert why["collage.jpg"].startswith("Its pose was rejected: ")
+    assert why["stranger-0.jpg"] == UNMATCHED
     assert growing.generation == 1
 
 
@@ -77,6 +82,7 @@ def test_first_images_that_do_not_overlap_support_no_model(tmp_path: Path):
     assert "overlap" in caught.value.hint
     assert growing.registered == ()
     assert growing.unregistered == tuple(names)
+    assert growing.why_unregistered == {}  # they wait for the next update
     assert growing.reconstruction.views == ()
     assert growing.localise(names[:1], Monitor()) == {}
 
