@@ -11,7 +11,7 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
-from fvs_engine.sfm.native.match_cache import load_all, load_around
+from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
@@ -196,6 +196,7 @@ class _Growth:
         )
         if not adjust_with_priors(adjustment, self.check.priors, options.random_seed):
             adjustment.solve()
+        set_cameras(self._cache, self.model)  # the next mapper begins with them
         self.mapper.filter_points(options.get_mapper())
         self.mapper.filter_frames(options.get_mapper())
         try:
