@@ -14,7 +14,7 @@ from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_lenses
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
@@ -180,10 +180,13 @@ class _Growth:
         """Adjust all cameras and points, also to priors, and align the result with the model before."""
         before = camera_poses(self.model)
         options = self._options
+        mapping = options.get_mapper()
+        if self._lens:
+            mapping.constant_cameras = estimated_lenses(self.model)  # wrong matches would bend them
         self.mapper.iterative_global_refinement(
             options.ba_global_max_refinements,
             options.ba_global_max_refinement_change,
-            options.get_mapper(),
+            mapping,
             options.get_global_bundle_adjustment(),
             options.get_triangulation(),
             False,
