@@ -14,7 +14,7 @@ from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_lenses
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_lenses, is_likely
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
@@ -180,17 +180,18 @@ class _Growth:
         """Adjust all cameras and points, also to priors, and align the result with the model before."""
         before = camera_poses(self.model)
         options = self._options
-        mapping = options.get_mapper()
-        if self._lens:
-            mapping.constant_cameras = estimated_lenses(self.model)  # wrong matches would bend them
+        lenses = estimated_lenses(self.model) if self._lens else {}
         self.mapper.iterative_global_refinement(
             options.ba_global_max_refinements,
             options.ba_global_max_refinement_change,
-            mapping,
+            options.get_mapper(),
             options.get_global_bundle_adjustment(),
             options.get_triangulation(),
             False,
         )
+        for camera_id, params in lenses.items():
+            if not is_likely(self.model.camera(camera_id)):
+                self.model.camera(camera_id).params = params
         adjustment = RobustAdjustment(
             self.model,
             refine=options.ba_refine_focal_length,

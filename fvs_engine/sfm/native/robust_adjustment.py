@@ -87,7 +87,7 @@ class RobustAdjustment:
         """Adjust with an ``adjuster`` of this model, by these options and this configuration."""
         start = pycolmap.Reconstruction(self.model)
         adjuster().solve()
-        while unlikely := [i for i in self._before if not _is_likely(self.model.camera(i))]:
+        while unlikely := [i for i in self._before if not is_likely(self.model.camera(i))]:
             _reset(self.model, start)
             for camera_id in unlikely:
                 camera = self.model.camera(camera_id)
@@ -97,9 +97,20 @@ class RobustAdjustment:
         self.model.update_point_3d_errors()
 
 
-def estimated_lenses(model: pycolmap.Reconstruction) -> set[int]:
-    """Ids of the cameras whose principal point was estimated, if ``lens`` was given."""
-    return {camera_id for camera_id, camera in model.cameras.items() if camera.model_name == _LENS}
+def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
+    """Ids of the cameras whose principal point was estimated, if ``lens`` was given → their parameters."""
+    return {i: list(camera.params) for i, camera in model.cameras.items() if camera.model_name == _LENS}
+
+
+def is_likely(camera: pycolmap.Camera) -> bool:
+    """Whether a lens may have these intrinsics; COLMAP's mapper removes all images of one that has not."""
+    limits = pycolmap.IncrementalMapperOptions()
+    off = math.hypot(
+        camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2
+    )
+    return off <= _MAX_OFF_CENTRE * max(camera.width, camera.height) and not camera.has_bogus_params(
+        limits.min_focal_length_ratio, limits.max_focal_length_ratio, limits.max_extra_param
+    )
 
 
 def remove_outliers(model: pycolmap.Reconstruction) -> None:
@@ -126,17 +137,6 @@ def _make_radial(camera: pycolmap.Camera) -> None:
     if camera.model_name == "SIMPLE_RADIAL":
         camera.model = getattr(pycolmap.CameraModelId, _LENS)
         camera.params = [*camera.params, 0.0]
-
-
-def _is_likely(camera: pycolmap.Camera) -> bool:
-    """Whether a lens may have these intrinsics; COLMAP's mapper removes all images of one that has not."""
-    limits = pycolmap.IncrementalMapperOptions()
-    off = math.hypot(
-        camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2
-    )
-    return off <= _MAX_OFF_CENTRE * max(camera.width, camera.height) and not camera.has_bogus_params(
-        limits.min_focal_length_ratio, limits.max_focal_length_ratio, limits.max_extra_param
-    )
 
 
 def _reset(model: pycolmap.Reconstruction, start: pycolmap.Reconstruction) -> None:
