@@ -22,12 +22,19 @@ def load_all(
     options.ignore_watermarks = True  # as everything else does that reads verified matches
     with pycolmap.Database.open(database) as opened:
         cache = pycolmap.DatabaseCache.create(opened, options)
-    # The database has the camera models that mapping starts from; COLMAP fails where they differ.
+    set_cameras(cache, model)
+    return cache
+
+
+def set_cameras(cache: pycolmap.DatabaseCache, model: pycolmap.Reconstruction) -> None:
+    """Give ``cache`` the cameras of ``model``.
+
+    A database has the camera models that mapping starts from. COLMAP fails where they differ.
+    """
     for camera_id, camera in model.cameras.items():
         if cache.exists_camera(camera_id):
             cached = cache.camera(camera_id)
             cached.model, cached.params = camera.model, camera.params
-    return cache
 
 
 def load_around(

@@ -47,8 +47,9 @@ def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: i
     robust = pycolmap.PosePriorBundleAdjustmentOptions()
     robust.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
     robust.alignment_ransac.random_seed = seed
-    pycolmap.create_pose_prior_bundle_adjuster(
-        adjustment.options, robust, adjustment.config, positions, model
-    ).solve()
-    model.update_point_3d_errors()
+    adjustment.run(
+        lambda: pycolmap.create_pose_prior_bundle_adjuster(
+            adjustment.options, robust, adjustment.config, positions, model
+        )
+    )
     return True

@@ -11,10 +11,10 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
-from fvs_engine.sfm.native.match_cache import load_all, load_around
+from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_lenses, is_likely
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
@@ -180,6 +180,7 @@ class _Growth:
         """Adjust all cameras and points, also to priors, and align the result with the model before."""
         before = camera_poses(self.model)
         options = self._options
+        lenses = estimated_lenses(self.model) if self._lens else {}
         self.mapper.iterative_global_refinement(
             options.ba_global_max_refinements,
             options.ba_global_max_refinement_change,
@@ -188,6 +189,9 @@ class _Growth:
             options.get_triangulation(),
             False,
         )
+        for camera_id, params in lenses.items():
+            if not is_likely(self.model.camera(camera_id)):
+                self.model.camera(camera_id).params = params
         adjustment = RobustAdjustment(
             self.model,
             refine=options.ba_refine_focal_length,
@@ -196,6 +200,7 @@ class _Growth:
         )
         if not adjust_with_priors(adjustment, self.check.priors, options.random_seed):
             adjustment.solve()
+        set_cameras(self._cache, self.model)  # the next mapper begins with them
         self.mapper.filter_points(options.get_mapper())
         self.mapper.filter_frames(options.get_mapper())
         try:

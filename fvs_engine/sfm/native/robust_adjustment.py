@@ -5,13 +5,18 @@ that are 2 px off stay, and so does a principal point in the middle of the image
 two parts of a scene, both bend it by several percent (ADR 45).
 """
 
-from collections import Counter
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pycolmap
+from numpy.typing import NDArray
 
 MIN_IMAGES_OF_LENS = 10
 """Number of images of a camera from which its principal point and second radial coefficient are estimated."""
+
+_LENS = "RADIAL"
 
 _CAUCHY = 2.385
 """Scale of Cauchy's loss in standard deviations, for 95 % of the efficiency of least squares."""
@@ -22,6 +27,14 @@ _MEDIAN_LENGTH = 1.177
 _MIN_SIGMA_PX = 0.2
 """Minimum standard deviation of reprojection errors that is assumed."""
 
+_MIN_SPREAD_DEG = 3.0
+"""Minimum spread of the directions of view. Cameras that all look in one direction, as a drone's that
+photographs the ground, do not determine a lens: its errors trade with the depths of the points.
+"""
+
+_MAX_OFF_CENTRE = 0.1
+"""Maximum distance of a principal point from the middle of the image, in long sides; lenses have 0.02."""
+
 _TOLERANCE, _ITERATIONS = 1e-5, 50
 """Relative change of the cost at which the adjustment ends, and the maximum number of its iterations."""
 
@@ -29,25 +42,31 @@ _TOLERANCE, _ITERATIONS = 1e-5, 50
 class RobustAdjustment:
     """Options and configuration of a robust bundle adjustment of all images of ``model``.
 
-    Without ``refine`` intrinsics do not change. With ``lens``, cameras of ten images or more become
-    ``RADIAL`` ones, whose principal point is estimated, too; the others keep their intrinsics then.
+    Without ``refine`` intrinsics do not change. With ``lens``, cameras of ten images or more, which look in
+    several directions, become ``RADIAL`` ones, whose principal point is estimated, too; the others keep their
+    intrinsics then. So does a camera whose estimate no lens has: the images do not determine it.
     ``sigma_px`` is the standard deviation of the reprojection errors before the adjustment.
     """
 
     def __init__(self, model: pycolmap.Reconstruction, *, refine: bool, lens: bool, threads: int) -> None:
         self.model = model
         self.config = pycolmap.BundleAdjustmentConfig()
-        images: Counter[int] = Counter()
+        directions = defaultdict(list)
         for image_id in model.reg_image_ids():
             self.config.add_image(image_id)
-            images[model.image(image_id).camera_id] += 1
-        many = {camera for camera, count in images.items() if count >= MIN_IMAGES_OF_LENS}
+            image = model.image(image_id)
+            directions[image.camera_id].append(image.viewing_direction())
+        many = {camera_id for camera_id, found in directions.items() if _determine_a_lens(found)}
         whole = refine and lens and bool(many)
-        if whole:
-            for camera_id in images.keys() - many:
+        self._before: dict[int, tuple[pycolmap.CameraModelId, list[float]]] = {}
+        for camera_id in directions.keys() - many:
+            if whole or (lens and camera_id in estimated_lenses(model)):
                 self.config.set_constant_cam_intrinsics(camera_id)
+        if whole:
             for camera_id in many:
-                _make_radial(model.camera(camera_id))
+                camera = model.camera(camera_id)
+                self._before[camera_id] = camera.model, list(camera.params)
+                _make_radial(camera)
         self.sigma_px = max(_error_sigma_px(model), _MIN_SIGMA_PX)
         self.options = pycolmap.BundleAdjustmentOptions()
         self.options.print_summary = False
@@ -62,8 +81,36 @@ class RobustAdjustment:
     def solve(self) -> None:
         """Adjust cameras and points."""
         self.config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-        pycolmap.create_default_bundle_adjuster(self.options, self.config, self.model).solve()
+        self.run(lambda: pycolmap.create_default_bundle_adjuster(self.options, self.config, self.model))
+
+    def run(self, adjuster: Callable[[], pycolmap.BundleAdjuster]) -> None:
+        """Adjust with an ``adjuster`` of this model, by these options and this configuration."""
+        start = pycolmap.Reconstruction(self.model)
+        adjuster().solve()
+        while unlikely := [i for i in self._before if not is_likely(self.model.camera(i))]:
+            _reset(self.model, start)
+            for camera_id in unlikely:
+                camera = self.model.camera(camera_id)
+                camera.model, camera.params = self._before.pop(camera_id)
+                self.config.set_constant_cam_intrinsics(camera_id)
+            adjuster().solve()
         self.model.update_point_3d_errors()
+
+
+def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
+    """Ids of the cameras whose principal point was estimated, if ``lens`` was given → their parameters."""
+    return {i: list(camera.params) for i, camera in model.cameras.items() if camera.model_name == _LENS}
+
+
+def is_likely(camera: pycolmap.Camera) -> bool:
+    """Whether a lens may have these intrinsics; COLMAP's mapper removes all images of one that has not."""
+    limits = pycolmap.IncrementalMapperOptions()
+    off = math.hypot(
+        camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2
+    )
+    return off <= _MAX_OFF_CENTRE * max(camera.width, camera.height) and not camera.has_bogus_params(
+        limits.min_focal_length_ratio, limits.max_focal_length_ratio, limits.max_extra_param
+    )
 
 
 def remove_outliers(model: pycolmap.Reconstruction) -> None:
@@ -78,10 +125,28 @@ def remove_outliers(model: pycolmap.Reconstruction) -> None:
     model.update_point_3d_errors()
 
 
+def _determine_a_lens(directions: Sequence[NDArray[np.float64]]) -> bool:
+    """Whether images with these unit directions of view suffice for the lens of their camera."""
+    spread = math.cos(math.radians(_MIN_SPREAD_DEG))
+    return len(directions) >= MIN_IMAGES_OF_LENS and bool(
+        np.linalg.norm(np.mean(directions, axis=0)) < spread
+    )
+
+
 def _make_radial(camera: pycolmap.Camera) -> None:
     if camera.model_name == "SIMPLE_RADIAL":
-        camera.model = pycolmap.CameraModelId.RADIAL
+        camera.model = getattr(pycolmap.CameraModelId, _LENS)
         camera.params = [*camera.params, 0.0]
+
+
+def _reset(model: pycolmap.Reconstruction, start: pycolmap.Reconstruction) -> None:
+    """Give ``model`` the poses, points and intrinsics of ``start``, a copy of it."""
+    for camera_id, camera in start.cameras.items():
+        model.camera(camera_id).params = camera.params
+    for frame_id in start.reg_frame_ids():
+        model.frame(frame_id).rig_from_world = start.frame(frame_id).rig_from_world
+    for point_id, point in start.points3D.items():
+        model.point3D(point_id).xyz = point.xyz
 
 
 def _error_sigma_px(model: pycolmap.Reconstruction) -> float:

@@ -5,7 +5,10 @@ import pycolmap
 import pytest
 from row_of_cameras import COUNT, error_of_centres, row_of_cameras
 
+from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, RobustAdjustment
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
 LENS = pycolmap.Camera(
     model="RADIAL", width=800, height=600, params=np.array([700.0, 392.0, 307.0, -0.06, 0.05]), camera_id=1
@@ -62,6 +65,52 @@ def test_a_camera_of_few_images_keeps_its_model(images: int, model: str):
     few = without_images_from(row_of_cameras(0.2, 6, taken_with=LENS, camera=GUESS), images + 1)
     adjust(few)
     assert few.camera(1).model_name == model
+
+
+def test_a_lens_is_kept_when_most_of_its_images_are_gone():
+    model = row_of_cameras(0.2, 8, taken_with=LENS, camera=GUESS)
+    adjust(model)
+    lens = model.camera(1).params.tolist()
+    adjust(without_images_from(model, MIN_IMAGES_OF_LENS))
+    assert (model.camera(1).model_name, model.camera(1).params.tolist()) == ("RADIAL", lens)
+
+
+@pytest.mark.parametrize(
+    "lens", [[700.0, 400.0, 300.0, 0.0, 2.5], [700.0, 490.0, 300.0, -0.06, 0.05]], ids=["k2", "far off"]
+)
+@pytest.mark.parametrize("with_priors", [False, True])
+def test_a_camera_keeps_its_intrinsics_when_the_estimate_is_no_lens(lens: list[float], with_priors: bool):
+    """COLMAP's mapper would remove all images of such a camera."""
+    taken_with = pycolmap.Camera(model="RADIAL", width=800, height=600, params=lens)
+    model, kept = (row_of_cameras(0.2, 8, taken_with=taken_with, camera=GUESS) for _ in range(2))
+    adjustments = [
+        RobustAdjustment(model, refine=True, lens=True, threads=1),
+        RobustAdjustment(kept, refine=False, lens=False, threads=1),
+    ]
+    for adjustment in adjustments:
+        if with_priors:
+            by_name = {
+                name: PosePrior(position=tuple(pose.translation), position_sigma=0.1)
+                for name, pose in camera_poses(row_of_cameras(0.2, 8)).items()
+            }
+            assert adjust_with_priors(adjustment, PosePriors(by_name=by_name), 0)
+        else:
+            adjustment.solve()
+    assert model.camera(1).model_name == "SIMPLE_RADIAL"
+    assert model.camera(1).params.tolist() == GUESS.params.tolist()
+    assert error_of_centres(model) == pytest.approx(error_of_centres(kept), rel=0.05)
+
+
+def test_parallel_views_do_not_determine_a_lens():
+    """Those of a drone that photographs flat ground: lens, heights and depths trade with each other."""
+    model = row_of_cameras(0.2, 8, taken_with=LENS, camera=GUESS)
+    for frame in model.frames.values():
+        pose = frame.rig_from_world
+        centre = pose.inverse().translation
+        frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(), -centre)
+    adjust(model)
+    assert model.camera(1).model_name == "SIMPLE_RADIAL"
+    assert model.camera(1).params[1:3].tolist() == [400.0, 300.0]
 
 
 def test_known_intrinsics_do_not_change():
