@@ -32,9 +32,6 @@ _MIN_SPREAD_DEG = 3.0
 photographs the ground, do not determine a lens: its errors trade with the depths of the points.
 """
 
-_MAX_OFF_CENTRE = 0.1
-"""Maximum distance of a principal point from the middle of the image, in long sides; lenses have 0.02."""
-
 _TOLERANCE, _ITERATIONS = 1e-5, 50
 """Relative change of the cost at which the adjustment ends, and the maximum number of its iterations."""
 
@@ -103,12 +100,9 @@ def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
 
 
 def is_likely(camera: pycolmap.Camera) -> bool:
-    """Whether a lens may have these intrinsics; COLMAP's mapper removes all images of one that has not."""
+    """Whether the intrinsics are within the limits of COLMAP's mapper, which removes all images of others."""
     limits = pycolmap.IncrementalMapperOptions()
-    off = math.hypot(
-        camera.principal_point_x - camera.width / 2, camera.principal_point_y - camera.height / 2
-    )
-    return off <= _MAX_OFF_CENTRE * max(camera.width, camera.height) and not camera.has_bogus_params(
+    return not camera.has_bogus_params(
         limits.min_focal_length_ratio, limits.max_focal_length_ratio, limits.max_extra_param
     )
 

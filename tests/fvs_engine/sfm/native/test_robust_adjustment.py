@@ -75,13 +75,21 @@ def test_a_lens_is_kept_when_most_of_its_images_are_gone():
     assert (model.camera(1).model_name, model.camera(1).params.tolist()) == ("RADIAL", lens)
 
 
-@pytest.mark.parametrize(
-    "lens", [[700.0, 400.0, 300.0, 0.0, 2.5], [700.0, 490.0, 300.0, -0.06, 0.05]], ids=["k2", "far off"]
-)
+def test_the_principal_point_of_cropped_photographs_is_estimated():
+    cropped = pycolmap.Camera(
+        model="RADIAL", width=800, height=600, params=[700.0, 520.0, 300.0, -0.06, 0.05]
+    )
+    model = row_of_cameras(0.2, 8, taken_with=cropped, camera=GUESS)
+    adjust(model)
+    assert np.abs(model.camera(1).params[1:3] - cropped.params[1:3]).max() < 5.0
+
+
 @pytest.mark.parametrize("with_priors", [False, True])
-def test_a_camera_keeps_its_intrinsics_when_the_estimate_is_no_lens(lens: list[float], with_priors: bool):
+def test_a_camera_keeps_its_intrinsics_when_the_estimate_is_no_lens(with_priors: bool):
     """COLMAP's mapper would remove all images of such a camera."""
-    taken_with = pycolmap.Camera(model="RADIAL", width=800, height=600, params=lens)
+    taken_with = pycolmap.Camera(
+        model="RADIAL", width=800, height=600, params=[700.0, 400.0, 300.0, 0.0, 2.5]
+    )
     model, kept = (row_of_cameras(0.2, 8, taken_with=taken_with, camera=GUESS) for _ in range(2))
     adjustments = [
         RobustAdjustment(model, refine=True, lens=True, threads=1),
