@@ -50,7 +50,7 @@ def test_an_image_is_excluded_and_included_again(gateway: Any, photograph: Photo
     # A job that ran meanwhile does not bring it back.
     digest = f"sha256:{hashlib.sha256(contents[0]).hexdigest()}"
     with gateway.application.storage.database.writing() as session:
-        register(session, scene, [digest], [])
+        register(session, scene, [digest], {})
     assert gateway.client.get(_path(scene, contents[0])).json()["registration"] == "excluded"
 
     for _ in range(2):
