@@ -1,7 +1,7 @@
 """The native job that registers images in an existing model."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,6 @@ from typing import Any
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
@@ -19,9 +18,6 @@ from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_
 from fvs_engine.sfm.pose_priors import PosePriors
 
 Report = Callable[[int], None]
-
-_FEW_IMAGES = 50
-"""Number of images up to which all poses are adjusted to the priors whenever one was registered (1 s)."""
 
 _MAX_REJECTIONS = 3
 """Number of rejections of an image's pose in one call after which it is not retried."""
@@ -94,8 +90,6 @@ def register(
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
             adjusted = True
-    if growth.registered and not adjusted and model.num_reg_images() <= _FEW_IMAGES:
-        growth.adjust_poses_to_priors()
     growth.mapper.end_reconstruction(False)
     growth.reject_contradicted()
     posed = {image.name: image.image_id for image in model.images.values() if image.has_pose}
@@ -209,22 +203,6 @@ class _Growth:
         set_cameras(self._cache, self.model)  # the next mapper begins with them
         self.mapper.filter_points(options.get_mapper())
         self.mapper.filter_frames(options.get_mapper())
-        self._align(before)
-
-    def adjust_poses_to_priors(self) -> None:
-        """Adjust all poses and points also to priors, if they are credible; intrinsics do not change.
-
-        Local adjustments know no priors. Across a gap they move the last images away, until all are adjusted.
-        """
-        if not self.check.priors.by_name:
-            return
-        before = camera_poses(self.model)
-        adjustment = RobustAdjustment(self.model, refine=False, lens=False, threads=self._options.num_threads)
-        if adjust_with_priors(adjustment, self.check.priors, self._options.random_seed):
-            self._align(before)
-
-    def _align(self, before: Mapping[str, RigidTransform]) -> None:
-        """Bring the model into the frame of the poses ``before``."""
         try:
             move(self.model, align_poses(camera_poses(self.model), before))
         except InvalidInputError:  # all centres coincide: the adjustment itself keeps the frame

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from row_of_cameras import COUNT, STEP, error_of_centres, row_of_cameras, true_poses
+from row_of_cameras import COUNT, row_of_cameras
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.batch.mapping import leave_out
@@ -15,36 +15,8 @@ from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.match_cache import load_all
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.registration import _Growth, _pipeline_options, register
-from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, RobustAdjustment, is_likely
+from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, is_likely
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-
-
-def empty_database(model: pycolmap.Reconstruction, folder: Path) -> Path:
-    """A database with the model's cameras, images and features, and no matches."""
-    path = folder / "database.db"
-    with pycolmap.Database.open(path) as database:
-        for camera in model.cameras.values():
-            database.write_camera(camera, use_camera_id=True)
-        for rig in model.rigs.values():
-            database.write_rig(rig, use_rig_id=True)
-        for frame in model.frames.values():
-            database.write_frame(frame, use_frame_id=True)
-        for image_id, image in model.images.items():
-            database.write_image(image, use_image_id=True)
-            pixels = np.array([point.xy for point in image.points2D], dtype=np.float32)
-            database.write_keypoints(image_id, pixels)
-    return path
-
-
-def begun(model: pycolmap.Reconstruction, database: Path, priors: PosePriors) -> _Growth:
-    names = [image.name for image in model.images.values()]
-    return _Growth(
-        model,
-        load_all(database, names, model),
-        _pipeline_options(refine=True, seed=0, threads=1, two_view_points=False),
-        PoseCheck((), {}, 0.75, priors),
-        lens=True,
-    )
 
 
 def test_an_image_is_rejected_after_the_camera_got_its_lens(
@@ -100,30 +72,26 @@ def test_no_pose_is_lost_to_an_estimate_that_no_lens_has(name: str, params: list
     )
     start = pycolmap.Camera(model=name, width=800, height=600, params=params, camera_id=1)
     model = row_of_cameras(0.2, 8, taken_with=taken_with, camera=start)
-    path = empty_database(model, tmp_path)
-    growth = begun(model, path, PosePriors())
+    path = tmp_path / "database.db"
+    with pycolmap.Database.open(path) as database:
+        database.write_camera(start, use_camera_id=True)
+        for rig in model.rigs.values():
+            database.write_rig(rig, use_rig_id=True)
+        for frame in model.frames.values():
+            database.write_frame(frame, use_frame_id=True)
+        for image_id, image in model.images.items():
+            database.write_image(image, use_image_id=True)
+            pixels = np.array([point.xy for point in image.points2D], dtype=np.float32)
+            database.write_keypoints(image_id, pixels)
+    names = [image.name for image in model.images.values()]
+    growth = _Growth(
+        model,
+        load_all(path, names, model),
+        _pipeline_options(refine=True, seed=0, threads=1, two_view_points=False),
+        PoseCheck((), {}, 0.75, PosePriors()),
+        lens=True,
+    )
     growth.adjust_all()
     growth.mapper.end_reconstruction(False)
     assert model.num_reg_images() == COUNT
     assert is_likely(model.camera(1))
-
-
-def test_poses_are_adjusted_to_priors_in_the_same_frame(tmp_path: Path):
-    model = row_of_cameras(1.0, 3)
-    RobustAdjustment(model, refine=False, lens=False, threads=1).solve()  # it drifts
-    drifted, before = error_of_centres(model), camera_poses(model)
-    camera = model.camera(1).params.tolist()
-    priors = {name: PosePrior.at(pose.inverse().translation, 0.05) for name, pose in true_poses().items()}
-    path = empty_database(model, tmp_path)
-    for given in ({}, priors):
-        growth = begun(model, path, PosePriors(by_name=given))
-        growth.adjust_poses_to_priors()
-        growth.mapper.end_reconstruction(False)
-        if not given:
-            kept = camera_poses(model)
-            assert all(np.array_equal(kept[name].matrix, pose.matrix) for name, pose in before.items())
-    assert error_of_centres(model) < 0.5 * drifted
-    assert model.camera(1).params.tolist() == camera
-    after = camera_poses(model)
-    moved = [np.linalg.norm(after[name].translation - pose.translation) for name, pose in before.items()]
-    assert np.median(moved) < 0.05 * COUNT * STEP  # not in the frame of the priors, nor scaled
