@@ -53,7 +53,7 @@ class KnownPoses:
 
     @property
     def why_unregistered(self) -> Mapping[str, str]:
-        """See ``PoseSource``: every image has a pose."""
+        """See ``PoseSource``: empty, as the dataset has a pose of every image."""
         return {}
 
     def has(self, visited: Collection[str]) -> bool:  # noqa: ARG002 - it keeps none

@@ -35,7 +35,7 @@ _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
 _LOG_BYTES = 8_000_000
 """Size of a log above which it is renamed to ``native.old.log``, replacing the one before."""
 _LOGGED_CHARACTERS = 2_000
-"""Maximum number of characters of a job's arguments in the log: they hold the priors of all images."""
+"""Maximum length of a job's arguments in the log: they contain the priors of all images."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 

@@ -33,7 +33,7 @@ photographs the ground, do not determine a lens: its errors trade with the depth
 """
 
 _TOLERANCE, _ITERATIONS = 1e-5, 50
-"""Relative change of the cost at which the adjustment ends, and the maximum number of its iterations."""
+"""Relative change of the cost below which the solver stops, and its maximum number of iterations."""
 
 
 class RobustAdjustment:
@@ -95,7 +95,7 @@ class RobustAdjustment:
 
 
 def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
-    """Ids of the cameras whose principal point was estimated, if ``lens`` was given → their parameters."""
+    """The cameras whose lens was estimated, if ``lens`` was given: camera id → parameters."""
     return {i: list(camera.params) for i, camera in model.cameras.items() if camera.model_name == _LENS}
 
 
@@ -120,7 +120,7 @@ def remove_outliers(model: pycolmap.Reconstruction) -> None:
 
 
 def _determine_a_lens(directions: Sequence[NDArray[np.float64]]) -> bool:
-    """Whether images with these unit directions of view suffice for the lens of their camera."""
+    """Whether images with these viewing directions (unit vectors) determine the lens of their camera."""
     spread = math.cos(math.radians(_MIN_SPREAD_DEG))
     return len(directions) >= MIN_IMAGES_OF_LENS and bool(
         np.linalg.norm(np.mean(directions, axis=0)) < spread

@@ -14,7 +14,7 @@ from fvs_engine.sfm.stages import SfmFolder
 
 @pytest.mark.usefixtures("native_here")
 def test_images_that_all_left_and_came_back_take_new_ones(grown: Grown, images: Path, tmp_path: Path):
-    """The first model's stored result refers to image ids that the database no longer has."""
+    """The stored result of the first model has image ids that are no longer in the database."""
     folder = copy_of(grown.bootstrapped, tmp_path)
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     growing.remove(FIRST)

@@ -23,7 +23,7 @@ def adjust(model: pycolmap.Reconstruction, *, refine: bool = True, lens: bool = 
 
 
 def least_squares(model: pycolmap.Reconstruction) -> None:
-    """Bundle adjustment with squared errors and known intrinsics."""
+    """Bundle adjustment by least squares, with fixed intrinsics."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = options.refine_focal_length = options.refine_extra_params = False
     config = pycolmap.BundleAdjustmentConfig()
