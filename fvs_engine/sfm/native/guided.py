@@ -15,7 +15,7 @@ from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, wri
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
 from fvs_engine.sfm.native.guided_matching import TIGHT, GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
-from fvs_engine.sfm.native.prior_pose import ExpectedPose
+from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
 from fvs_engine.sfm.native.registration import color_points, register
 from fvs_engine.sfm.native.two_view_points import add_two_view_points
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -74,12 +74,7 @@ def _expected_poses(
     names: Sequence[str], priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
 ) -> dict[str, ExpectedPose]:
     """Expected poses of the images to match: the first one, then those nearest to a registered camera."""
-    expected = {
-        name: pose
-        for name in names
-        if name in priors.by_name
-        and (pose := ExpectedPose.of(priors.by_name[name], priors, frame)) is not None
-    }
+    expected = expected_poses(names, priors, frame)
     centres = np.stack([pose.translation for pose in poses.values()])
     away = {
         name: float(np.linalg.norm(centres - pose.centre, axis=1).min()) for name, pose in expected.items()

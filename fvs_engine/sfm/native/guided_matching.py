@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints
-from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, refine
+from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, project, refine
 
 _SIGMAS = 3.0
 """Half the width of a window, in standard deviations."""
@@ -214,16 +214,6 @@ class _Candidates:
         point, feature = self.match(pose, TIGHT * focal, _RATIO)
         chance = [len(self.match(pose, TIGHT * focal, _RATIO, focal * beside)[0]) for beside in _BESIDE]
         return GuidedPose(pose, point, feature, max(chance), self.expected.sigmas_of(pose))
-
-
-def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:
-    """Project points [P, 3] to px [P, 2], with their depths [P]; those behind the camera have no position."""
-    local = camera_from_model.apply(points)
-    pixels = np.full((len(points), 2), np.inf)
-    ahead = local[:, 2] > 1e-9
-    if ahead.any():
-        pixels[ahead] = np.asarray(camera.img_from_cam(local[ahead]))
-    return pixels, local[:, 2]
 
 
 def _axes_px(

@@ -15,6 +15,7 @@ import pycolmap
 
 from fvs_engine.sfm.colmap.database import image_ids, remove_images
 from fvs_engine.sfm.native.matching import match
+from fvs_engine.sfm.native.pose_review import review_poses
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
 
 Report = Callable[[int], None]
@@ -117,7 +118,7 @@ def map_incremental(
     models = pycolmap.incremental_mapping(
         database, image_dir, out_dir, options, next_image_callback=next_image
     )
-    _adjust(models, out_dir, refine=refine, lens=lens, threads=threads)
+    _adjust(models, out_dir, Path(database), refine=refine, lens=lens, seed=seed, threads=threads)
     return len(models)
 
 
@@ -143,22 +144,27 @@ def map_global(
     adjustment.refine_focal_length = adjustment.refine_extra_params = refine
     options.mapper.bundle_adjustment = adjustment
     models = pycolmap.global_mapping(database, image_dir, out_dir, options)
-    _adjust(models, out_dir, refine=refine, lens=lens, threads=threads)
+    _adjust(models, out_dir, Path(database), refine=refine, lens=lens, seed=seed, threads=threads)
     return len(models)
 
 
 def _adjust(
     models: Mapping[int, pycolmap.Reconstruction],
     out_dir: str,
+    database: Path,
     *,
     refine: bool,
     lens: bool,
+    seed: int,
     threads: int | None,
 ) -> None:
     """Adjust the models of a mapper robustly, and write them to ``out_dir``/0, 1, … again."""
     for number, model in models.items():
         RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
         remove_outliers(model)
+        if review_poses(model, pycolmap.ObservationManager(model), database, {}, seed):
+            RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
+            remove_outliers(model)
         model.write_binary(str(Path(out_dir) / str(number)))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.native.prior_pose import Array
 
 Indices = NDArray[np.int64]
@@ -111,6 +112,21 @@ class KnownPoints:
         rank = np.arange(len(order)) - np.searchsorted(self.point, self.point[order])
         near = (rank < most) & (cosines[order] >= np.cos(np.radians(max_angle_deg)))
         return np.sort(order[near])
+
+
+def points_seen(
+    model: pycolmap.Reconstruction, image_id: int, pairs: Sequence[VerifiedPair]
+) -> list[tuple[int, int]]:
+    """The (feature, point) pairs of an image that its matches with registered images give, each once."""
+    seen = set()
+    for pair in pairs:
+        other, column = (pair.second, 0) if pair.first == image_id else (pair.first, 1)
+        points = model.image(other).points2D
+        for match in pair.matches:
+            point = points[int(match[1 - column])]
+            if point.has_point3D():
+                seen.add((int(match[column]), int(point.point3D_id)))
+    return sorted(seen)
 
 
 def camera_of(image: pycolmap.Image) -> pycolmap.Camera:

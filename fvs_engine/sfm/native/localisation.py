@@ -8,14 +8,15 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
+from fvs_engine.sfm.native.known_points import points_seen
 from fvs_engine.sfm.native.pose_check import Keypoints, PoseCheck
+from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
+from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 Report = Callable[[int], None]
-
-_MIN_POSE_INLIERS = 30
-"""Minimum number of points for estimating a pose; COLMAP's own limit."""
 
 
 def copy_features(_report: Report, *, source: str, target: str, names: list[str]) -> None:
@@ -72,11 +73,12 @@ def localise(
         for name in neighbours:
             cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
     check = PoseCheck(translated, features, min_image_support, PosePriors.model_validate(priors))
+    sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
     localised: dict[str, dict[str, Any]] = {}
     for done, (name, guest) in enumerate(guests.items(), start=1):
         sibling = model.image(in_model[siblings[name]]).camera if name in siblings else None
         own = [pair for pair in translated if guest in (pair.first, pair.second)]
-        found = _estimate_pose(model, name, guest, own, features, sibling, cameras[name], seed)
+        found = _estimate_pose(model, name, guest, own, features, sibling, cameras[name], sigma_px, seed)
         if found and check.contradiction(model, guest) is None:
             image = model.image(guest)
             camera = model.camera(image.camera_id)
@@ -100,11 +102,12 @@ def _estimate_pose(
     features: Keypoints,
     sibling: pycolmap.Camera | None,
     camera: pycolmap.Camera,
+    sigma_px: float,
     seed: int,
 ) -> bool:
     """Add the image to the model with the pose that its matches give; returns whether they give one."""
-    seen = _points_seen(model, guest, pairs)
-    if len(seen) < _MIN_POSE_INLIERS:
+    seen = points_seen(model, guest, pairs)
+    if len(seen) < MIN_POSE_POINTS:
         return False
     if sibling is None:
         camera = pycolmap.Camera(camera.todict() | {"camera_id": max(model.cameras) + 1})
@@ -118,32 +121,15 @@ def _estimate_pose(
     estimation.ransac.random_seed = seed
     refinement = pycolmap.AbsolutePoseRefinementOptions()
     refinement.refine_focal_length = refinement.refine_extra_params = sibling is None
-    answer = pycolmap.estimate_and_refine_absolute_pose(
-        np.stack([features[guest][feature] for feature, _ in seen]),
-        np.stack([model.point3D(point).xyz for _, point in seen]),
-        camera,
-        estimation,
-        refinement,
-    )
-    if answer is None or answer["num_inliers"] < _MIN_POSE_INLIERS:
+    pixels = np.stack([features[guest][feature] for feature, _ in seen])
+    points = np.stack([model.point3D(point).xyz for _, point in seen])
+    answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, camera, estimation, refinement)
+    if answer is None or answer["num_inliers"] < MIN_POSE_POINTS:
         return False
     if sibling is None:
         model.add_camera_with_trivial_rig(camera)
     image = pycolmap.Image(name=name, camera_id=camera.camera_id, image_id=guest)
-    model.add_image_with_trivial_frame(image, answer["cam_from_world"])
+    start = rigid_from_pycolmap(answer["cam_from_world"])
+    pose = best_pose(start, points, pixels, camera, sigma_px, None, seed)
+    model.add_image_with_trivial_frame(image, rigid_to_pycolmap(pose))
     return True
-
-
-def _points_seen(
-    model: pycolmap.Reconstruction, guest: int, pairs: Sequence[VerifiedPair]
-) -> list[tuple[int, int]]:
-    """The (feature, point) pairs of an image that its matches with images of the model give, each once."""
-    seen = set()
-    for pair in pairs:
-        other, column = (pair.second, 0) if pair.first == guest else (pair.first, 1)
-        points = model.image(other).points2D
-        for match in pair.matches:
-            point = points[int(match[1 - column])]
-            if point.has_point3D():
-                seen.add((int(match[column]), int(point.point3D_id)))
-    return sorted(seen)

@@ -1,5 +1,6 @@
 """The pose of an image from the points that it sees and its expected pose, both with errors."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,9 @@ _LEAST_ORIENTATION_DEG = 1.0
 
 _DOUBTED_SIGMAS = 3.0
 """Scale of the robust loss, in standard deviations."""
+
+_BEHIND = 1e6
+"""Square of the error, in standard deviations, of a point behind the camera."""
 
 _ITERATIONS = 12
 _DAMPING = 1e-6
@@ -79,6 +83,18 @@ class ExpectedPose:
         return RigidTransform(turned, -turned @ self.centre)
 
 
+def expected_poses(
+    names: Iterable[str], priors: PosePriors, frame: PriorFrame | None
+) -> dict[str, ExpectedPose]:
+    """Those of the images ``names`` that priors predict; none without a ``frame``."""
+    if frame is None:
+        return {}
+    poses = {
+        name: ExpectedPose.of(priors.by_name[name], priors, frame) for name in names if name in priors.by_name
+    }
+    return {name: pose for name, pose in poses.items() if pose is not None}
+
+
 def refine(
     camera_from_model: RigidTransform,
     points: Array,
@@ -131,6 +147,40 @@ def refine(
         if float(np.linalg.norm(scale * step)) < 1e-3:
             break
     return RigidTransform(rotation, -rotation @ centre)
+
+
+def cost(
+    camera_from_model: RigidTransform,
+    points: Array,
+    pixels: Array,
+    camera: pycolmap.Camera,
+    noise_px: float,
+    expected: ExpectedPose | None,
+) -> float:
+    """The sum that ``refine`` minimises: Cauchy's losses of points and prior, in shares of 9 / 2.
+
+    A point behind the camera counts as one far off.
+    """
+    pixel, depth = project(camera, camera_from_model, points)
+    squares = np.full(len(points), _BEHIND)
+    ahead = (depth > 1e-9) & np.isfinite(pixel).all(axis=1)
+    squares[ahead] = ((pixel[ahead] - pixels[ahead]) ** 2).sum(axis=1) / noise_px**2
+    if expected is not None:
+        turn = rotation_vector(camera_from_model.rotation @ expected.camera_from_model.rotation.T)
+        shift = camera_from_model.inverse().translation - expected.centre
+        deviations = (turn / expected.orientation_sigma, shift / expected.position_sigma)
+        squares = np.append(squares, [float(error @ error) for error in deviations])
+    return float(np.log1p(squares / _DOUBTED_SIGMAS**2).sum())
+
+
+def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:
+    """Project points [P, 3] to px [P, 2], with their depths [P]; those behind the camera have no position."""
+    local = camera_from_model.apply(points)
+    pixels = np.full((len(points), 2), np.inf)
+    ahead = local[:, 2] > 1e-9
+    if ahead.any():
+        pixels[ahead] = np.asarray(camera.img_from_cam(local[ahead]))
+    return pixels, local[:, 2]
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -1,7 +1,7 @@
 """The native job that registers images in an existing model."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,13 +9,23 @@ from typing import Any
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
+from fvs_engine.sfm.native.pose_review import review_poses
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, estimated_lenses, is_likely
+from fvs_engine.sfm.native.prior_pose import expected_poses
+from fvs_engine.sfm.native.robust_adjustment import (
+    RobustAdjustment,
+    error_sigma_px,
+    estimated_lenses,
+    is_likely,
+    use_robust_loss,
+)
 from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.verification.veto import believed_frame
 
 Report = Callable[[int], None]
 
@@ -78,18 +88,17 @@ def register(
         load_around(Path(database), images, names, model),
         _pipeline_options(refine, seed, threads, two_view_points),
         PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
+        database=Path(database),
+        names=images,
         lens=lens,
     )
     adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
-    adjusted = False
     for number in growth.register(names):
         report(number)
         if adjustments.due(model):
-            if not adjusted:
-                growth.use(load_all(Path(database), images, model))
             growth.adjust_all()
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
-            adjusted = True
+    growth.review_new()
     growth.mapper.end_reconstruction(False)
     growth.reject_contradicted()
     posed = {image.name: image.image_id for image in model.images.values() if image.has_pose}
@@ -107,7 +116,7 @@ def register(
         "adjusted_images": adjustments.images,
         "adjusted_points": adjustments.points,
         "match_support": PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
-        if adjusted
+        if growth.adjusted
         else None,
     }
 
@@ -125,7 +134,11 @@ def _pipeline_options(
 
 
 class _Growth:
-    """COLMAP's incremental mapper on an existing model."""
+    """COLMAP's incremental mapper on an existing model.
+
+    ``cache`` has the matches around the new images, which suffices until all are adjusted. ``names`` are all
+    images, ``database`` has all their matches.
+    """
 
     def __init__(
         self,
@@ -134,13 +147,19 @@ class _Growth:
         options: pycolmap.IncrementalPipelineOptions,
         check: PoseCheck,
         *,
+        database: Path,
+        names: Collection[str],
         lens: bool,
     ) -> None:
         self.model = model
+        self._database = database
+        self._names = names
         self._lens = lens
         self.registered: list[str] = []
         self.rejected: dict[str, str] = {}
         self.check = check
+        self.adjusted = False
+        """Whether all cameras and points were adjusted."""
         self._rejections: Counter[str] = Counter()
         self._rejected_now: set[str] = set()
         self._cache = cache
@@ -170,28 +189,62 @@ class _Growth:
                     return True
         return False
 
-    def use(self, cache: pycolmap.DatabaseCache) -> None:
-        """Continue with other matches."""
-        self.mapper.end_reconstruction(False)
-        self._cache = cache
-        self.mapper = self._begin()
+    def review_new(self) -> None:
+        """Review the poses of the new images and of those that match them; adjust all if one changed.
+
+        The new images may show which pose of an older one is right.
+        """
+        before = camera_poses(self.model)
+        new = {image.image_id for image in self.model.images.values() if image.name in self.registered}
+        pairs = ((pair.first, pair.second) for pair in self.check.pairs)
+        if self._review(before, new.union(*(pair for pair in pairs if not new.isdisjoint(pair)))):
+            self._adjust_robustly(before)
 
     def adjust_all(self) -> None:
-        """Adjust all cameras and points, also to priors, and align the result with the model before."""
+        """Adjust all cameras and points, also to priors, and align the result with the model before.
+
+        Poses that hang on few points are reviewed first.
+        """
+        if not self.adjusted:
+            self.mapper.end_reconstruction(False)
+            self._cache = load_all(self._database, self._names, self.model)
+            self.mapper = self._begin()
+            self.adjusted = True
         before = camera_poses(self.model)
+        self._review(before)
         options = self._options
+        adjustment = options.get_global_bundle_adjustment()
+        # Squared errors would move a reviewed pose back to the old minimum.
+        use_robust_loss(adjustment, error_sigma_px(self.model))
         lenses = estimated_lenses(self.model) if self._lens else {}
         self.mapper.iterative_global_refinement(
             options.ba_global_max_refinements,
             options.ba_global_max_refinement_change,
             options.get_mapper(),
-            options.get_global_bundle_adjustment(),
+            adjustment,
             options.get_triangulation(),
             False,
         )
         for camera_id, params in lenses.items():
             if not is_likely(self.model.camera(camera_id)):
                 self.model.camera(camera_id).params = params
+        self._adjust_robustly(before)
+
+    def _review(self, poses: Mapping[str, RigidTransform], among: Collection[int] | None = None) -> list[str]:
+        """See ``review_poses``; ``poses`` are those of the model."""
+        priors = self.check.priors
+        return review_poses(
+            self.model,
+            self.mapper.observation_manager,
+            self._database,
+            expected_poses(poses, priors, believed_frame(priors, poses)),
+            self._options.random_seed,
+            among,
+        )
+
+    def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
+        """Adjust all cameras and points, also to priors, and align them with the poses ``before``."""
+        options = self._options
         adjustment = RobustAdjustment(
             self.model,
             refine=options.ba_refine_focal_length,

@@ -64,13 +64,12 @@ class RobustAdjustment:
                 camera = model.camera(camera_id)
                 self._before[camera_id] = camera.model, list(camera.params)
                 _make_radial(camera)
-        self.sigma_px = max(_error_sigma_px(model), _MIN_SIGMA_PX)
+        self.sigma_px = max(error_sigma_px(model), _MIN_SIGMA_PX)
         self.options = pycolmap.BundleAdjustmentOptions()
         self.options.print_summary = False
         self.options.refine_focal_length = self.options.refine_extra_params = refine
         self.options.refine_principal_point = whole
-        self.options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-        self.options.ceres.loss_function_scale = _CAUCHY * self.sigma_px
+        use_robust_loss(self.options, self.sigma_px)
         self.options.ceres.solver_options.function_tolerance = _TOLERANCE
         self.options.ceres.solver_options.max_num_iterations = _ITERATIONS
         self.options.ceres.solver_options.num_threads = threads
@@ -92,6 +91,19 @@ class RobustAdjustment:
                 self.config.set_constant_cam_intrinsics(camera_id)
             adjuster().solve()
         self.model.update_point_3d_errors()
+
+
+def error_sigma_px(model: pycolmap.Reconstruction) -> float:
+    """Standard deviation of each coordinate of the reprojection errors, from their median length."""
+    model.update_point_3d_errors()
+    errors = [point.error for point in model.points3D.values()]
+    return float(np.median(errors)) / _MEDIAN_LENGTH if errors else _MIN_SIGMA_PX
+
+
+def use_robust_loss(options: pycolmap.BundleAdjustmentOptions, sigma_px: float) -> None:
+    """Have a bundle adjustment give less weight to what is far off, for errors of ``sigma_px``."""
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = _CAUCHY * max(sigma_px, _MIN_SIGMA_PX)
 
 
 def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
@@ -141,10 +153,3 @@ def _reset(model: pycolmap.Reconstruction, start: pycolmap.Reconstruction) -> No
         model.frame(frame_id).rig_from_world = start.frame(frame_id).rig_from_world
     for point_id, point in start.points3D.items():
         model.point3D(point_id).xyz = point.xyz
-
-
-def _error_sigma_px(model: pycolmap.Reconstruction) -> float:
-    """Standard deviation of each coordinate of the reprojection errors, from their median length."""
-    model.update_point_3d_errors()
-    errors = [point.error for point in model.points3D.values()]
-    return float(np.median(errors)) / _MEDIAN_LENGTH if errors else _MIN_SIGMA_PX

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from model_databases import write_database
 from row_of_cameras import COUNT, row_of_cameras
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
@@ -73,22 +74,15 @@ def test_no_pose_is_lost_to_an_estimate_that_no_lens_has(name: str, params: list
     start = pycolmap.Camera(model=name, width=800, height=600, params=params, camera_id=1)
     model = row_of_cameras(0.2, 8, taken_with=taken_with, camera=start)
     path = tmp_path / "database.db"
-    with pycolmap.Database.open(path) as database:
-        database.write_camera(start, use_camera_id=True)
-        for rig in model.rigs.values():
-            database.write_rig(rig, use_rig_id=True)
-        for frame in model.frames.values():
-            database.write_frame(frame, use_frame_id=True)
-        for image_id, image in model.images.items():
-            database.write_image(image, use_image_id=True)
-            pixels = np.array([point.xy for point in image.points2D], dtype=np.float32)
-            database.write_keypoints(image_id, pixels)
+    write_database(model, path)
     names = [image.name for image in model.images.values()]
     growth = _Growth(
         model,
         load_all(path, names, model),
         _pipeline_options(refine=True, seed=0, threads=1, two_view_points=False),
         PoseCheck((), {}, 0.75, PosePriors()),
+        database=path,
+        names=names,
         lens=True,
     )
     growth.adjust_all()

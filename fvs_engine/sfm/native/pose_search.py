@@ -1,0 +1,56 @@
+"""The pose that explains an image's matches with known points best, of several that many agree with."""
+
+from collections.abc import Iterator
+
+import pycolmap
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, refine
+
+MIN_POSE_POINTS = 30
+"""Minimum number of points for estimating a pose; COLMAP's own limit."""
+
+MIN_SIGMA_PX = 0.1
+"""Minimum standard deviation of reprojection errors that is assumed."""
+
+_SEARCHES = (48.0, 16.0, 8.0, 4.0)
+"""Errors in standard deviations up to which matches agree with a pose, in one search each.
+
+COLMAP searches once, to 12 px. Matches that are a few pixels off then count as much as exact ones.
+"""
+
+_MIN_INLIER_RATIO = 0.1
+
+
+def best_pose(
+    start: RigidTransform,
+    points: Array,
+    pixels: Array,
+    camera: pycolmap.Camera,
+    sigma_px: float,
+    expected: ExpectedPose | None,
+    seed: int,
+) -> RigidTransform:
+    """The camera_from_model of the lowest robust ``cost``: ``start`` refined, or one found by RANSAC.
+
+    ``pixels`` [N, 2] are matched with ``points`` [N, 3]; right ones have errors of ``sigma_px`` per
+    coordinate.
+    """
+    given = points, pixels, camera, sigma_px, expected
+    refined = [refine(pose, *given) for pose in (start, *_found(points, pixels, camera, sigma_px, seed))]
+    return min(refined, key=lambda pose: cost(pose, *given))
+
+
+def _found(
+    points: Array, pixels: Array, camera: pycolmap.Camera, sigma_px: float, seed: int
+) -> Iterator[RigidTransform]:
+    """The pose that most matches agree with, for each limit of agreement."""
+    for sigmas in _SEARCHES:
+        options = pycolmap.AbsolutePoseEstimationOptions()
+        options.ransac.max_error = sigmas * sigma_px
+        options.ransac.min_inlier_ratio = _MIN_INLIER_RATIO
+        options.ransac.random_seed = seed
+        answer = pycolmap.estimate_absolute_pose(pixels, points, camera, options)
+        if answer is not None:
+            yield rigid_from_pycolmap(answer["cam_from_world"])
