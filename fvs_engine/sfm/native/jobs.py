@@ -162,7 +162,8 @@ def _adjust(
     for number, model in models.items():
         RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
         remove_outliers(model)
-        if review_poses(model, pycolmap.ObservationManager(model), database, {}, seed):
+        observations = pycolmap.ObservationManager(model)
+        if review_poses(model, observations, database, model.reg_image_ids(), {}, seed):
             RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
             remove_outliers(model)
         model.write_binary(str(Path(out_dir) / str(number)))

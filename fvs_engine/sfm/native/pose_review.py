@@ -51,20 +51,20 @@ def review_poses(
     model: pycolmap.Reconstruction,
     observations: pycolmap.ObservationManager,
     database: Path,
+    among: Collection[int],
     expected: Mapping[str, ExpectedPose],
     seed: int,
-    among: Collection[int] | None = None,
 ) -> list[str]:
     """Replace poses by others that explain an image's matches better; returns the names of these images.
 
-    Only of images that hang on few points, ``among`` those with these ids (None: all). The error of a pose is
-    judged by points as the other images see them, and by the ``expected`` pose where there is one, both
-    robustly. The images' observations are replaced, too; bundle adjustment should follow.
+    Only of registered images that hang on few points, ``among`` those with these ids. The error of a pose is
+    judged by points as the other images see them, and by the ``expected`` pose where there is one (by name),
+    both robustly. The images' observations are replaced, too; bundle adjustment should follow.
     """
     registered = set(model.reg_image_ids())
     few = [
         image
-        for image_id in sorted(registered if among is None else registered.intersection(among))
+        for image_id in sorted(registered.intersection(among))
         if hangs_on_few_points(model, image := model.image(image_id))
     ]
     if not few:

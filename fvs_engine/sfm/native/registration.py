@@ -197,7 +197,8 @@ class _Growth:
         before = camera_poses(self.model)
         new = {image.image_id for image in self.model.images.values() if image.name in self.registered}
         pairs = ((pair.first, pair.second) for pair in self.check.pairs)
-        if self._review(before, new.union(*(pair for pair in pairs if not new.isdisjoint(pair)))):
+        near = new.union(*(pair for pair in pairs if not new.isdisjoint(pair)))
+        if self._review(before, near):
             self._adjust_robustly(before)
 
     def adjust_all(self) -> None:
@@ -211,7 +212,7 @@ class _Growth:
             self.mapper = self._begin()
             self.adjusted = True
         before = camera_poses(self.model)
-        self._review(before)
+        self._review(before, self.model.reg_image_ids())
         options = self._options
         adjustment = options.get_global_bundle_adjustment()
         # Squared errors would move a reviewed pose back to the old minimum.
@@ -230,16 +231,17 @@ class _Growth:
                 self.model.camera(camera_id).params = params
         self._adjust_robustly(before)
 
-    def _review(self, poses: Mapping[str, RigidTransform], among: Collection[int] | None = None) -> list[str]:
+    def _review(self, poses: Mapping[str, RigidTransform], among: Collection[int]) -> list[str]:
         """See ``review_poses``; ``poses`` are those of the model."""
         priors = self.check.priors
+        names = [image.name for image_id, image in self.model.images.items() if image_id in among]
         return review_poses(
             self.model,
             self.mapper.observation_manager,
             self._database,
-            expected_poses(poses, priors, believed_frame(priors, poses)),
-            self._options.random_seed,
             among,
+            expected_poses(names, priors, believed_frame(priors, poses)),
+            self._options.random_seed,
         )
 
     def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
