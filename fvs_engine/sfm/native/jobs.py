@@ -163,7 +163,7 @@ def _adjust(
         RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
         remove_outliers(model)
         observations = pycolmap.ObservationManager(model)
-        if review_poses(model, observations, database, model.reg_image_ids(), {}, seed):
+        if review_poses(model, observations, database, model.reg_image_ids(), seed):
             RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
             remove_outliers(model)
         model.write_binary(str(Path(out_dir) / str(number)))

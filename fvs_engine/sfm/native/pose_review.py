@@ -6,7 +6,9 @@ several percent of the scene away. It stays the nearest minimum, also when later
 one (ADR 46).
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -21,160 +23,205 @@ from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, project
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 
+Matches = Sequence[tuple[int, int]]
+"""Features of an image and the points that they show, by their ids."""
+
 _FEW_POINTS = 200
-"""Number of points, seen by two other images, below which an image hangs on few points."""
+"""Number of points, each seen by two other images, below which an image hangs on few points."""
 
 _LOWER_COST = 5.0
-"""By how much another pose must lower the cost: about the number of matches that only the other fits."""
+"""By how much another pose must lower the cost.
 
-_STILL_EXPLAINED = 0.9
-"""Share of the verified matches that the old pose explains, which another one must explain at least.
-
-Those of a look-alike place fit well where points are, and contradict what only two images show.
+That is one or two matches that only the other pose fits, or many that it fits better.
 """
 
-_FITTING_PX = pycolmap.IncrementalMapperOptions().filter_max_reproj_error
-"""Maximum error of an observation."""
+_STILL_EXPLAINED = 0.9
+"""Share of the verified matches that the old pose explains, which another one must explain at least."""
+
+_LIMITS = pycolmap.IncrementalMapperOptions()
+"""COLMAP's limits of the error of an observation, and of the angle between the rays to a point."""
 
 
 def hangs_on_few_points(model: pycolmap.Reconstruction, image: pycolmap.Image) -> bool:
     """Whether two other images see few of an image's points, too, so that its pose may be a wrong one."""
-    if image.num_points3D >= 5 * _FEW_POINTS:  # counting is slow, and many of so many are seen by others
-        return False
-    tracks = (
-        model.point3D(point.point3D_id).track.length() for point in image.points2D if point.has_point3D()
+    held = (
+        None
+        for point in image.points2D
+        if point.has_point3D() and model.point3D(point.point3D_id).track.length() >= 3
     )
-    return sum(length >= 3 for length in tracks) < _FEW_POINTS
+    return sum(1 for _ in islice(held, _FEW_POINTS)) < _FEW_POINTS
 
 
 def review_poses(
     model: pycolmap.Reconstruction,
     observations: pycolmap.ObservationManager,
     database: Path,
-    among: Collection[int],
-    expected: Mapping[str, ExpectedPose],
+    image_ids: Collection[int],
     seed: int,
+    expected_of: Callable[[Collection[str]], Mapping[str, ExpectedPose]] = lambda _: {},
+    contradicts: Callable[[int], bool] = lambda _: False,
 ) -> list[str]:
     """Replace poses by others that explain an image's matches better; returns the names of these images.
 
-    Only of registered images that hang on few points, ``among`` those with these ids. The error of a pose is
-    judged by points as the other images see them, and by the ``expected`` pose where there is one (by name),
-    both robustly. The images' observations are replaced, too; bundle adjustment should follow.
+    Only of registered images that hang on few points, among those with the ``image_ids``. The error of a pose
+    is judged by points as the other images see them, and by the expected pose where ``expected_of`` names has
+    one, both robustly. A new pose must explain the verified matches nearly as well, and nothing must
+    ``contradict`` it that did not contradict the old one. Observations are replaced, too; bundle adjustment
+    should follow.
     """
     registered = set(model.reg_image_ids())
     few = [
         image
-        for image_id in sorted(registered.intersection(among))
+        for image_id in sorted(registered.intersection(image_ids))
         if hangs_on_few_points(model, image := model.image(image_id))
     ]
     if not few:
         return []
+    names = [image.name for image in few]
+    pairs = defaultdict(list)
+    for pair in read_verified_pairs(database, MIN_PAIR_MATCHES, names):
+        if registered.issuperset((pair.first, pair.second)):
+            pairs[pair.first].append(pair)
+            pairs[pair.second].append(pair)
+    expected, rays = expected_of(names), _Rays(model)
     sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
-    pairs = [
-        pair
-        for pair in read_verified_pairs(database, MIN_PAIR_MATCHES, [image.name for image in few])
-        if registered.issuperset((pair.first, pair.second))
-    ]
+
+    def better_pose(image: pycolmap.Image) -> tuple[float, RigidTransform]:
+        matches = points_seen(model, image.image_id, pairs[image.image_id])
+        return _better_pose(model, image, matches, rays, sigma_px, expected.get(image.name), seed)
+
+    # A wrong pose makes those of its neighbours look wrong, but less so than itself.
+    gains = [(better_pose(image)[0], image) for image in few]
     changed = []
-    for image in few:
-        own = [pair for pair in pairs if image.image_id in (pair.first, pair.second)]
-        matches = points_seen(model, image.image_id, own)
-        pose = _better_pose(model, image, matches, sigma_px, expected.get(image.name), seed)
-        if pose is not None and _still_explains(model, image, pose, own):
-            _replace(model, observations, image, pose, matches)
+    for gain, image in sorted(gains, key=lambda found: -found[0]):
+        if gain <= _LOWER_COST:
+            break
+        gain, pose = better_pose(image)
+        if gain > _LOWER_COST and _accept(model, image, pose, pairs[image.image_id], contradicts):
+            _drop_misfits(model, observations, image, rays)
+            _add_fitting(
+                model, observations, image, points_seen(model, image.image_id, pairs[image.image_id])
+            )
             changed.append(image.name)
     return changed
+
+
+class _Rays:
+    """The rays of observations: in camera coordinates at depth 1, NaN beyond the reach of a distortion."""
+
+    def __init__(self, model: pycolmap.Reconstruction) -> None:
+        self._model = model
+        self._flat: dict[int, Array] = {}
+
+    def triangulated(self, track: Sequence[pycolmap.TrackElement]) -> Array | None:
+        """The point [3] nearest to the rays of a ``track``; None where they meet at too small an angle."""
+        rows, directions = [], []
+        for element in track:
+            image = self._model.image(element.image_id)
+            x, y = self._of(image)[element.point2D_idx]
+            pose = image.cam_from_world().matrix()
+            rows += [x * pose[2] - pose[0], y * pose[2] - pose[1]]
+            directions.append(np.array([x, y, 1.0]) @ pose[:, :3])
+        if not np.isfinite(rows).all():
+            return None
+        units = np.stack(directions) / np.linalg.norm(directions, axis=1, keepdims=True)
+        if (units @ units.T).min() > np.cos(np.radians(_LIMITS.filter_min_tri_angle)):
+            return None
+        *xyz, scale = np.linalg.svd(np.stack(rows))[2][-1]
+        return np.array(xyz) / scale if abs(scale) > 1e-12 else None
+
+    def _of(self, image: pycolmap.Image) -> Array:
+        if image.image_id not in self._flat:
+            pixels = np.array([point.xy for point in image.points2D])
+            self._flat[image.image_id] = np.asarray(camera_of(image).cam_from_img(pixels))
+        return self._flat[image.image_id]
 
 
 def _better_pose(
     model: pycolmap.Reconstruction,
     image: pycolmap.Image,
-    matches: Sequence[tuple[int, int]],
+    matches: Matches,
+    rays: _Rays,
     sigma_px: float,
     expected: ExpectedPose | None,
     seed: int,
-) -> RigidTransform | None:
-    """A pose that explains ``matches`` (feature, point) clearly better than the image's own; None without."""
-    seen = [
-        (xyz, image.point2D(feature).xy)
-        for feature, point in matches
-        if (xyz := _seen_by_others(model, point, image.image_id)) is not None
-    ]
+) -> tuple[float, RigidTransform]:
+    """The pose that explains the ``matches`` best, and by how much its cost is below that of the image's."""
+    present = rigid_from_pycolmap(image.cam_from_world())
+    seen = []
+    for feature, point_id in matches:
+        others = [e for e in model.point3D(point_id).track.elements if e.image_id != image.image_id]
+        xyz = rays.triangulated(others) if len(others) >= 2 else None
+        if xyz is not None:
+            seen.append((xyz, image.point2D(feature).xy))
     if len(seen) < MIN_POSE_POINTS:
-        return None
+        return 0.0, present
     points, pixels = (np.stack(column) for column in zip(*seen, strict=True))
-    camera, own = camera_of(image), rigid_from_pycolmap(image.cam_from_world())
-    best = best_pose(own, points, pixels, camera, sigma_px, expected, seed)
-    given = points, pixels, camera, sigma_px, expected
-    return best if cost(own, *given) - cost(best, *given) > _LOWER_COST else None
+    given = points, pixels, camera_of(image), sigma_px, expected
+    best = best_pose(present, *given, seed)
+    return cost(present, *given) - cost(best, *given), best
 
 
-def _seen_by_others(model: pycolmap.Reconstruction, point_id: int, image_id: int) -> Array | None:
-    """The position [3] of a point by the other images that see it; None if they are fewer than two."""
-    point = model.point3D(point_id)
-    elements = point.track.elements
-    others = [element for element in elements if element.image_id != image_id]
-    if len(others) < 2:
-        return None
-    return np.asarray(point.xyz) if len(others) == len(elements) else _triangulated(model, others)
-
-
-def _triangulated(model: pycolmap.Reconstruction, track: Sequence[pycolmap.TrackElement]) -> Array | None:
-    """The point [3] nearest to the rays of the observations in a ``track``; None at infinity."""
-    rows = []
-    for element in track:
-        image = model.image(element.image_id)
-        x, y = np.asarray(camera_of(image).cam_from_img(image.point2D(element.point2D_idx).xy)).reshape(2)
-        pose = image.cam_from_world().matrix()
-        rows += [x * pose[2] - pose[0], y * pose[2] - pose[1]]
-    *xyz, scale = np.linalg.svd(np.stack(rows))[2][-1]
-    return np.array(xyz) / scale if abs(scale) > 1e-12 else None
-
-
-def _still_explains(
-    model: pycolmap.Reconstruction, image: pycolmap.Image, pose: RigidTransform, own: Sequence[VerifiedPair]
+def _accept(
+    model: pycolmap.Reconstruction,
+    image: pycolmap.Image,
+    pose: RigidTransform,
+    pairs: Sequence[VerifiedPair],
+    contradicts: Callable[[int], bool],
 ) -> bool:
-    """Whether another pose explains an image's ``own`` verified matches nearly as well as its present one."""
-    near = {i for pair in own for i in (pair.first, pair.second)}
-    keypoints = {i: np.array([point.xy for point in model.image(i).points2D]) for i in near}
-
-    def explained() -> int:
-        return sum(check.supported for check in check_pairs(model, own, keypoints, relative_poses=False))
-
-    frame = model.frame(image.frame_id)
-    present, before = frame.rig_from_world, explained()
+    """Give an image another ``pose``, unless it explains clearly less or something contradicts only it."""
+    frame, present = model.frame(image.frame_id), rigid_from_pycolmap(image.cam_from_world())
+    explained, contradicted = _explained(model, pairs), contradicts(image.image_id)
     frame.rig_from_world = rigid_to_pycolmap(pose)
-    after = explained()
-    frame.rig_from_world = present
-    return after >= _STILL_EXPLAINED * before
+    enough = _explained(model, pairs) >= _STILL_EXPLAINED * explained
+    if enough and (contradicted or not contradicts(image.image_id)):
+        return True
+    frame.rig_from_world = rigid_to_pycolmap(present)
+    return False
 
 
-def _replace(
+def _explained(model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair]) -> int:
+    """The number of the verified matches of ``pairs`` that the poses explain."""
+    near = {i for pair in pairs for i in (pair.first, pair.second)}
+    keypoints = {i: np.array([point.xy for point in model.image(i).points2D]) for i in near}
+    return sum(check.supported for check in check_pairs(model, pairs, keypoints, relative_poses=False))
+
+
+def _drop_misfits(
     model: pycolmap.Reconstruction,
     observations: pycolmap.ObservationManager,
     image: pycolmap.Image,
-    pose: RigidTransform,
-    matches: Collection[tuple[int, int]],
+    rays: _Rays,
 ) -> None:
-    """Give an image another pose, and the observations among its ``matches`` (feature, point) that fit it.
+    """Delete the observations that do not fit an image's new pose.
 
     Points that it shares with only one image move with it: where a model begins to grow there may be hardly
     any others.
     """
-    model.frame(image.frame_id).rig_from_world = rigid_to_pycolmap(pose)
-    used = set()
     for feature, seen in enumerate(image.points2D):
         if not seen.has_point3D():
             continue
         point = model.point3D(seen.point3D_id)
         track = point.track.elements
-        xyz = _triangulated(model, track) if len(track) == 2 else np.asarray(point.xyz)
-        checked = track if len(track) == 2 else [pycolmap.TrackElement(image.image_id, feature)]
-        if xyz is None or not all(_fits(model, element, xyz) for element in checked):
-            observations.delete_observation(image.image_id, feature)
-        else:
+        if len(track) > 2:
+            fits = _fits(model, pycolmap.TrackElement(image.image_id, feature), np.asarray(point.xyz))
+        elif (xyz := rays.triangulated(track)) is not None:
             point.xyz = xyz
-            used.add(seen.point3D_id)
+            fits = all(_fits(model, element, xyz) for element in track)
+        else:
+            fits = False
+        if not fits:
+            observations.delete_observation(image.image_id, feature)
+
+
+def _add_fitting(
+    model: pycolmap.Reconstruction,
+    observations: pycolmap.ObservationManager,
+    image: pycolmap.Image,
+    matches: Matches,
+) -> None:
+    """Add the observations among the ``matches`` that fit an image's new pose."""
+    used = {point.point3D_id for point in image.points2D if point.has_point3D()}
     for feature, point_id in matches:
         if image.point2D(feature).has_point3D() or point_id in used or not model.exists_point3D(point_id):
             continue
@@ -185,9 +232,8 @@ def _replace(
 
 
 def _fits(model: pycolmap.Reconstruction, element: pycolmap.TrackElement, xyz: Array) -> bool:
-    """Whether an image sees a point where it observes it, to the limit of COLMAP's mapper."""
+    """Whether an image sees a point where it observes it."""
     image = model.image(element.image_id)
-    pose = rigid_from_pycolmap(image.cam_from_world())
-    seen, _ = project(camera_of(image), pose, xyz[None])
+    seen, _ = project(camera_of(image), rigid_from_pycolmap(image.cam_from_world()), xyz[None])
     observed = image.point2D(element.point2D_idx).xy
-    return bool(np.linalg.norm(seen[0] - observed) <= _FITTING_PX)
+    return bool(np.linalg.norm(seen[0] - observed) <= _LIMITS.filter_max_reproj_error)

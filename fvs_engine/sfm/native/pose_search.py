@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 import pycolmap
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, refine
@@ -12,7 +14,7 @@ MIN_POSE_POINTS = 30
 """Minimum number of points for estimating a pose; COLMAP's own limit."""
 
 MIN_SIGMA_PX = 0.1
-"""Minimum standard deviation of reprojection errors that is assumed."""
+"""Minimum standard deviation of reprojection errors that is assumed: exact matches tell poses apart."""
 
 _SEARCHES = (48.0, 16.0, 8.0, 4.0)
 """Errors in standard deviations up to which matches agree with a pose, in one search each.
@@ -32,14 +34,24 @@ def best_pose(
     expected: ExpectedPose | None,
     seed: int,
 ) -> RigidTransform:
-    """The camera_from_model of the lowest robust ``cost``: ``start`` refined, or one found by RANSAC.
+    """The camera_from_model of the lowest robust ``cost``: ``start`` or one found by RANSAC, refined.
 
     ``pixels`` [N, 2] are matched with ``points`` [N, 3]; right ones have errors of ``sigma_px`` per
     coordinate.
     """
+    # Beyond the reach of a strong distortion's model a pixel has no ray.
+    has_ray = np.isfinite(np.asarray(camera.cam_from_img(pixels))).all(axis=1)
+    if has_ray.sum() < MIN_POSE_POINTS:
+        return start
+    points, pixels = points[has_ray], pixels[has_ray]
     given = points, pixels, camera, sigma_px, expected
-    refined = [refine(pose, *given) for pose in (start, *_found(points, pixels, camera, sigma_px, seed))]
-    return min(refined, key=lambda pose: cost(pose, *given))
+    poses = [start]
+    for pose in (start, *_found(points, pixels, camera, sigma_px, seed)):
+        try:
+            poses.append(refine(pose, *given))
+        except (InvalidInputError, np.linalg.LinAlgError):  # no point is ahead of it
+            continue
+    return min(poses, key=lambda pose: cost(pose, *given))
 
 
 def _found(

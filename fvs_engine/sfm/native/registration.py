@@ -200,6 +200,7 @@ class _Growth:
         near = new.union(*(pair for pair in pairs if not new.isdisjoint(pair)))
         if self._review(before, near):
             self._adjust_robustly(before)
+            self.adjusted = True
 
     def adjust_all(self) -> None:
         """Adjust all cameras and points, also to priors, and align the result with the model before.
@@ -231,17 +232,17 @@ class _Growth:
                 self.model.camera(camera_id).params = params
         self._adjust_robustly(before)
 
-    def _review(self, poses: Mapping[str, RigidTransform], among: Collection[int]) -> list[str]:
+    def _review(self, poses: Mapping[str, RigidTransform], image_ids: Collection[int]) -> list[str]:
         """See ``review_poses``; ``poses`` are those of the model."""
         priors = self.check.priors
-        names = [image.name for image_id, image in self.model.images.items() if image_id in among]
         return review_poses(
             self.model,
             self.mapper.observation_manager,
             self._database,
-            among,
-            expected_poses(names, priors, believed_frame(priors, poses)),
+            image_ids,
             self._options.random_seed,
+            lambda names: expected_poses(names, priors, believed_frame(priors, poses)),
+            lambda image_id: self.check.contradiction(self.model, image_id) is not None,
         )
 
     def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
