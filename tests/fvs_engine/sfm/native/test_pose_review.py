@@ -187,7 +187,8 @@ def test_a_pixel_without_a_ray_is_left_out(tmp_path: Path):
     points = np.random.default_rng(2).uniform([-1.0, -1.0, 6.0], [1.0, 1.0, 9.0], (60, 3))
     pixels = np.r_[np.asarray(camera.img_from_cam(points)), corner]
     points = np.r_[points, [[1.0, 1.0, 7.0]]]
-    found = best_pose(RigidTransform.identity(), points, pixels, camera, 0.2, None, 0)
+    beside = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    found = best_pose(beside, points, pixels, camera, 0.2, None, 0)
     assert np.abs(found.inverse().translation).max() < 0.01
 
 
