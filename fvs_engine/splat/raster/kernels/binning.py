@@ -105,9 +105,7 @@ def tile_box(splat: Floats, tiles_x: int, tiles_y: int, side: int) -> tuple[int,
 
 
 @kernel
-def tile_columns(
-    splat: Floats, row: int, first_column: int, end_column: int, side: int
-) -> tuple[int, int]:
+def tile_columns(splat: Floats, row: int, first_column: int, end_column: int, side: int) -> tuple[int, int]:
     """First and last + 1 tile of those columns that the splat's ellipse touches in a row of tiles."""
     top = F(row * side) - splat[CENTER_Y] - SLACK_PX
     bottom = top + F(side) + F(2) * SLACK_PX
