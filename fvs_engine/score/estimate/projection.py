@@ -23,7 +23,7 @@ REACH = 10
 RECORD_SIZE = 11
 
 NEAR, BLUR = F(NEAR_PLANE), F(BLUR_PX2)
-BLOCK = 256
+BLOCK = 128
 BINS = 1 << 14
 
 
@@ -44,7 +44,7 @@ def project(
     """Write ``records`` [V, 11] of the splats that touch the image, in the order of the table; returns V.
 
     ``columns`` [10, N]: mean, covariance (xx, xy, xz, yy, yz, zz) and reach in standard deviations, ``looks``
-    [N, 4]: opacity and colour. ``bounds`` [5, N / 256]: the middle of each block of means, their greatest
+    [N, 4]: opacity and colour. ``bounds`` [5, N / 128]: the middle of each block of means, their greatest
     distance from it, and the greatest reach. ``view`` and ``size`` as for ``raster.kernels.projection``.
     """
     width, height = F(size[0]), F(size[1])
@@ -137,8 +137,8 @@ def front_to_back(records: Floats) -> Floats:
     for i in range(count):
         depths[i] = records[i, DEPTH]  # positive, so their bits sort as they do
     bits = depths.view(np.int32)
-    least, shift = bits.min(), np.int32(0)
-    while (bits.max() - least) >> shift >= BINS:
+    least, span, shift = bits.min(), bits.max() - bits.min(), np.int32(0)
+    while span >> shift >= BINS:
         shift += np.int32(1)
     starts = np.zeros(BINS + 1, np.int32)
     for i in range(count):

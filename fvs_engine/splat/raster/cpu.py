@@ -53,7 +53,8 @@ class CpuRasterizer:
         behind = torch.zeros(3) if background is None else background.detach()
         if not (torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())):
             drawn = draw(view, as_floats(behind), [as_floats(t) for t in tensors.values()])
-            return Rendering(*(torch.from_numpy(values) for values in drawn), screen_means=None)
+            color, alpha, depth, radii = (torch.from_numpy(values) for values in drawn)
+            return Rendering(color, alpha, depth, radii, None)
         # The projected centres exist only inside the kernels; this leaf receives their gradient.
         screen_means = torch.zeros((len(gaussians), 2), requires_grad=True)
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]

@@ -129,7 +129,7 @@ def _list_parts(splats: Floats, hits: Ints, left: float, top: float, parts: Ints
             end = (np.int32(edges[strip + STRIPS]) + 1) >> 1
             part = parts[count]
             part[0], part[1], part[2], part[3] = n, strip, first, end
-            count += first < end
+            count += int(first < end)
     return count
 
 

@@ -18,6 +18,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate
 from fvs_engine.score.estimate.cells import cover
 from fvs_engine.score.estimate.powers import SPACING, median_log_magnitude
+from fvs_engine.score.estimate.projection import BLOCK
 from fvs_engine.score.estimate.spectrum import GRID, expected_powers
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians
@@ -90,7 +91,7 @@ def test_splats_are_projected_as_the_rasterisers_do(cluttered):
 
 def test_blocks_are_left_out_only_if_none_of_their_splats_touches_the_image():
     draw = torch.Generator().manual_seed(5)
-    count = 20_000  # 79 blocks, the last one incomplete
+    count = 20_000  # no multiple of a block
     gaussians = Gaussians(
         means=torch.randn((count, 3), generator=draw) * torch.tensor([6.0, 6.0, 2.0]),
         log_scales=torch.randn((count, 3), generator=draw) - 3.5,
@@ -113,7 +114,7 @@ def test_blocks_are_left_out_only_if_none_of_their_splats_touches_the_image():
 
 
 def test_neighbours_in_a_model_are_neighbours_in_its_table():
-    count = 128 * 256
+    count = 128 * BLOCK
     table = SplatTable.of(
         Gaussians(
             means=torch.rand((count, 3), generator=torch.Generator().manual_seed(0)),
