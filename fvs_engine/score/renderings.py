@@ -71,7 +71,8 @@ class RenderingScorer(ABC):
                     )
                 colors.append(rendering.color)
                 alphas.append(rendering.alpha.mean())
-            values = self.measure(torch.stack(colors)).tolist()
+            images = torch.stack(colors) if len(colors) > 1 else colors[0][None]  # one needs no copy
+            values = self.measure(images).tolist()
             coverages = torch.stack(alphas).tolist()
             return [
                 judged(candidate.name, value, coverage, self.min_coverage)

@@ -2,7 +2,8 @@
 
 The mathematics is that of ``splat.raster.kernels.projection``. Here it runs over columns of numbers, a block
 of Gaussians at a time and without a branch, so that it becomes vector instructions; those that touch the
-image are then picked out. Depths need not be told apart to their last bit: one counting sort is enough.
+image are then picked out. Blocks are made of neighbours (``splat_table``), and those that miss the image as a
+whole are left out. Depths need not be told apart to their last bit: one counting sort is enough.
 """
 
 import math
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel
 from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE
-from fvs_engine.splat.raster.kernels.projection import MARGIN
+from fvs_engine.splat.raster.kernels.projection import MARGIN, MOST_BLUR
 from fvs_engine.splat.raster.kernels.records import BLUE, CENTER_X, CENTER_Y, DEPTH, OPACITY, RED
 
 Floats = NDArray[np.float32]
@@ -22,16 +23,29 @@ REACH = 10
 RECORD_SIZE = 11
 
 NEAR, BLUR = F(NEAR_PLANE), F(BLUR_PX2)
-BLOCK = 256
+BLOCK = 128
 BINS = 1 << 14
 
 
 @kernel
-def project(columns: Floats, looks: Floats, view: Floats, size: tuple[int, int], records: Floats) -> int:
-    """Write ``records`` [V, 11] of the splats that touch the image, in the order of the model; returns V.
+def _beyond(across: float, ahead: float, radius: float, length: float, border: float) -> bool:
+    """Whether all splats of a block are beyond one border of the image, which lies at x = ``border`` · z.
+
+    Their means are within ``radius`` of the block's middle, which is at x = ``across`` and z = ``ahead`` in
+    the camera's frame. ``length``: how far the longest of them reaches on the screen, as a step in x.
+    """
+    return across - border * ahead > radius * math.sqrt(F(1) + border * border) + length
+
+
+@kernel
+def project(
+    columns: Floats, looks: Floats, bounds: Floats, view: Floats, size: tuple[int, int], records: Floats
+) -> int:
+    """Write ``records`` [V, 11] of the splats that touch the image, in the order of the table; returns V.
 
     ``columns`` [10, N]: mean, covariance (xx, xy, xz, yy, yz, zz) and reach in standard deviations, ``looks``
-    [N, 4]: opacity and colour. ``view`` and ``size`` as for ``raster.kernels.projection``.
+    [N, 4]: opacity and colour. ``bounds`` [5, N / 128]: the middle of each block of means, their greatest
+    distance from it, and the greatest reach. ``view`` and ``size`` as for ``raster.kernels.projection``.
     """
     width, height = F(size[0]), F(size[1])
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = view[0:9]
@@ -39,6 +53,10 @@ def project(columns: Floats, looks: Floats, view: Floats, size: tuple[int, int],
     fx, fy, cx, cy = view[15:19]
     least_u, most_u = -cx / fx - MARGIN * width / fx, (width - cx) / fx + MARGIN * width / fx
     least_v, most_v = -cy / fy - MARGIN * height / fy, (height - cy) / fy + MARGIN * height / fy
+    right, bottom = (width - cx + MOST_BLUR) / fx, (height - cy + MOST_BLUR) / fy
+    left, top = (cx + MOST_BLUR) / fx, (cy + MOST_BLUR) / fy
+    # At most that much longer is a splat on the screen than it is, at z = 1 and a focal length of 1.
+    stretch = F(1) + max(max(-least_u, most_u), max(-least_v, most_v))
     block = np.empty((7, BLOCK), np.float32)
     depths, xs, ys, xxs, xys, yys, shown = (
         block[0],
@@ -54,6 +72,18 @@ def project(columns: Floats, looks: Floats, view: Floats, size: tuple[int, int],
     cov_yy, cov_yz, cov_zz = columns[6], columns[7], columns[8]
     count = 0
     for start in range(0, columns.shape[1], BLOCK):
+        px, py, pz, radius, reach = bounds[:, start // BLOCK]
+        x = r0 * px + r1 * py + r2 * pz + t0
+        y = r3 * px + r4 * py + r5 * pz + t1
+        z = r6 * px + r7 * py + r8 * pz + t2
+        reach *= stretch
+        if z + radius < NEAR or (
+            _beyond(x, z, radius, reach, right)
+            or _beyond(-x, z, radius, reach, left)
+            or _beyond(y, z, radius, reach, bottom)
+            or _beyond(-y, z, radius, reach, top)
+        ):
+            continue
         length = min(BLOCK, columns.shape[1] - start)
         for i in range(length):
             n = start + i
@@ -107,8 +137,8 @@ def front_to_back(records: Floats) -> Floats:
     for i in range(count):
         depths[i] = records[i, DEPTH]  # positive, so their bits sort as they do
     bits = depths.view(np.int32)
-    least, shift = bits.min(), np.int32(0)
-    while (bits.max() - least) >> shift >= BINS:
+    least, span, shift = bits.min(), bits.max() - bits.min(), np.int32(0)
+    while span >> shift >= BINS:
         shift += np.int32(1)
     starts = np.zeros(BINS + 1, np.int32)
     for i in range(count):

@@ -14,7 +14,7 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
-from fvs_engine.splat.raster.kernels import binning, blending, projection, squares
+from fvs_engine.splat.raster.kernels import binning, blending, drawing, projection, squares
 from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
 
 Floats = NDArray[np.float32]
@@ -49,11 +49,14 @@ class CpuRasterizer:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
         tensors = gaussians.tensors()
-        differentiable = torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())
-        # The projected centres exist only inside the kernels; this leaf receives their gradient.
-        screen_means = torch.zeros((len(gaussians), 2), requires_grad=True) if differentiable else None
         view = PackedView(camera, camera_from_model, degree)
         behind = torch.zeros(3) if background is None else background.detach()
+        if not (torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())):
+            drawn = draw(view, as_floats(behind), [as_floats(t) for t in tensors.values()])
+            color, alpha, depth, radii = (torch.from_numpy(values) for values in drawn)
+            return Rendering(color, alpha, depth, radii, None)
+        # The projected centres exist only inside the kernels; this leaf receives their gradient.
+        screen_means = torch.zeros((len(gaussians), 2), requires_grad=True)
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
             view, behind, screen_means, *tensors.values()
         )
@@ -88,11 +91,10 @@ class PackedView:
         self.vector[12:15] = camera_from_model.inverse().translation
         self.vector[15:19] = camera.fx, camera.fy, camera.cx, camera.cy
 
-    @property
-    def tiles(self) -> tuple[int, int]:
-        """Columns and rows of tiles."""
+    def tiles(self, side_px: int) -> tuple[int, int]:
+        """Columns and rows of tiles of ``side_px``."""
         width, height = self.size
-        return -(-width // binning.TILE_PX), -(-height // binning.TILE_PX)
+        return -(-width // side_px), -(-height // side_px)
 
 
 @dataclass
@@ -121,6 +123,37 @@ def as_floats(tensor: Tensor) -> Floats:
 
 def rasterize(view: PackedView, background: Floats, parameters: list[Floats]) -> Forward:
     """Project, bin and blend; ``parameters`` are those of ``Gaussians.tensors``, in that order."""
+    records, radii = _project(view, parameters)
+    order = binning.front_to_back(records, radii)
+    splats = binning.gather(records, order)
+    with numba.parallel_chunksize(1):
+        tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts = binning.bin_splats(
+            splats, *view.tiles(binning.TILE_PX), PARTS_PER_THREAD * numba.get_num_threads()
+        )
+    color, alpha, depth = _images(view)
+    with numba.parallel_chunksize(TILES_AT_ONCE):
+        blending.blend(splats, tile_starts, hit_splats, hit_rows, background, color, alpha, depth)
+    return Forward(
+        records, radii, order, splats, tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts,
+        background, color, alpha, depth,
+    )  # fmt: skip
+
+
+def draw(view: PackedView, background: Floats, parameters: list[Floats]) -> tuple[Floats, ...]:
+    """What ``rasterize`` renders, up to rounding, faster: color, alpha, depth and radii."""
+    records, radii = _project(view, parameters)
+    splats = binning.gather(records, binning.front_to_back(records, radii))
+    with numba.parallel_chunksize(1):
+        tile_starts, hits = drawing.deal(
+            splats, *view.tiles(drawing.SIDE_PX), PARTS_PER_THREAD * numba.get_num_threads()
+        )
+        images = _images(view)
+        drawing.draw(splats, tile_starts, hits, background, *images)
+    return *images, radii
+
+
+def _project(view: PackedView, parameters: list[Floats]) -> tuple[Floats, Floats]:
+    """The records [N, 16] and radii [N] of all Gaussians."""
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     records = np.empty((len(means), RECORD_SIZE), np.float32)
     radii = np.empty(len(means), np.float32)
@@ -128,21 +161,14 @@ def rasterize(view: PackedView, background: Floats, parameters: list[Floats]) ->
         means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest,
         view.degree, view.vector, view.size, records, radii,
     )  # fmt: skip
-    order = binning.front_to_back(records, radii)
-    splats = binning.gather(records, order)
-    with numba.parallel_chunksize(1):
-        tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts = binning.bin_splats(
-            splats, *view.tiles, PARTS_PER_THREAD * numba.get_num_threads()
-        )
+    return records, radii
+
+
+def _images(view: PackedView) -> tuple[Floats, Floats, Floats]:
+    """Empty images of color [H, W, 3], alpha and depth [H, W]."""
     width, height = view.size
-    color = np.empty((height, width, 3), np.float32)
     alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
-    with numba.parallel_chunksize(TILES_AT_ONCE):
-        blending.blend(splats, tile_starts, hit_splats, hit_rows, background, color, alpha, depth)
-    return Forward(
-        records, radii, order, splats, tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts,
-        background, color, alpha, depth,
-    )  # fmt: skip
+    return np.empty((height, width, 3), np.float32), alpha, depth
 
 
 def differentiate(

@@ -32,7 +32,6 @@ Ints = NDArray[np.int32]
 TILE_PX = 16
 LANES = 8  # pixels of a row that are blended at once
 HALVES = TILE_PX // LANES
-TILE = F(TILE_PX)
 SLACK_PX = F(0.02)  # rounding must not drop a pixel whose alpha is just at its threshold
 
 
@@ -88,31 +87,31 @@ def ellipse_span(
 
 
 @kernel
-def _tile_range(low: float, high: float, tiles: int) -> tuple[int, int]:
-    """First and last + 1 of ``tiles`` tiles that an interval in px touches."""
+def _tile_range(low: float, high: float, tiles: int, side: int) -> tuple[int, int]:
+    """First and last + 1 of ``tiles`` tiles, of ``side`` px, that an interval in px touches."""
     if high < F(-SLACK_PX) or low > high:
         return 0, 0
-    first = int(max(low - SLACK_PX, F(0)) / TILE)
-    return first, min(int(min((high + SLACK_PX) / TILE, F(tiles))) + 1, tiles)
+    first = int(max(low - SLACK_PX, F(0)) / F(side))
+    return first, min(int(min((high + SLACK_PX) / F(side), F(tiles))) + 1, tiles)
 
 
 @kernel
-def _tile_box(splat: Floats, tiles_x: int, tiles_y: int) -> tuple[int, int, int, int]:
+def tile_box(splat: Floats, tiles_x: int, tiles_y: int, side: int) -> tuple[int, int, int, int]:
     """First and last + 1 column, first and last + 1 row of the tiles that the splat's box touches."""
     x, y, extent_x, extent_y = splat[CENTER_X], splat[CENTER_Y], splat[EXTENT_X], splat[EXTENT_Y]
-    first_column, end_column = _tile_range(x - extent_x, x + extent_x, tiles_x)
-    first_row, end_row = _tile_range(y - extent_y, y + extent_y, tiles_y)
+    first_column, end_column = _tile_range(x - extent_x, x + extent_x, tiles_x, side)
+    first_row, end_row = _tile_range(y - extent_y, y + extent_y, tiles_y, side)
     return first_column, end_column, first_row, end_row
 
 
 @kernel
-def _tile_columns(splat: Floats, row: int, first_column: int, end_column: int) -> tuple[int, int]:
+def tile_columns(splat: Floats, row: int, first_column: int, end_column: int, side: int) -> tuple[int, int]:
     """First and last + 1 tile of those columns that the splat's ellipse touches in a row of tiles."""
-    top = F(row * TILE_PX) - splat[CENTER_Y] - SLACK_PX
-    bottom = top + TILE + F(2) * SLACK_PX
+    top = F(row * side) - splat[CENTER_Y] - SLACK_PX
+    bottom = top + F(side) + F(2) * SLACK_PX
     rightmost = splat[SLOPE_Y] * splat[EXTENT_X]
     left, right = ellipse_span(top, bottom, splat[EXTENT_Y], rightmost, splat[WIDTH], splat[SLOPE_X])
-    first, end = _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, end_column)
+    first, end = _tile_range(splat[CENTER_X] + left, splat[CENTER_X] + right, end_column, side)
     first = max(first, first_column)
     return first, max(first, end)
 
@@ -175,10 +174,10 @@ def bin_splats(
             counts[part, tile] = 0
         for i in range(part * count // parts, (part + 1) * count // parts):
             splat = splats[i]
-            first_column, end_column, first_row, end_row = _tile_box(splat, tiles_x, tiles_y)
+            first_column, end_column, first_row, end_row = tile_box(splat, tiles_x, tiles_y, TILE_PX)
             hits = 0
             for row in range(first_row, end_row):
-                first, end = _tile_columns(splat, row, first_column, end_column)
+                first, end = tile_columns(splat, row, first_column, end_column, TILE_PX)
                 for column in range(first, end):
                     counts[part, row * tiles_x + column] += 1
                 hits += end - first
@@ -203,11 +202,11 @@ def bin_splats(
         for i in range(part * count // parts, (part + 1) * count // parts):
             splat = splats[i]
             number = hits_of_splat[i]
-            first_column, end_column, first_row, end_row = _tile_box(splat, tiles_x, tiles_y)
+            first_column, end_column, first_row, end_row = tile_box(splat, tiles_x, tiles_y, TILE_PX)
             for strip in range(HALVES * first_column, HALVES * end_column):
                 spans[strip, 0], spans[strip, 1] = _strip_span(splat, F(strip * LANES))
             for row in range(first_row, end_row):
-                first, end = _tile_columns(splat, row, first_column, end_column)
+                first, end = tile_columns(splat, row, first_column, end_column, TILE_PX)
                 for column in range(first, end):
                     slot = counts[part, row * tiles_x + column]
                     counts[part, row * tiles_x + column] = slot + 1

@@ -38,6 +38,9 @@ Floats = NDArray[np.float32]
 CHUNK = 1024  # Gaussians a thread takes at once; its scratch memory is made once for all of them
 SQRT_HALF = F(math.sqrt(0.5))
 NEAR, BLUR, LEAST_ALPHA, MARGIN = F(NEAR_PLANE), F(BLUR_PX2), F(ALPHA_MIN), F(0.15)
+MOST_REACH = F(1.001 * math.sqrt(-2 * math.log(ALPHA_MIN)))
+"""Where the alpha of an opaque splat falls under 1/255, in standard deviations; with room for rounding."""
+MOST_BLUR = F(MOST_REACH * math.sqrt(BLUR_PX2))
 
 
 @kernel
@@ -108,13 +111,30 @@ def project(
             radii[n] = F(0)
             px, py, pz = means[n, 0], means[n, 1], means[n, 2]
             z = view[6] * px + view[7] * py + view[8] * pz + view[11]
-            opacity = F(1) / (F(1) + math.exp(-opacity_logits[n]))
-            if not (z >= NEAR and opacity >= LEAST_ALPHA):
+            if not z >= NEAR:
                 continue
             x = view[0] * px + view[1] * py + view[2] * pz + view[9]
             y = view[3] * px + view[4] * py + view[5] * pz + view[10]
             u, _ = screen_direction(x, z, view[15], view[17], width)
             v, _ = screen_direction(y, z, view[16], view[18], height)
+            center_x = view[15] * x / z + view[17]
+            center_y = view[16] * y / z + view[18]
+            largest = math.exp(max(log_scales[n, 0], log_scales[n, 1], log_scales[n, 2]))
+            # No ellipse is longer than a sphere of the largest scale is wide: that tells most Gaussians that
+            # miss the image, before the work of their axes. A NaN goes on, to the exact comparison.
+            widest = MOST_REACH * largest / z
+            margin_x = MOST_BLUR + widest * view[15] * (F(1) + abs(u))
+            margin_y = MOST_BLUR + widest * view[16] * (F(1) + abs(v))
+            if (
+                center_x + margin_x < F(0)
+                or center_x - margin_x > F(width)
+                or center_y + margin_y < F(0)
+                or center_y - margin_y > F(height)
+            ):
+                continue
+            opacity = F(1) / (F(1) + math.exp(-opacity_logits[n]))
+            if not opacity >= LEAST_ALPHA:
+                continue
             _scaled_axes(quaternions[n], log_scales[n], axes)
             _screen_axes(axes, view, z, u, v, m)
             xx = m[2, 0] * m[2, 0] + m[2, 1] * m[2, 1] + m[2, 2] * m[2, 2]
@@ -128,8 +148,6 @@ def project(
             yy += BLUR
             reach = math.sqrt(F(2) * math.log(opacity / LEAST_ALPHA))
             extent_x, extent_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
-            center_x = view[15] * x / z + view[17]
-            center_y = view[16] * y / z + view[18]
             if not (
                 center_x + extent_x > F(0)
                 and center_x - extent_x < F(width)

@@ -1,6 +1,7 @@
 """Estimates without a render, held to renders."""
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,6 +18,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate
 from fvs_engine.score.estimate.cells import cover
 from fvs_engine.score.estimate.powers import SPACING, median_log_magnitude
+from fvs_engine.score.estimate.projection import BLOCK
 from fvs_engine.score.estimate.spectrum import GRID, expected_powers
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians
@@ -85,6 +87,46 @@ def test_splats_are_projected_as_the_rasterisers_do(cluttered):
         np.testing.assert_allclose(splats[:, 2], xx[nearest], rtol=2e-3)
         np.testing.assert_allclose(splats[:, 3], (k * yy)[nearest], atol=2e-3 * xx.max())
         np.testing.assert_allclose(splats[:, 4], yy[nearest], rtol=2e-3)
+
+
+def test_blocks_are_left_out_only_if_none_of_their_splats_touches_the_image():
+    draw = torch.Generator().manual_seed(5)
+    count = 20_000  # no multiple of a block
+    gaussians = Gaussians(
+        means=torch.randn((count, 3), generator=draw) * torch.tensor([6.0, 6.0, 2.0]),
+        log_scales=torch.randn((count, 3), generator=draw) - 3.5,
+        quaternions_wxyz=torch.randn((count, 4), generator=draw),
+        opacity_logits=torch.randn(count, generator=draw),
+        sh_dc=torch.randn((count, 3), generator=draw),
+        sh_rest=torch.zeros(count, 0, 3),
+    )
+    gaussians.means[7] = torch.nan
+    table = SplatTable.of(gaussians)
+    everything = replace(table, bounds=np.full_like(table.bounds, np.inf))
+    for target in ((0.0, 0.0, 0.0), (5.0, 1.0, 0.5), (-3.0, 4.0, -0.5)):
+        view = PinholeView("view", CAMERA, look_at((3.0, -7.0, 1.0), target, (0.0, 0.0, 1.0)).inverse())
+        np.testing.assert_array_equal(table.splats(view), everything.splats(view))
+        assert len(table.splats(view)) < count / 2
+    elsewhere = PinholeView(
+        "view", CAMERA, look_at((0, 0, 40.0), (0.0, 0.0, 80.0), (0.0, 1.0, 0.0)).inverse()
+    )
+    assert len(table.splats(elsewhere)) == 0
+
+
+def test_neighbours_in_a_model_are_neighbours_in_its_table():
+    count = 128 * BLOCK
+    table = SplatTable.of(
+        Gaussians(
+            means=torch.rand((count, 3), generator=torch.Generator().manual_seed(0)),
+            log_scales=torch.full((count, 3), -4.0),
+            quaternions_wxyz=torch.ones(count, 4),
+            opacity_logits=torch.zeros(count),
+            sh_dc=torch.zeros(count, 3),
+            sh_rest=torch.zeros(count, 0, 3),
+        )
+    )
+    assert table.bounds.shape == (5, 128)
+    assert table.bounds[3].mean() < 0.4  # half the diagonal is 0.87 of the cube, 0.19 of a 128th of it
 
 
 def test_the_power_of_one_splat_is_that_of_its_render():

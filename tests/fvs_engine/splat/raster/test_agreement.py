@@ -21,15 +21,17 @@ def _render(rasterizer: Rasterizer, gaussians, scene) -> Rendering:
     )
 
 
-def test_images_agree(rasterizer, scene):
+@pytest.mark.parametrize("differentiable", [False, True], ids=["without gradients", "with gradients"])
+def test_images_agree(rasterizer, scene, differentiable):
     with torch.no_grad():
         expected = _render(ReferenceRasterizer(), scene.copy(torch.float64), scene)
+    with torch.set_grad_enabled(differentiable):
         actual = _render(rasterizer, scene.copy(device=str(rasterizer.device)), scene)
     for name in ("color", "alpha"):
-        difference = (getattr(actual, name).cpu() - getattr(expected, name)).abs()
+        difference = (getattr(actual, name).detach().cpu() - getattr(expected, name)).abs()
         assert difference[scene.decided].max() <= 1e-4, name
     depth_scale = max(1.0, float(expected.depth.max()))
-    assert (actual.depth.cpu() - expected.depth).abs()[scene.decided].max() <= 1e-4 * depth_scale
+    assert (actual.depth.detach().cpu() - expected.depth).abs()[scene.decided].max() <= 1e-4 * depth_scale
     assert torch.equal(actual.radii_px.cpu() > 0, expected.radii_px > 0)
 
 

@@ -14,6 +14,7 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.raster.cpu import CpuRasterizer
 from fvs_engine.splat.raster.kernels.blending import exp_of_minus_eight
+from fvs_engine.splat.raster.reference import ReferenceRasterizer
 
 CAMERA = PinholeCamera(200, 150, 150.0, 150.0, 100.0, 75.0)
 POSE = RigidTransform.identity()
@@ -37,18 +38,36 @@ def render_with_gradients(gaussians, seed=0):
 
 def test_any_number_of_threads_gives_the_same_bits(make_gaussians):
     gaussians = make_gaussians(3000)
+
+    def render():
+        drawn = CpuRasterizer().render(gaussians, CAMERA, POSE)
+        images, gradients = render_with_gradients(gaussians)
+        return [images, *gradients, drawn.color, drawn.alpha, drawn.depth]
+
     threads = numba.get_num_threads()
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("needs two threads: unset NUMBA_NUM_THREADS, on a machine with two processors")
     try:
         numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-        many = render_with_gradients(gaussians)
+        many = render()
         numba.set_num_threads(1)
-        one = render_with_gradients(gaussians)
+        one = render()
     finally:
         numba.set_num_threads(threads)
-    assert torch.equal(many[0], one[0])
-    assert all(torch.equal(a, b) for a, b in zip(many[1], one[1], strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(many, one, strict=True))
+
+
+def test_splats_outside_of_the_image_are_told_by_their_size_alone_only_if_they_miss_it(make_gaussians):
+    """The quick test in ``project`` must keep all that the exact one keeps: the least that peep in."""
+    gaussians = make_gaussians(3000)
+    gaussians.means[:, :2] *= 4
+    gaussians.log_scales[::2] = gaussians.log_scales[::2, :1] + 1.0  # spheres: the bound is tight
+    gaussians.opacity_logits[:] = 8.0
+    with torch.no_grad():
+        expected = ReferenceRasterizer().render(gaussians, CAMERA, POSE).radii_px > 0
+        found = CpuRasterizer().render(gaussians, CAMERA, POSE).radii_px > 0
+    assert 0 < expected.sum() < len(gaussians)
+    assert torch.equal(found, expected)
 
 
 def test_ranking_may_render_while_training_does(make_gaussians):
@@ -91,15 +110,18 @@ import json, torch
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.cpu import CpuRasterizer
-from fvs_engine.splat.raster.kernels import binning, blending, projection
+from fvs_engine.splat.raster.kernels import binning, blending, drawing, projection
 
 torch.manual_seed(0)
 g = Gaussians(torch.randn(9, 3) + torch.tensor([0, 0, 4.0]), torch.randn(9, 3) - 2, torch.randn(9, 4),
               torch.randn(9), torch.randn(9, 3), torch.randn(9, 15, 3)).requires_grad_()
 camera = PinholeCamera(40, 30, 30, 30, 20, 15)
 CpuRasterizer().render(g, camera, RigidTransform.identity()).color.sum().backward()
+with torch.no_grad():
+    CpuRasterizer().render(g, camera, RigidTransform.identity())
 kernels = [projection.project, projection.project_backward, binning.front_to_back, binning.gather,
-           binning.bin_splats, blending.blend, blending.blend_backward, blending.sum_hits]
+           binning.bin_splats, blending.blend, blending.blend_backward, blending.sum_hits,
+           drawing.deal, drawing.draw]
 print(json.dumps([sum(k.stats.cache_misses.values()) for k in kernels]))
 """
 
@@ -108,4 +130,4 @@ print(json.dumps([sum(k.stats.cache_misses.values()) for k in kernels]))
 def test_a_second_process_compiles_nothing():
     create_rasterizer("cpu")  # the first process: nothing has to be compiled after this
     second = subprocess.run([sys.executable, "-c", SECOND_START], check=True, capture_output=True, text=True)
-    assert json.loads(second.stdout) == [0] * 8
+    assert json.loads(second.stdout) == [0] * 10
