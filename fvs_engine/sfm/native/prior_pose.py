@@ -157,7 +157,7 @@ def cost(
     noise_px: float,
     expected: ExpectedPose | None,
 ) -> float:
-    """The sum that ``refine`` minimises: Cauchy's losses of points and prior, in shares of 9 / 2.
+    """The sum that ``refine`` minimises: Cauchy's losses of points and prior, divided by 9 / 2.
 
     A point behind the camera counts as one far off.
     """
