@@ -43,7 +43,7 @@ _LIMITS = pycolmap.IncrementalMapperOptions()
 
 
 def hangs_on_few_points(model: pycolmap.Reconstruction, image: pycolmap.Image) -> bool:
-    """Whether two other images see few of an image's points, too, so that its pose may be a wrong one."""
+    """Whether at least two other images see only few of an image's points: its pose may be wrong."""
     held = (
         None
         for point in image.points2D
@@ -64,10 +64,10 @@ def review_poses(
     """Replace poses by others that explain an image's matches better; returns the names of these images.
 
     Only of registered images that hang on few points, among those with the ``image_ids``. The error of a pose
-    is judged by points as the other images see them, and by the expected pose where ``expected_of`` names has
-    one, both robustly. A new pose must explain the verified matches nearly as well, and nothing must
-    ``contradict`` it that did not contradict the old one. Observations are replaced, too; bundle adjustment
-    should follow.
+    is judged by points as the other images see them, and by the expected pose that ``expected_of`` gives for
+    its name, if any, both robustly. A new pose must explain the verified matches nearly as well;
+    ``contradicts`` (of an image id) must not be true of it unless it was of the old one. Observations are
+    replaced, too; bundle adjustment should follow.
     """
     registered = set(model.reg_image_ids())
     few = [
@@ -86,28 +86,29 @@ def review_poses(
     expected, rays = expected_of(names), _Rays(model)
     sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
 
-    def better_pose(image: pycolmap.Image) -> tuple[float, RigidTransform]:
-        matches = points_seen(model, image.image_id, pairs[image.image_id])
+    def better_pose(image: pycolmap.Image, matches: Matches) -> tuple[float, RigidTransform]:
         return _better_pose(model, image, matches, rays, sigma_px, expected.get(image.name), seed)
 
+    def matches_of(image: pycolmap.Image) -> Matches:
+        return points_seen(model, image.image_id, pairs[image.image_id])
+
     # A wrong pose makes those of its neighbours look wrong, but less so than itself.
-    gains = [(better_pose(image)[0], image) for image in few]
+    gains = [(better_pose(image, matches_of(image))[0], image) for image in few]
     changed = []
     for gain, image in sorted(gains, key=lambda found: -found[0]):
         if gain <= _LOWER_COST:
             break
-        gain, pose = better_pose(image)
+        matches = matches_of(image)
+        gain, pose = better_pose(image, matches)
         if gain > _LOWER_COST and _accept(model, image, pose, pairs[image.image_id], contradicts):
             _drop_misfits(model, observations, image, rays)
-            _add_fitting(
-                model, observations, image, points_seen(model, image.image_id, pairs[image.image_id])
-            )
+            _add_fitting(model, observations, image, matches)
             changed.append(image.name)
     return changed
 
 
 class _Rays:
-    """The rays of observations: in camera coordinates at depth 1, NaN beyond the reach of a distortion."""
+    """Normalised image coordinates of observations, kept per image; NaN where a lens distorts too much."""
 
     def __init__(self, model: pycolmap.Reconstruction) -> None:
         self._model = model

@@ -165,7 +165,7 @@ def _project(view: PackedView, parameters: list[Floats]) -> tuple[Floats, Floats
 
 
 def _images(view: PackedView) -> tuple[Floats, Floats, Floats]:
-    """Empty images of color [H, W, 3], alpha and depth [H, W]."""
+    """Uninitialised color [H, W, 3], alpha [H, W] and depth [H, W] of a view."""
     width, height = view.size
     alpha, depth = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     return np.empty((height, width, 3), np.float32), alpha, depth

@@ -119,7 +119,7 @@ def _find_rows(splat: Floats, left: float, top: float, edges: Floats) -> None:
 
 @inlined_kernel
 def _list_parts(splats: Floats, hits: Ints, left: float, top: float, parts: Ints) -> int:
-    """List what the splats ``hits`` touch: their number, strip, first and last + 1 pair; returns how many."""
+    """List what ``hits`` touch: splat, strip, first and last + 1 pair of rows of each; returns how many."""
     edges = np.empty(2 * STRIPS, np.float32)
     count = 0
     for n in hits:

@@ -24,7 +24,7 @@ NAME = f"{MISLED - 1:02}.jpg"
 
 
 def misled_model(wrong_share: float, apart: float = 0.3 * STEP) -> pycolmap.Reconstruction:
-    """A model in which one image has a wrong pose, ``apart`` from the true one.
+    """A model in which the pose of one image is wrong; its centre is ``apart`` from the true one.
 
     ``wrong_share`` of its features are where that pose sees the points, as those of a repeated pattern are.
     """
@@ -97,6 +97,22 @@ def test_a_pose_stays_that_explains_more_of_what_only_two_images_show(tmp_path: 
     for point_id in fitting[10:]:
         model.delete_point3D(point_id)
     assert NAME not in reviewed(model, path)
+
+
+def test_a_pose_stays_if_the_check_of_poses_contradicts_only_the_new_one(tmp_path: Path):
+    model = misled_model(0.4)
+    path = tmp_path / "database.db"
+    write_database(model, path)
+    changed = review_poses(
+        model,
+        pycolmap.ObservationManager(model),
+        path,
+        [MISLED],
+        0,
+        contradicts=lambda image_id: image_id == MISLED and error_of(model) < 0.1,
+    )
+    assert changed == []
+    assert error_of(model) > 0.25
 
 
 @pytest.mark.parametrize(("expected_at", "changed"), [("right", [NAME]), ("wrong", [])])
