@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
+from threadpoolctl import threadpool_limits
 
 from fvs_engine.candidates import CandidateScore, CandidateStatus
 from fvs_engine.errors import InvalidInputError
@@ -72,18 +73,19 @@ class MedianFrequencyFast:
         estimate = MedianFrequencyEstimate(self.min_coverage)
         estimates = estimate.score(gaussians, candidates, rasterizer, monitor=_Estimating(monitor))
         ranking = _Ranking(candidates, estimates, self.first, self.min_coverage)
-        while wanted := ranking.to_measure():
-            monitor.report("score", len(ranking.measured))
-            ranking.add(
-                wanted,
-                exact.score(
-                    gaussians,
-                    [candidates[i] for i in wanted],
-                    rasterizer,
-                    sh_degree=sh_degree,
-                    monitor=_Measuring(monitor),
-                ),
-            )
+        with threadpool_limits(1, "blas"):  # after each prediction its other threads keep cores busy, waiting
+            while wanted := ranking.to_measure():
+                monitor.report("score", len(ranking.measured))
+                ranking.add(
+                    wanted,
+                    exact.score(
+                        gaussians,
+                        [candidates[i] for i in wanted],
+                        rasterizer,
+                        sh_degree=sh_degree,
+                        monitor=_Measuring(monitor),
+                    ),
+                )
         scores = ranking.scores()
         monitor.pass_on([score for score in scores if score.estimated])
         return scores
