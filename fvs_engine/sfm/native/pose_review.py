@@ -8,7 +8,6 @@ one (ADR 46).
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +17,11 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_verified_pairs
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of, points_seen
+from fvs_engine.sfm.native.points_of_others import LIMITS, Matches, Rays, hangs_on_few_points
 from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
 from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, project
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
-
-Matches = Sequence[tuple[int, int]]
-"""Features of an image and the points that they show, by their ids."""
-
-_FEW_POINTS = 200
-"""Number of points, each seen by two other images, below which an image hangs on few points."""
 
 _LOWER_COST = 5.0
 """By how much another pose must lower the cost.
@@ -37,19 +31,6 @@ That is one or two matches that only the other pose fits, or many that it fits b
 
 _STILL_EXPLAINED = 0.9
 """Share of the verified matches that the old pose explains, which another one must explain at least."""
-
-_LIMITS = pycolmap.IncrementalMapperOptions()
-"""COLMAP's limits of the error of an observation, and of the angle between the rays to a point."""
-
-
-def hangs_on_few_points(model: pycolmap.Reconstruction, image: pycolmap.Image) -> bool:
-    """Whether at least two other images see only few of an image's points: its pose may be wrong."""
-    held = (
-        None
-        for point in image.points2D
-        if point.has_point3D() and model.point3D(point.point3D_id).track.length() >= 3
-    )
-    return sum(1 for _ in islice(held, _FEW_POINTS)) < _FEW_POINTS
 
 
 def review_poses(
@@ -83,11 +64,11 @@ def review_poses(
         if registered.issuperset((pair.first, pair.second)):
             pairs[pair.first].append(pair)
             pairs[pair.second].append(pair)
-    expected, rays = expected_of(names), _Rays(model)
+    expected, rays = expected_of(names), Rays(model)
     sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
 
     def better_pose(image: pycolmap.Image, matches: Matches) -> tuple[float, RigidTransform]:
-        return _better_pose(model, image, matches, rays, sigma_px, expected.get(image.name), seed)
+        return _better_pose(image, matches, rays, sigma_px, expected.get(image.name), seed)
 
     def matches_of(image: pycolmap.Image) -> Matches:
         return points_seen(model, image.image_id, pairs[image.image_id])
@@ -107,57 +88,19 @@ def review_poses(
     return changed
 
 
-class _Rays:
-    """Normalised image coordinates of observations, kept per image; NaN where a lens distorts too much."""
-
-    def __init__(self, model: pycolmap.Reconstruction) -> None:
-        self._model = model
-        self._flat: dict[int, Array] = {}
-
-    def triangulated(self, track: Sequence[pycolmap.TrackElement]) -> Array | None:
-        """The point [3] nearest to the rays of a ``track``; None where they meet at too small an angle."""
-        rows, directions = [], []
-        for element in track:
-            image = self._model.image(element.image_id)
-            x, y = self._of(image)[element.point2D_idx]
-            pose = image.cam_from_world().matrix()
-            rows += [x * pose[2] - pose[0], y * pose[2] - pose[1]]
-            directions.append(np.array([x, y, 1.0]) @ pose[:, :3])
-        if not np.isfinite(rows).all():
-            return None
-        units = np.stack(directions) / np.linalg.norm(directions, axis=1, keepdims=True)
-        if (units @ units.T).min() > np.cos(np.radians(_LIMITS.filter_min_tri_angle)):
-            return None
-        *xyz, scale = np.linalg.svd(np.stack(rows))[2][-1]
-        return np.array(xyz) / scale if abs(scale) > 1e-12 else None
-
-    def _of(self, image: pycolmap.Image) -> Array:
-        if image.image_id not in self._flat:
-            pixels = np.array([point.xy for point in image.points2D])
-            self._flat[image.image_id] = np.asarray(camera_of(image).cam_from_img(pixels))
-        return self._flat[image.image_id]
-
-
 def _better_pose(
-    model: pycolmap.Reconstruction,
     image: pycolmap.Image,
     matches: Matches,
-    rays: _Rays,
+    rays: Rays,
     sigma_px: float,
     expected: ExpectedPose | None,
     seed: int,
 ) -> tuple[float, RigidTransform]:
     """The pose that explains the ``matches`` best, and by how much its cost is below that of the image's."""
     present = rigid_from_pycolmap(image.cam_from_world())
-    seen = []
-    for feature, point_id in matches:
-        others = [e for e in model.point3D(point_id).track.elements if e.image_id != image.image_id]
-        xyz = rays.triangulated(others) if len(others) >= 2 else None
-        if xyz is not None:
-            seen.append((xyz, image.point2D(feature).xy))
-    if len(seen) < MIN_POSE_POINTS:
+    points, pixels = rays.points_of_others(image, matches)
+    if len(points) < MIN_POSE_POINTS:
         return 0.0, present
-    points, pixels = (np.stack(column) for column in zip(*seen, strict=True))
     given = points, pixels, camera_of(image), sigma_px, expected
     best = best_pose(present, *given, seed)
     return cost(present, *given) - cost(best, *given), best
@@ -192,7 +135,7 @@ def _drop_misfits(
     model: pycolmap.Reconstruction,
     observations: pycolmap.ObservationManager,
     image: pycolmap.Image,
-    rays: _Rays,
+    rays: Rays,
 ) -> None:
     """Delete the observations that do not fit an image's new pose.
 
@@ -237,4 +180,4 @@ def _fits(model: pycolmap.Reconstruction, element: pycolmap.TrackElement, xyz: A
     image = model.image(element.image_id)
     seen, _ = project(camera_of(image), rigid_from_pycolmap(image.cam_from_world()), xyz[None])
     observed = image.point2D(element.point2D_idx).xy
-    return bool(np.linalg.norm(seen[0] - observed) <= _LIMITS.filter_max_reproj_error)
+    return bool(np.linalg.norm(seen[0] - observed) <= LIMITS.filter_max_reproj_error)

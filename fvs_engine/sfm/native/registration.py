@@ -15,8 +15,9 @@ from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_review import review_poses
+from fvs_engine.sfm.native.pose_uncertainty import uncertain_share
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.prior_pose import expected_poses
+from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
 from fvs_engine.sfm.native.robust_adjustment import (
     RobustAdjustment,
     error_sigma_px,
@@ -100,7 +101,7 @@ def register(
             adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
     growth.review_new()
     growth.mapper.end_reconstruction(False)
-    growth.reject_contradicted()
+    growth.check_new()
     posed = {image.name: image.image_id for image in model.images.values() if image.has_pose}
     registered = [name for name in growth.registered if name in posed]
     color_points(model, image_dir, old_points, {posed[name] for name in registered})
@@ -234,16 +235,22 @@ class _Growth:
 
     def _review(self, poses: Mapping[str, RigidTransform], image_ids: Collection[int]) -> list[str]:
         """See ``review_poses``; ``poses`` are those of the model."""
-        priors = self.check.priors
         return review_poses(
             self.model,
             self.mapper.observation_manager,
             self._database,
             image_ids,
             self._options.random_seed,
-            lambda names: expected_poses(names, priors, believed_frame(priors, poses)),
+            lambda names: self._expected_poses(names, poses),
             lambda image_id: self.check.contradiction(self.model, image_id) is not None,
         )
+
+    def _expected_poses(
+        self, names: Collection[str], poses: Mapping[str, RigidTransform]
+    ) -> Mapping[str, ExpectedPose]:
+        """Those that the priors of ``names`` predict in the model, whose ``poses`` are given."""
+        priors = self.check.priors
+        return expected_poses(names, priors, believed_frame(priors, poses))
 
     def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
         """Adjust all cameras and points, also to priors, and align them with the poses ``before``."""
@@ -297,14 +304,19 @@ class _Growth:
         self.registered.append(image.name)
         return True
 
-    def reject_contradicted(self) -> None:
-        """Check the new poses once more, after all adjustments."""
+    def check_new(self) -> None:
+        """Reject new poses that something contradicts after all adjustments, and uncertain ones."""
+        expected = self._expected_poses(self.registered, camera_poses(self.model))
         for name in self.registered:
             image = self.model.find_image_with_name(name)
-            if image is not None and image.has_pose:
-                contradiction = self.check.contradiction(self.model, image.image_id)
-                if contradiction is not None:
-                    self._reject(image, contradiction)
+            if image is None or not image.has_pose:
+                continue
+            reason = self.check.contradiction(self.model, image.image_id)
+            share = uncertain_share(self.model, image, expected.get(name))
+            if reason is None and share is not None:
+                reason = f"its matches leave its position uncertain by {share:.1%} of the cameras' spread"
+            if reason is not None:
+                self._reject(image, reason)
 
     def _reject(self, image: pycolmap.Image, contradiction: str) -> None:
         self.rejected[image.name] = contradiction

@@ -21,7 +21,7 @@ _LENS = "RADIAL"
 _CAUCHY = 2.385
 """Scale of Cauchy's loss in standard deviations, for 95 % of the efficiency of least squares."""
 
-_MEDIAN_LENGTH = 1.177
+MEDIAN_LENGTH = 1.177
 """Median length of a normal vector in the plane, in standard deviations of its coordinates."""
 
 _MIN_SIGMA_PX = 0.2
@@ -97,7 +97,7 @@ def error_sigma_px(model: pycolmap.Reconstruction) -> float:
     """Standard deviation of each coordinate of the reprojection errors, from their median length."""
     model.update_point_3d_errors()
     errors = [point.error for point in model.points3D.values()]
-    return float(np.median(errors)) / _MEDIAN_LENGTH if errors else _MIN_SIGMA_PX
+    return float(np.median(errors)) / MEDIAN_LENGTH if errors else _MIN_SIGMA_PX
 
 
 def use_robust_loss(options: pycolmap.BundleAdjustmentOptions, sigma_px: float) -> None:
