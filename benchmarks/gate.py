@@ -70,7 +70,12 @@ class VersionEvidence(ModelEvidence):
 
 
 _NO_FOCALS: Mapping[str, object] = {"unlikely_focal_lengths_px": ()}
-_NO_DEPTHS: Mapping[str, object] = {**_NO_FOCALS, "misscaled_images": (), "unscaled_images": ()}
+_NO_DEPTHS: Mapping[str, object] = {
+    **_NO_FOCALS,
+    "misscaled_images": (),
+    "unscaled_images": (),
+    "conflicting_views": (),
+}
 _NO_WITNESS: Mapping[str, object] = {"witness": None}
 _VERSIONS: tuple[Mapping[str, object], ...] = (
     {**_NO_DEPTHS, **_NO_WITNESS, "loosely_linked_images": ()},

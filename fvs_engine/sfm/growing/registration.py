@@ -9,7 +9,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import few_matches, unknown_distance
+from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
 
 
 def register(
@@ -77,6 +77,8 @@ def register(
         warnings.append(f"DOUBTFUL CAMERAS: {few_matches(loose)}")
     if unscaled := [name for name in answer["unscaled"] if name in without]:
         warnings.append(f"DOUBTFUL CAMERAS: {unknown_distance(unscaled)}")
+    if conflicting := [pair for pair in answer["conflicting"] if not set(without).isdisjoint(pair)]:
+        warnings.append(f"DOUBTFUL CAMERAS: {two_places(conflicting)}")
     support = answer["match_support"]
     if support is not None and support < settings.gate.min_match_support:
         warnings.append(f"DOUBTFUL CAMERAS: {support:.1%} of the verified matches fit them.")

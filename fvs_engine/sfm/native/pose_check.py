@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.verification.conflicting_views import conflicting_views
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import (
     EXPLAINED,
@@ -109,6 +110,12 @@ class PoseCheck:
         ids = {i for i, image in model.images.items() if image.has_pose and image.name in set(names)}
         scale = self._scale(model, ids)
         return [name for name in names if name in scale.open]
+
+    def conflicting(self, model: pycolmap.Reconstruction, names: Sequence[str]) -> list[tuple[str, str]]:
+        """The pairs with one of the registered images ``names`` that should show the same, and do not."""
+        ids = {i for i, image in model.images.items() if image.name in set(names)}
+        own = [pair for pair in self.pairs if not ids.isdisjoint((pair.first, pair.second))]
+        return list(conflicting_views(model, own, self.keypoints))
 
     def _scale(self, model: pycolmap.Reconstruction, ids: Set[int]) -> Scale:
         """The depth check of the images ``ids`` and those that match them best."""

@@ -109,10 +109,36 @@ def refine(
     coordinate. Points and priors that are off by more than three standard deviations are down-weighted
     (Cauchy's loss).
     """
-    given = points, *_on_unit_plane(pixels, camera, noise_px), expected
+    focal = float(camera.mean_focal_length())
+    seen = np.asarray(camera.cam_from_img(pixels)).reshape(-1, 2)
     rotation, centre = camera_from_model.rotation, camera_from_model.inverse().translation
     for _ in range(_ITERATIONS):
-        normal, gradient = _normal_equations(rotation, centre, *given)
+        local = (points - centre) @ rotation.T
+        ahead = local[:, 2] > 1e-9
+        x, y, z = local[ahead].T
+        unit = focal / noise_px
+        errors = unit * (np.stack([x / z, y / z], axis=1) - seen[ahead])
+        weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
+        zero = np.zeros_like(z)
+        by_local = (unit / z)[:, None, None] * np.stack(
+            [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)], axis=1
+        )
+        by_turn = -np.einsum("nij,njk->nik", by_local, _cross(local[ahead]))
+        by_shift = -by_local @ rotation
+        slopes = np.concatenate([by_turn, by_shift], axis=2)
+        normal = np.einsum("n,nij,nik->jk", weights, slopes, slopes)
+        gradient = np.einsum("n,nij,ni->j", weights, slopes, errors)
+        if expected is not None:
+            turned = rotation_vector(rotation @ expected.camera_from_model.rotation.T)
+            turn_error = turned / expected.orientation_sigma
+            shift_error = (centre - expected.centre) / expected.position_sigma
+            for error, sigma, part in (
+                (turn_error, expected.orientation_sigma, slice(0, 3)),
+                (shift_error, expected.position_sigma, slice(3, 6)),
+            ):
+                weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
+                normal[part, part] += weight / sigma**2 * np.eye(3)
+                gradient[part] += weight / sigma * error
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         step = -np.linalg.solve(normal / np.outer(scale, scale) + _DAMPING * np.eye(6), gradient / scale)
         step /= scale
@@ -121,74 +147,6 @@ def refine(
         if float(np.linalg.norm(scale * step)) < 1e-3:
             break
     return RigidTransform(rotation, -rotation @ centre)
-
-
-def centre_sigma(
-    camera_from_model: RigidTransform,
-    points: Array,
-    pixels: Array,
-    camera: pycolmap.Camera,
-    noise_px: float,
-    expected: ExpectedPose | None,
-) -> float:
-    """The standard deviation of the camera centre in its least certain direction; infinite if it is free.
-
-    Of a pose that ``refine`` found with the same arguments, and points without errors.
-    """
-    given = points, *_on_unit_plane(pixels, camera, noise_px), expected
-    normal, _ = _normal_equations(camera_from_model.rotation, camera_from_model.inverse().translation, *given)
-    try:
-        covariance = np.linalg.inv(normal)[3:, 3:]
-    except np.linalg.LinAlgError:
-        return np.inf
-    variance = float(np.linalg.eigvalsh(covariance)[-1])
-    return float(np.sqrt(variance)) if variance > 0 else np.inf
-
-
-def _on_unit_plane(pixels: Array, camera: pycolmap.Camera, noise_px: float) -> tuple[Array, float]:
-    """Pixels [N, 2] and their noise at the depth 1, without distortion."""
-    seen = np.asarray(camera.cam_from_img(pixels)).reshape(-1, 2)
-    return seen, noise_px / float(camera.mean_focal_length())
-
-
-def _normal_equations(
-    rotation: Array,
-    centre: Array,
-    points: Array,
-    seen: Array,
-    noise: float,
-    expected: ExpectedPose | None,
-) -> tuple[Array, Array]:
-    """The normal matrix [6, 6] and the gradient [6] of the cost: by a rotation vector, then by the centre.
-
-    ``seen`` [N, 2] and ``noise`` as from ``_on_unit_plane``.
-    """
-    local = (points - centre) @ rotation.T
-    ahead = local[:, 2] > 1e-9
-    x, y, z = local[ahead].T
-    errors = (np.stack([x / z, y / z], axis=1) - seen[ahead]) / noise
-    weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
-    zero = np.zeros_like(z)
-    by_local = (1 / (noise * z))[:, None, None] * np.stack(
-        [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)], axis=1
-    )
-    by_turn = -np.einsum("nij,njk->nik", by_local, _cross(local[ahead]))
-    by_shift = -by_local @ rotation
-    slopes = np.concatenate([by_turn, by_shift], axis=2)
-    normal = np.einsum("n,nij,nik->jk", weights, slopes, slopes)
-    gradient = np.einsum("n,nij,ni->j", weights, slopes, errors)
-    if expected is not None:
-        turned = rotation_vector(rotation @ expected.camera_from_model.rotation.T)
-        turn_error = turned / expected.orientation_sigma
-        shift_error = (centre - expected.centre) / expected.position_sigma
-        for error, sigma, part in (
-            (turn_error, expected.orientation_sigma, slice(0, 3)),
-            (shift_error, expected.position_sigma, slice(3, 6)),
-        ):
-            weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
-            normal[part, part] += weight / sigma**2 * np.eye(3)
-            gradient[part] += weight / sigma * error
-    return normal, gradient
 
 
 def cost(

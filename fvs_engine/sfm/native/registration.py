@@ -15,9 +15,9 @@ from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_review import review_poses
-from fvs_engine.sfm.native.pose_uncertainty import uncertain_share
+from fvs_engine.sfm.native.pose_uncertainty import why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
+from fvs_engine.sfm.native.prior_pose import expected_poses
 from fvs_engine.sfm.native.robust_adjustment import (
     RobustAdjustment,
     error_sigma_px,
@@ -76,7 +76,8 @@ def register(
     the witness's database. ``two_view_points``: triangulate points that only two images show, too.
 
     Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
-    those whose distance to their neighbours nothing confirms (``unscaled``), all ``posed`` names, those
+    those whose distance to their neighbours nothing confirms (``unscaled``), the pairs with a new image that
+    should show the same and do not (``conflicting``), all ``posed`` names, those
     ``rejected`` with the reasons, the model's size at its last global bundle adjustment, and, if one was now,
     its ``match_support``.
     """
@@ -112,6 +113,7 @@ def register(
         "registered": registered,
         "loose": [name for name in registered if name in loose],
         "unscaled": growth.check.unscaled(model, registered) if registered else [],
+        "conflicting": growth.check.conflicting(model, registered),
         "posed": sorted(posed),
         "rejected": growth.rejected,
         "adjusted_images": adjustments.images,
@@ -235,22 +237,16 @@ class _Growth:
 
     def _review(self, poses: Mapping[str, RigidTransform], image_ids: Collection[int]) -> list[str]:
         """See ``review_poses``; ``poses`` are those of the model."""
+        priors = self.check.priors
         return review_poses(
             self.model,
             self.mapper.observation_manager,
             self._database,
             image_ids,
             self._options.random_seed,
-            lambda names: self._expected_poses(names, poses),
+            lambda names: expected_poses(names, priors, believed_frame(priors, poses)),
             lambda image_id: self.check.contradiction(self.model, image_id) is not None,
         )
-
-    def _expected_poses(
-        self, names: Collection[str], poses: Mapping[str, RigidTransform]
-    ) -> Mapping[str, ExpectedPose]:
-        """Those that the priors of ``names`` predict in the model, whose ``poses`` are given."""
-        priors = self.check.priors
-        return expected_poses(names, priors, believed_frame(priors, poses))
 
     def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
         """Adjust all cameras and points, also to priors, and align them with the poses ``before``."""
@@ -306,15 +302,11 @@ class _Growth:
 
     def check_new(self) -> None:
         """Reject new poses that something contradicts after all adjustments, and uncertain ones."""
-        expected = self._expected_poses(self.registered, camera_poses(self.model))
         for name in self.registered:
             image = self.model.find_image_with_name(name)
             if image is None or not image.has_pose:
                 continue
-            reason = self.check.contradiction(self.model, image.image_id)
-            share = uncertain_share(self.model, image, expected.get(name))
-            if reason is None and share is not None:
-                reason = f"its matches leave its position uncertain by {share:.1%} of the cameras' spread"
+            reason = self.check.contradiction(self.model, image.image_id) or why_uncertain(self.model, image)
             if reason is not None:
                 self._reject(image, reason)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence, WitnessEvidence
+from fvs_engine.sfm.verification.conflicting_views import conflicting_views
 from fvs_engine.sfm.verification.focal_lengths import unlikely_focal_lengths
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_pairs
@@ -65,6 +66,7 @@ def gather_evidence(
         loosely_linked_images=tuple(sorted(links.loose)),
         misscaled_images=tuple(sorted(scale.contradicted)),
         unscaled_images=tuple(sorted(scale.open)),
+        conflicting_views=conflicting_views(model, pairs, keypoints, on_pair),
         unlikely_focal_lengths_px=unlikely_focal_lengths(model, focal_priors),
         misplaced_images=tuple(sorted(misplaced(priors, centres))),
         images_without_prior=tuple(sorted(centres.keys() - priors.by_name.keys())) if priors.by_name else (),

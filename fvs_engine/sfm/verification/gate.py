@@ -186,12 +186,14 @@ def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
 
 
 def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
-    """Doubts that no pair can show, not even the witness's: wrong distances and focal lengths."""
+    """Doubts that no matches can show, not even the witness's: what is missing, distances, focal lengths."""
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
     if unscaled := _unconfirmed(evidence, evidence.unscaled_images):
         doubts.append(unknown_distance(unscaled))
+    if conflicting := [pair for pair in evidence.conflicting_views if _unconfirmed(evidence, pair)]:
+        doubts.append(two_places(conflicting))
     if evidence.unlikely_focal_lengths_px and not priors_confirm(evidence):
         doubts.append(_unlikely_focal(evidence.unlikely_focal_lengths_px))
     return tuple(doubts)
@@ -248,6 +250,15 @@ def unknown_distance(names: Sequence[str]) -> str:
     return (
         f"Hardly a feature is seen in {listed(names)} and two of the other images, so that nothing confirms "
         "the distance to those. Photographs from in between would."
+    )
+
+
+def two_places(pairs: Sequence[tuple[str, str]]) -> str:
+    """Why the poses of pairs of images are doubtful, and the remedy."""
+    shown = listed([f"{first} and {second}" for first, second in pairs])
+    return (
+        f"{shown} should show the same, and large parts of them do not: two places that look alike may have "
+        "been taken for one. Positions, or photographs along the way between them, would tell."
     )
 
 

@@ -329,6 +329,7 @@ def test_an_image_whose_guided_pose_is_rejected_is_named(
         "registered": [],
         "loose": [],
         "unscaled": [],
+        "conflicting": [],
         "posed": sorted(state.registered),
         "rejected": {name: "3 of its 90 verified matches fit its estimated pose"},
         "adjusted_images": 10,

@@ -270,6 +270,19 @@ def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
     assert decision.judgements[0].verdict == "accepted"
 
 
+@pytest.mark.parametrize(("without_prior", "verdict"), [((), "accepted"), (NAMES[:1], "doubtful")])
+def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_confirms_both(
+    without_prior: list[str], verdict: str
+):
+    conflicting = (("0.jpg", "5.jpg"),)
+    decision = decide([candidate("incremental", conflicting_views=conflicting, witness=witness())], SETTINGS)
+    assert decision.judgements[0].verdict == "doubtful"
+    assert "0.jpg and 5.jpg should show the same" in decision.warnings[0]
+    gps = {"prior_residual_share": 0.05, "images_without_prior": tuple(without_prior)}
+    decision = decide([candidate("incremental", conflicting_views=conflicting, **gps)], SETTINGS)
+    assert decision.judgements[0].verdict == verdict
+
+
 def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
     decision = decide(
         [candidate("incremental", unlikely_focal_lengths_px=(96.9,), witness=witness())], SETTINGS

@@ -1,0 +1,123 @@
+"""Pairs of images that should show the same, and do not: two places that look alike, taken for one.
+
+Equal walls match as one wall does, and all matches fit a model in which they coincide. What is beside the
+walls differs: there one image has features, and none of them is a point that the other one shows.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.colmap.database import VerifiedPair
+from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+
+Array = NDArray[np.float64]
+Cells = NDArray[np.int64]
+
+_MIN_MATCHED_SHARE = 0.08
+"""Share of the features that match, from which on two images show much the same.
+
+See ``docs/adr/0048-images-that-conflict.md`` for the measurements behind the thresholds.
+"""
+
+_MAX_ANGLE_DEG, _MAX_DISTANCE_RATIO = 8.0, 1.2
+"""Angle between two views of a point, and ratio of their distances to it, up to which both must show it."""
+
+_CELLS = 8
+"""Rows and columns of cells of an image."""
+
+_MIN_POINTS, _MIN_FEATURES = 3, 5
+"""Points of the other image in a cell from which on some must be seen, if there are so many features."""
+
+_MIN_CELLS, _MIN_SHARE = 10, 0.25
+"""Cells without any, and their share of all in which points are expected, from which on images conflict."""
+
+
+def conflicting_views(
+    model: pycolmap.Reconstruction,
+    pairs: Sequence[VerifiedPair],
+    keypoints: Mapping[int, Array],
+    on_pair: Callable[[], None] | None = None,
+) -> tuple[tuple[str, str], ...]:
+    """The names of the images of those ``pairs`` that conflict in ``model``.
+
+    ``keypoints`` [K, 2] are those of each image in px. ``on_pair`` is called before each pair is compared and
+    may raise to stop.
+    """
+    views: dict[int, _View] = {}
+    found = []
+    for pair in pairs:
+        ids = pair.first, pair.second
+        if not all(model.exists_image(i) and model.image(i).has_pose for i in ids):
+            continue
+        if len(pair.matches) < _MIN_MATCHED_SHARE * min(len(keypoints[i]) for i in ids):
+            continue
+        if on_pair is not None:
+            on_pair()
+        for i in ids:
+            if i not in views:
+                views[i] = _View.of(model, model.image(i), keypoints[i])
+        first, second = (views[i] for i in ids)
+        if first.lacks(second) or second.lacks(first):
+            found.append((model.image(pair.first).name, model.image(pair.second).name))
+    return tuple(sorted(found))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A registered image: its points by their ids [P] and positions [P, 3], and what its cells hold."""
+
+    camera: pycolmap.Camera
+    camera_from_model: RigidTransform
+    centre: Array
+    ids: NDArray[np.int64]
+    xyz: Array
+    features: Cells
+    points: Cells
+
+    @staticmethod
+    def of(model: pycolmap.Reconstruction, image: pycolmap.Image, keypoints: Array) -> "_View":
+        camera = image.camera
+        assert camera is not None
+        seen = [(k, point.point3D_id) for k, point in enumerate(image.points2D) if point.has_point3D()]
+        own = keypoints[[k for k, _ in seen]].reshape(-1, 2)
+        pose = rigid_from_pycolmap(image.cam_from_world())
+        return _View(
+            camera,
+            pose,
+            pose.inverse().translation,
+            np.array([point_id for _, point_id in seen], dtype=np.int64),
+            np.array([model.point3D(point_id).xyz for _, point_id in seen]).reshape(-1, 3),
+            _per_cell(keypoints, camera),
+            _per_cell(own, camera),
+        )
+
+    def lacks(self, other: "_View") -> bool:
+        """Whether this image shows nothing of the other one in many cells where it should."""
+        local = self.camera_from_model.apply(other.xyz)
+        to_own, to_other = self.centre - other.xyz, other.centre - other.xyz
+        own, others = np.linalg.norm(to_own, axis=1), np.linalg.norm(to_other, axis=1)
+        near = (to_own * to_other).sum(axis=1) >= np.cos(np.radians(_MAX_ANGLE_DEG)) * own * others
+        near &= np.maximum(own, others) <= _MAX_DISTANCE_RATIO * np.minimum(own, others)
+        near &= local[:, 2] > 0
+        if not near.any():
+            return False
+        pixels = np.nan_to_num(np.asarray(self.camera.img_from_cam(local[near])), nan=-1.0)
+        inside = ((pixels >= 0) & (pixels < (self.camera.width, self.camera.height))).all(axis=1)
+        expected = _per_cell(pixels[inside], self.camera)
+        both = np.isin(other.ids[near][inside], self.ids)
+        shown = _per_cell(pixels[inside][both], self.camera) > 0
+        needed = expected >= _MIN_POINTS
+        missing = needed & (self.points == 0) & (self.features >= _MIN_FEATURES)
+        count = int(missing.sum())
+        return count >= _MIN_CELLS and count >= _MIN_SHARE * (count + int((needed & shown).sum()))
+
+
+def _per_cell(pixels: Array, camera: pycolmap.Camera) -> Cells:
+    """How many ``pixels`` [N, 2] are in each cell [64] of an image."""
+    columns, rows = np.clip(np.floor(pixels / (camera.width, camera.height) * _CELLS), 0, _CELLS - 1).T
+    return np.bincount((columns * _CELLS + rows).astype(np.int64), minlength=_CELLS**2)
