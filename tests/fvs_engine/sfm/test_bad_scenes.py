@@ -17,7 +17,15 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.simulate import Rectangle, SimulatedCamera, World, courtyard, orbit, write_photographs
+from fvs_engine.simulate import (
+    Rectangle,
+    SimulatedCamera,
+    World,
+    courtyard,
+    lookalike_courtyard,
+    orbit,
+    write_photographs,
+)
 from fvs_engine.simulate.textures import dead_leaves
 
 pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.timeout(900)]
@@ -121,3 +129,16 @@ def test_thirty_photographs_of_a_wall(tmp_path: Path, tiles: int):
     assert right or result.report.verdict == "doubtful"
     if not right:
         assert any("from the side" in warning for warning in result.report.warnings)
+
+
+def test_two_equal_walls_are_never_believed(tmp_path: Path):
+    """Ten photographs in a row and five far ones: these come to lie where the opposite wall is seen."""
+    tour = orbit(28)
+    poses = [tour[k] for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 15, 18, 20, 23, 25)]
+    camera = SimulatedCamera.like_a_drone(720, 540)
+    result = reconstructed(
+        tmp_path, photographed(tmp_path, lookalike_courtyard("two"), [camera] * len(poses), poses)
+    )
+    assert largest_error(result, centres(poses)) > MAX_SHARE
+    assert result.report.verdict == "doubtful"
+    assert any("two places that look alike" in warning for warning in result.report.warnings)
