@@ -43,8 +43,7 @@ def guide(
         warnings = (*change.warnings, *guided.warnings)
         if not guided.changed:
             shutil.rmtree(folder.guided_model, ignore_errors=True)
-            rejected = guided.state.rejected | change.state.rejected
-            state = change.state.model_copy(update={"rejected": rejected})
+            state = change.state.model_copy(update={"rejected": guided.state.rejected})
             return dataclasses.replace(change, state=state, warnings=warnings)
         rename_over(folder.guided_model, folder.next_model)
         support = change.match_support if guided.match_support is None else guided.match_support

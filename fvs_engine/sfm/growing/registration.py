@@ -96,7 +96,7 @@ def register(
 
 def not_registered(name: str, reason: str) -> str:
     """The warning that an image was matched and has no pose, and the remedy."""
-    return f"{name} is not registered: {reason}. Photographs from between it and the others would show why."
+    return f"{name} is not registered: {reason}. Photographs from between it and the others would help."
 
 
 def _neighbours(guided: Mapping[str, Sequence[str]] | None, names: Sequence[str]) -> dict[str, Any]:

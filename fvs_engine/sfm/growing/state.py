@@ -40,7 +40,7 @@ class GrowthState(Record):
     """In the order of registration."""
 
     rejected: dict[str, str] = Field(default={})
-    """Unregistered images whose estimated pose their matches or prior contradict → the reason."""
+    """Unregistered images whose estimated pose is uncertain, or contradicted by matches or prior → why."""
 
     priors_ignored: tuple[str, ...] = ()
     """The last update's warnings about unused pose priors; they are repeated only when they change."""

@@ -59,9 +59,15 @@ class Rays:
         return np.array(xyz) / scale if abs(scale) > 1e-12 else None
 
     def points_of_others(self, image: pycolmap.Image, matches: Matches) -> tuple[Array, Array]:
-        """The points [N, 3] of ``matches`` that other images determine, and where ``image`` sees them."""
+        """The points [N, 3] of ``matches`` that other images determine, and where ``image`` sees them.
+
+        Without those that it sees where a lens distorts too much.
+        """
         points, pixels = [], []
+        has_ray = np.asarray(np.isfinite(self._of(image)).all(axis=1))
         for feature, point_id in matches:
+            if not has_ray[feature]:
+                continue
             track = self._model.point3D(point_id).track.elements
             others = [element for element in track if element.image_id != image.image_id]
             xyz = self.triangulated(others) if len(others) >= 2 else None

@@ -15,39 +15,46 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of
 from fvs_engine.sfm.native.points_of_others import Rays, hangs_on_few_points, observations
-from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX
+from fvs_engine.sfm.native.pose_search import MIN_SIGMA_PX
 from fvs_engine.sfm.native.prior_pose import Array, project, refine
 from fvs_engine.sfm.native.robust_adjustment import MEDIAN_LENGTH
 
 MAX_SHARE = 0.02
 """Maximum standard deviation of a position, in spreads of the camera centres."""
 
+_MIN_CAMERAS = 5
+"""With fewer, points seem uncertain that later images confirm."""
+
+_MIN_POINTS = 10
+
 _CELLS = (6, 4)
 """Columns and rows of the parts of an image. A sixth of it has often all matches of one edge or surface."""
 
-_LEAST_POINTS = 6
-"""Without a cell there must remain as many: three suffice for a pose, and say nothing about its errors."""
+_LEAST_LEFT = 6
+"""Points that must remain without a cell: three suffice for a pose, and say nothing about its errors."""
 
 
-def why_uncertain(model: pycolmap.Reconstruction, image: pycolmap.Image) -> str | None:
-    """Why the position of a registered image is uncertain, by the points that other images see.
+def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: Rays) -> float | None:
+    """The standard deviation of a registered image's position, in spreads of the camera centres.
 
-    None where the standard deviation in its least certain direction is at most ``MAX_SHARE`` of the spread of
-    the camera centres, or too few points tell. The image's prior does not count.
+    In its least certain direction, by the points that other images see; the image's prior does not count.
+    None where many points hold the image, and where too few points or images tell.
     """
-    if not hangs_on_few_points(model, image):
+    if model.num_reg_images() < _MIN_CAMERAS or not hangs_on_few_points(model, image):
         return None
-    points, pixels = Rays(model).points_of_others(image, observations(image))
-    if len(points) < MIN_POSE_POINTS:
+    points, pixels = rays.points_of_others(image, observations(image))
+    if len(points) < _MIN_POINTS:
         return None
     sigma = centre_sigma(rigid_from_pycolmap(image.cam_from_world()), points, pixels, camera_of(image))
     centres = [model.image(image_id).projection_center() for image_id in model.reg_image_ids()]
-    spread = centre_spread(np.stack(centres))
-    if sigma <= MAX_SHARE * spread:
-        return None
-    if np.isinf(sigma):
-        return "nearly all of its matches are in one part of it, and leave its position uncertain"
-    return f"its matches leave its position uncertain by {sigma / spread:.0%} of the spread of all positions"
+    return sigma / centre_spread(np.stack(centres))
+
+
+def why_uncertain(share: float) -> str:
+    """The reason for rejecting an image with that ``position_share``."""
+    if np.isinf(share):
+        return "its matches do not determine its position"
+    return f"its matches leave its position uncertain by {share:.0%} of the spread of all positions"
 
 
 def centre_sigma(
@@ -56,7 +63,8 @@ def centre_sigma(
     """The standard deviation of the camera centre in its least certain direction.
 
     Of the pose near ``camera_from_model`` that explains the ``pixels`` [N, 2] of ``points`` [N, 3] best: by
-    the delete-a-group jackknife, whose groups are cells of the image. Infinite where one cell has nearly all.
+    the delete-a-group jackknife, whose groups are cells of the image; with known intrinsics. Infinite where
+    one cell has nearly all points.
     """
     seen, _ = project(camera, camera_from_model, points)
     error_px = float(np.median(np.linalg.norm(seen - pixels, axis=1)))
@@ -67,7 +75,7 @@ def centre_sigma(
         centres = []
         for cell in np.unique(cells):
             kept = cells != cell
-            if kept.sum() < _LEAST_POINTS:
+            if kept.sum() < _LEAST_LEFT:
                 return np.inf
             without = refine(pose, points[kept], pixels[kept], camera, noise_px, None)
             centres.append(without.inverse().translation)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 
 from fvs_engine.errors import InvalidInputError
@@ -13,9 +14,10 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
+from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_review import review_poses
-from fvs_engine.sfm.native.pose_uncertainty import why_uncertain
+from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.prior_pose import expected_poses
 from fvs_engine.sfm.native.robust_adjustment import (
@@ -116,7 +118,7 @@ def register(
         "conflicting": growth.check.conflicting(model, registered),
         "posed": sorted(posed),
         "rejected": growth.rejected,
-        "adjusted_images": adjustments.images,
+        "adjusted_images": min(adjustments.images, model.num_reg_images()),
         "adjusted_points": adjustments.points,
         "match_support": PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
         if growth.adjusted
@@ -302,16 +304,29 @@ class _Growth:
 
     def check_new(self) -> None:
         """Reject new poses that something contradicts after all adjustments, and uncertain ones."""
-        for name in self.registered:
-            image = self.model.find_image_with_name(name)
-            if image is None or not image.has_pose:
-                continue
-            reason = self.check.contradiction(self.model, image.image_id) or why_uncertain(self.model, image)
-            if reason is not None:
-                self._reject(image, reason)
+        for image in self._new_images():
+            contradiction = self.check.contradiction(self.model, image.image_id)
+            if contradiction is not None:
+                self._reject(image, contradiction)
+        rays, shares = Rays(self.model), dict[str, float]()
+        while True:
+            # The least certain first: others may hang on its points, and have too few without them.
+            images = {image.name: image for image in self._new_images()}
+            found = {name: position_share(self.model, image, rays) for name, image in images.items()}
+            judged = {name: share for name, share in found.items() if share is not None}
+            shares = {name: judged.get(name, np.inf) for name in images if name in judged or name in shares}
+            worst = max(shares, key=lambda name: shares[name], default=None)
+            if worst is None or shares[worst] <= MAX_SHARE:
+                return
+            self._reject(images[worst], why_uncertain(shares[worst]))
 
-    def _reject(self, image: pycolmap.Image, contradiction: str) -> None:
-        self.rejected[image.name] = contradiction
+    def _new_images(self) -> list[pycolmap.Image]:
+        """The images registered by this job that still have a pose."""
+        images = (self.model.find_image_with_name(name) for name in self.registered)
+        return [image for image in images if image is not None and image.has_pose]
+
+    def _reject(self, image: pycolmap.Image, reason: str) -> None:
+        self.rejected[image.name] = reason
         self._rejections[image.name] += 1
         self._rejected_now.add(image.name)
         self.model.deregister_frame(image.frame_id)

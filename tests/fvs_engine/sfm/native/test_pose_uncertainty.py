@@ -1,6 +1,5 @@
 """Images whose position their matches do not determine stay unregistered."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,29 +8,54 @@ import pytest
 from model_databases import write_database
 from row_of_cameras import PINHOLE, row_of_cameras, true_poses
 
+from fvs_engine.sfm.colmap.model import rigid_to_pycolmap
 from fvs_engine.sfm.native.match_cache import load_all
+from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
-from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, centre_sigma, why_uncertain
+from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, centre_sigma, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_pose import refine
-from fvs_engine.sfm.native.registration import _Growth, _pipeline_options
+from fvs_engine.sfm.native.registration import _Growth, _pipeline_options, register
 from fvs_engine.sfm.pose_priors import PosePriors
 
 IMAGE, SEEN_BY = 12, 6
 NAME = f"{IMAGE - 1:02}.jpg"
 
 
-def row_with_a_far_view() -> pycolmap.Reconstruction:
-    """A row of cameras with true poses; all points of one image are far away and close together."""
+def row_with_far_views(*image_ids: int) -> pycolmap.Reconstruction:
+    """A row of cameras with true poses; all points of the given images are far away and close together."""
     model, random = row_of_cameras(0.2, SEEN_BY), np.random.default_rng(1)
     poses = true_poses()
-    for seen in model.image(IMAGE).points2D:
-        point = model.point3D(seen.point3D_id)
+    far = {seen.point3D_id for image_id in image_ids for seen in model.image(image_id).points2D}
+    for point_id in sorted(far):
+        point = model.point3D(point_id)
         point.xyz = random.uniform([8.0, -3.0, 50.0], [14.0, 3.0, 55.0])
         for element in point.track.elements:
             image = model.image(element.image_id)
             pixel = np.asarray(PINHOLE.img_from_cam(poses[image.name].apply(point.xyz[None])))[0]
             image.points2D[element.point2D_idx].xy = pixel + random.normal(0.0, 0.5, 2)
     return model
+
+
+def share_of(model: pycolmap.Reconstruction, image_id: int) -> float | None:
+    return position_share(model, model.image(image_id), Rays(model))
+
+
+def growth_of(model: pycolmap.Reconstruction, path: Path, new: list[int]) -> _Growth:
+    """A growth in which the images ``new`` were just registered."""
+    write_database(model, path)
+    names = [image.name for image in model.images.values()]
+    growth = _Growth(
+        model,
+        load_all(path, names, model),
+        _pipeline_options(refine=False, seed=0, threads=1, two_view_points=False),
+        PoseCheck.read(str(path), 0.75, PosePriors()),
+        database=path,
+        names=names,
+        lens=False,
+    )
+    growth.registered.extend(model.image(image_id).name for image_id in new)
+    growth.mapper.end_reconstruction(False)
+    return growth
 
 
 @pytest.mark.parametrize("shared", [False, True])
@@ -61,33 +85,105 @@ def test_nothing_is_certain_when_one_part_of_the_image_has_all_points():
 
 
 def test_far_points_close_together_leave_a_position_uncertain():
-    model = row_with_a_far_view()
-    reason = why_uncertain(model, model.image(IMAGE))
-    assert reason is not None
-    found = re.search(r"uncertain by (\d+)% of the spread", reason)
-    assert found
-    assert int(found[1]) >= 100 * MAX_SHARE
-    assert all(why_uncertain(model, model.image(other)) is None for other in (1, 2, 23, 24))
+    model = row_with_far_views(IMAGE)
+    share = share_of(model, IMAGE)
+    assert share is not None
+    assert share > MAX_SHARE
+    assert why_uncertain(share).endswith(f"uncertain by {share:.0%} of the spread of all positions")
+    certain = [share_of(model, other) for other in (1, 2, 23, 24)]
+    assert all(other is not None and other < MAX_SHARE for other in certain)
+    model.transform(pycolmap.Sim3d(3.0, pycolmap.Rotation3d(), np.zeros(3)))
+    assert share_of(model, IMAGE) == pytest.approx(share, rel=0.05)
+
+
+def test_an_image_of_which_too_little_is_known_is_not_judged():
+    model = row_with_far_views(IMAGE)
+    seen = [feature for feature, point in enumerate(model.image(IMAGE).points2D) if point.has_point3D()]
+    observations = pycolmap.ObservationManager(model)
+    for feature in seen[12:]:
+        observations.delete_observation(IMAGE, feature)
+    assert share_of(model, IMAGE) is not None
+    for feature in seen[9:12]:
+        observations.delete_observation(IMAGE, feature)
+    assert share_of(model, IMAGE) is None
+    few_cameras = row_with_far_views(IMAGE)
+    for image_id in set(few_cameras.reg_image_ids()) - {IMAGE - 1, IMAGE, IMAGE + 1, IMAGE + 2}:
+        few_cameras.deregister_frame(few_cameras.image(image_id).frame_id)
+    assert share_of(few_cameras, IMAGE) is None
+
+
+def test_its_own_observations_do_not_vouch_for_an_image():
+    """Points that follow a wrong pose fit it; those of the other images do not."""
+    model = row_with_far_views(IMAGE)
+    before = share_of(model, IMAGE)
+    ahead = true_poses()[NAME].inverse().apply(np.array([[0.0, 0.0, 5.0]]))[0]
+    for seen in model.image(IMAGE).points2D:
+        model.point3D(seen.point3D_id).xyz = ahead
+    assert share_of(model, IMAGE) == before
+
+
+def test_pixels_where_a_lens_distorts_too_much_do_not_count():
+    model = row_with_far_views(IMAGE)
+    camera = model.camera(1)
+    camera.model, camera.params = pycolmap.CameraModelId.SIMPLE_RADIAL, [700.0, 400.0, 300.0, -0.9]
+    model.image(IMAGE).points2D[0].xy = np.array([799.0, 599.0])
+    assert not np.isfinite(camera.cam_from_img(np.array([[799.0, 599.0]]))).all()
+    share = share_of(model, IMAGE)
+    assert share is not None
+    assert np.isfinite(share)
 
 
 @pytest.mark.parametrize("far", [True, False])
 def test_growth_rejects_new_images_with_uncertain_positions(far: bool, tmp_path: Path):
-    model = row_with_a_far_view() if far else row_of_cameras(0.2, SEEN_BY)
-    path = tmp_path / "database.db"
-    write_database(model, path)
-    names = [image.name for image in model.images.values()]
-    growth = _Growth(
-        model,
-        load_all(path, names, model),
-        _pipeline_options(refine=False, seed=0, threads=1, two_view_points=False),
-        PoseCheck.read(str(path), 0.75, PosePriors()),
-        database=path,
-        names=names,
-        lens=False,
-    )
-    growth.registered.append(NAME)
-    growth.mapper.end_reconstruction(False)
+    model = row_with_far_views(IMAGE) if far else row_of_cameras(0.2, SEEN_BY)
+    growth = growth_of(model, tmp_path / "database.db", [IMAGE])
     growth.check_new()
     assert model.image(IMAGE).has_pose == (not far)
     assert list(growth.rejected) == ([NAME] if far else [])
     assert all("position uncertain" in reason for reason in growth.rejected.values())
+
+
+@pytest.mark.parametrize("order", [[12, 13, 14], [14, 13, 12]])
+def test_the_order_of_new_images_does_not_matter(order: list[int], tmp_path: Path):
+    model = row_with_far_views(12, 13, 14)
+    growth = growth_of(model, tmp_path / "database.db", order)
+    growth.check_new()
+    assert sorted(growth.rejected) == ["11.jpg", "12.jpg", "13.jpg"]
+
+
+def test_a_contradicted_image_is_named_with_what_contradicts_it(tmp_path: Path):
+    model = row_with_far_views(IMAGE)
+    growth = growth_of(model, tmp_path / "database.db", [IMAGE])
+    model.frame(model.image(IMAGE).frame_id).rig_from_world = rigid_to_pycolmap(true_poses()["00.jpg"])
+    growth.check_new()
+    assert "verified matches fit its estimated pose" in growth.rejected[NAME]
+
+
+def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
+    model = row_with_far_views(IMAGE)
+    write_database(model, tmp_path / "database.db")
+    model.deregister_frame(model.image(IMAGE).frame_id)
+    for folder in ("model", "out"):
+        (tmp_path / folder).mkdir()
+    model.write_binary(tmp_path / "model")
+    answer = register(
+        lambda _: None,
+        database=str(tmp_path / "database.db"),
+        image_dir=str(tmp_path),
+        model_dir=str(tmp_path / "model"),
+        out_dir=str(tmp_path / "out"),
+        names=[NAME],
+        refine=False,
+        lens=False,
+        priors=PosePriors().model_dump(mode="json"),
+        witness=None,
+        min_image_support=0.75,
+        adjust_every=0.5,
+        adjusted_images=23,
+        adjusted_points=model.num_points3D(),
+        seed=0,
+        threads=1,
+    )
+    assert answer["registered"] == []
+    assert "position uncertain" in answer["rejected"][NAME]
+    assert NAME not in answer["posed"]
