@@ -46,9 +46,9 @@ class GrowingReconstruction:
     (near in capture order, added last, most similar, near in space to the best matched), registered and
     triangulated, with local bundle adjustment. A pose counts only if it explains the image's verified
     matches and these determine it; unregistered images are tried again whenever others are added. Global
-    bundle adjustment follows when the model has grown by a share, after a review of the poses that hang on few points; a re-map, which
-    must pass the gate, when match support has fallen or many images that match the model stay unregistered.
-    Both results are aligned with the current model.
+    bundle adjustment follows when the model has grown by a share, after a review of the poses that hang on
+    few points; a re-map, which must pass the gate, when match support has fallen or many images that match
+    the model stay unregistered. Both results are aligned with the current model.
 
     When the new images are many compared with the registered ones, all are mapped together, as if none had
     been registered.

@@ -151,6 +151,29 @@ def test_the_order_of_new_images_does_not_matter(order: list[int], tmp_path: Pat
     assert sorted(growth.rejected) == ["11.jpg", "12.jpg", "13.jpg"]
 
 
+def test_a_certain_image_stays_beside_an_uncertain_one(tmp_path: Path):
+    growth = growth_of(row_with_far_views(IMAGE), tmp_path / "database.db", [4, IMAGE, 20])
+    growth.check_new()
+    assert list(growth.rejected) == [NAME]
+
+
+def test_an_image_that_a_rejection_leaves_with_too_few_points_is_rejected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    model = row_of_cameras(0.2, SEEN_BY)
+
+    def share(_: pycolmap.Reconstruction, image: pycolmap.Image, __: Rays) -> float | None:
+        if image.image_id == IMAGE:
+            return 0.05
+        return 0.01 if model.image(IMAGE).has_pose else None
+
+    monkeypatch.setattr("fvs_engine.sfm.native.registration.position_share", share)
+    growth = growth_of(model, tmp_path / "database.db", [IMAGE + 1, IMAGE])
+    growth.check_new()
+    assert list(growth.rejected) == [NAME, f"{IMAGE:02}.jpg"]
+    assert growth.rejected[f"{IMAGE:02}.jpg"] == "its matches do not determine its position"
+
+
 def test_a_contradicted_image_is_named_with_what_contradicts_it(tmp_path: Path):
     model = row_with_far_views(IMAGE)
     growth = growth_of(model, tmp_path / "database.db", [IMAGE])
