@@ -21,12 +21,22 @@ CONFLICT = ("a.jpg", "b.jpg")
 class Place:
     """Three cameras side by side before a wall; the first misses the points of the right part of the wall.
 
-    There it has other features, unless it is ``blank``.
+    Those with x from ``missing_from`` and y up to ``missing_to``. There it has other features, unless it is
+    ``blank``.
     """
 
-    def __init__(self, apart: float = 0.05, missing_from: float = 0.0, *, blank: bool = False) -> None:
+    def __init__(
+        self,
+        apart: float = 0.05,
+        missing_from: float = 0.0,
+        missing_to: float = 3.0,
+        half_width: float = 3.0,
+        *,
+        blank: bool = False,
+    ) -> None:
         random = np.random.default_rng(0)
-        wall = random.uniform([-3.0, -2.2, 5.0], [3.0, 2.2, 5.5], (1500, 3))
+        wall = random.uniform([-half_width, -2.2, 5.0], [half_width, 2.2, 5.5], (1500, 3))
+        missing = (wall[:, 0] >= missing_from) & (wall[:, 1] <= missing_to)
         self.model = pycolmap.Reconstruction()
         self.model.add_camera_with_trivial_rig(CAMERA)
         tracks = [pycolmap.Track() for _ in wall]
@@ -36,7 +46,7 @@ class Place:
             pose = RigidTransform(np.eye(3), np.array([-x, 0.0, 0.0]))
             pixels = np.asarray(CAMERA.img_from_cam(pose.apply(wall)))
             inside = ((pixels > 0) & (pixels < (800, 600))).all(axis=1)
-            own = inside & ((wall[:, 0] < missing_from) if number == 1 else True)
+            own = inside & ~missing if number == 1 else inside
             others = inside & ~own & (not blank)
             keypoints = np.concatenate([pixels[own], pixels[others] + 3.0]).clip(0, 799)
             image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=1, image_id=number)
@@ -69,11 +79,12 @@ def test_an_image_conflicts_with_those_beside_it_whose_points_it_does_not_show()
     "place",
     [
         Place(missing_from=10.0),
-        Place(missing_from=2.2),  # a few cells
+        Place(missing_from=1.43, missing_to=1.0),  # 12 of 64 cells
+        Place(half_width=0.6),  # 8 of 16 cells
         Place(blank=True),
         Place(apart=1.2),  # seen from 13° away
     ],
-    ids=["all seen", "little missing", "nothing there", "another direction"],
+    ids=["all seen", "a fifth is missing", "few cells", "nothing there", "another direction"],
 )
 def test_no_conflict(place: Place):
     assert place.conflicts() == ()
