@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from fvs_engine.candidates import CandidateScore, CandidateStatus
 from fvs_engine.errors import Cancelled, InvalidInputError
@@ -74,6 +75,21 @@ def test_scores_are_passed_on_once_and_progress_is_that_of_the_estimates(scene, 
     assert sorted(passed, key=lambda score: score.name) == list(scores)
     estimated = [report.done for report in stages if report.stage == "estimate"]
     assert estimated == list(range(1, 241))
+
+
+def test_linear_algebra_has_one_thread_between_renders(scene, cpu):
+    """Others would keep cores busy, waiting, while views are rendered."""
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    meanwhile: list[set[int]] = []
+    monitor = Monitor(on_results=lambda _: meanwhile.append(threads()))
+    with threadpool_limits(2, "blas"):
+        MedianFrequencyFast(first=5).score(*scene, cpu, monitor=monitor)
+        after = threads()
+    assert meanwhile[0] == {1}
+    assert after == {2}
 
 
 def test_few_candidates_are_all_exact(scene, cpu):
