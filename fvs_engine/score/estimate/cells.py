@@ -1,8 +1,9 @@
 """How much of every splat is seen, and the colours of a view, from one walk over its splats front to back.
 
 Splats are blended into *cells*, squares of 16 px, at most ``MOST_CELLS`` along the longer side of the image.
-Nearly all splats are small beside a few cells: a patch of 4 × 8 cells, whatever the splat, costs less than
-finding out which of them it touches. So the grid has a border that is no part of the image.
+Most are small beside a cell, and count in that of their centre alone. Nearly all others are small beside a
+few cells: a patch of 4 × 8 cells, whatever the splat, costs less than finding out which of them it touches.
+So the grid has a border that is no part of the image.
 """
 
 import math
@@ -34,7 +35,10 @@ MOST_EIGHTH = SIGMAS * SIGMAS * F(1 / 16)
 CELL_VARIANCE = F(1 / 12)
 MOST_XX, MOST_YY = F((0.375 * LANES / 2) ** 2), F((0.375 * PATCH_ROWS / 2) ** 2)
 """Variances, in cells, up to which a splat is blended into one patch: 2 standard deviations fit in."""
+MOST_SMALL = F(0.05)
+"""Variance, in cells, up to which a splat is blended into the one cell that holds its centre."""
 MOST_ALPHA = F(ALPHA_MAX)
+TWO_PI = F(2 * math.pi)
 
 
 @inlined_kernel
@@ -95,6 +99,18 @@ def cover(splats: Floats, size: tuple[int, int], side: float, seen: Floats) -> F
     for n in range(splats.shape[0]):
         record = splats[n]
         x, y = record[CENTER_X] * scale, record[CENTER_Y] * scale
+        small = record[XX] * area < MOST_SMALL and record[YY] * area < MOST_SMALL
+        if small and F(0) <= x < F(columns) and F(0) <= y < F(rows):
+            at = np.uint64((BORDER_Y + int(y)) * STRIDE + BORDER_X + int(x))
+            before = buffer[at]
+            seen[n] = before if before >= LEAST_SEEN else F(0)
+            covered = record[OPACITY] * TWO_PI * math.sqrt(determinant(record)) * area
+            weight = before * min(covered, MOST_ALPHA)
+            buffer[at] = before - weight
+            buffer[at + np.uint64(PLANE)] += weight * record[RED]
+            buffer[at + np.uint64(2 * PLANE)] += weight * record[RED + 1]
+            buffer[at + np.uint64(3 * PLANE)] += weight * record[BLUE]
+            continue
         # A splat that is averaged over cells is wider by their own variance.
         xx, xy, yy = record[XX] * area + CELL_VARIANCE, record[XY] * area, record[YY] * area + CELL_VARIANCE
         if yy < MOST_YY and xx < MOST_XX:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F
-from fvs_engine.score.estimate.cells import CELL_VARIANCE, LEAST_SEEN, SIGMAS, cover
+from fvs_engine.score.estimate.cells import CELL_VARIANCE, LEAST_SEEN, MOST_SMALL, SIGMAS, cover
 from fvs_engine.score.estimate.powers import EVENNESS, SPACING, sum_powers
 from fvs_engine.score.estimate.projection import BINS, DEPTH, REACH, RECORD_SIZE, XX, XY, YY, front_to_back
 from fvs_engine.score.estimate.spectrum import GRID
@@ -49,6 +49,15 @@ def _blended(splats: Floats, rows: int, columns: int) -> tuple[Floats, Floats]:
         square = np.einsum("irc,ij,jrc->rc", away, np.linalg.inv(own + wider), away)
         summit = splat[OPACITY] * math.sqrt(np.linalg.det(own) / np.linalg.det(own + wider))
         alpha = np.minimum(summit * np.exp(-0.5 * square), ALPHA_MAX) * (square < float(SIGMAS) ** 2)
+        row, column = int(splat[CENTER_Y] // SIDE), int(splat[CENTER_X] // SIDE)
+        if (
+            max(splat[XX], splat[YY]) < float(MOST_SMALL) * SIDE**2
+            and 0 <= row < rows
+            and 0 <= column < columns
+        ):
+            alpha = np.zeros((rows, columns))
+            covered = splat[OPACITY] * 2 * math.pi * math.sqrt(np.linalg.det(own)) / SIDE**2
+            alpha[row, column] = min(covered, ALPHA_MAX)
         weight = alpha * cells[0]
         seen[n] = weight.sum() / max(alpha.sum(), 1e-12)
         cells[0] -= weight
