@@ -74,9 +74,9 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     A candidate is accepted on its own evidence. One with slightly too little evidence is accepted if the
     witness confirms it, and doubtful (usable with a warning) if another mapper or GPS agrees with it: a
     repeated pattern rarely causes the same errors in both. One with loosely linked images is doubtful unless
-    the witness or GPS confirms it; one with distances that no features seen in three images determine is
-    doubtful unless GPS confirms it. Among accepted ones that disagree, the better supported is chosen; a tie
-    makes it doubtful.
+    the witness or GPS confirms it; one with distances that no features seen in three images determine, or
+    with conflicting views, is doubtful unless GPS confirms it. Among accepted ones that disagree, the better
+    supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
