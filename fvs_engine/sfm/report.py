@@ -63,7 +63,7 @@ class Evidence(Record):
     unscaled_images: tuple[str, ...]
     """Images whose distance to the rest is not determined: hardly any features are seen in three images."""
 
-    conflicting_views: tuple[tuple[str, str], ...] = ()
+    conflicting_views: tuple[tuple[str, str], ...]
     """Pairs of images that should show the same, by this model, and of which large parts do not."""
 
     unlikely_focal_lengths_px: tuple[float, ...]

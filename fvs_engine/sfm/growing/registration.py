@@ -77,7 +77,8 @@ def register(
         warnings.append(f"DOUBTFUL CAMERAS: {few_matches(loose)}")
     if unscaled := [name for name in answer["unscaled"] if name in without]:
         warnings.append(f"DOUBTFUL CAMERAS: {unknown_distance(unscaled)}")
-    if conflicting := [pair for pair in answer["conflicting"] if not set(without).isdisjoint(pair)]:
+    confirmed = priors.by_name if informative else ()
+    if conflicting := [pair for pair in answer["conflicting"] if not all(name in confirmed for name in pair)]:
         warnings.append(f"DOUBTFUL CAMERAS: {two_places(conflicting)}")
     support = answer["match_support"]
     if support is not None and support < settings.gate.min_match_support:

@@ -11,9 +11,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.cameras import Camera
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+from fvs_engine.sfm.colmap.model import camera_from_pycolmap, rigid_from_pycolmap
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -48,7 +50,7 @@ def conflicting_views(
     ``keypoints`` [K, 2] are those of each image in px. ``on_pair`` is called before each pair is compared and
     may raise to stop.
     """
-    views: dict[int, _View] = {}
+    views: dict[int, _View | None] = {}
     found = []
     for pair in pairs:
         ids = pair.first, pair.second
@@ -62,7 +64,7 @@ def conflicting_views(
             if i not in views:
                 views[i] = _View.of(model, model.image(i), keypoints[i])
         first, second = (views[i] for i in ids)
-        if first.lacks(second) or second.lacks(first):
+        if first and second and (first.lacks(second) or second.lacks(first)):
             found.append((model.image(pair.first).name, model.image(pair.second).name))
     return tuple(sorted(found))
 
@@ -71,7 +73,7 @@ def conflicting_views(
 class _View:
     """A registered image: its points by their ids [P] and positions [P, 3], and what its cells hold."""
 
-    camera: pycolmap.Camera
+    camera: Camera
     camera_from_model: RigidTransform
     centre: Array
     ids: NDArray[np.int64]
@@ -80,9 +82,12 @@ class _View:
     points: Cells
 
     @staticmethod
-    def of(model: pycolmap.Reconstruction, image: pycolmap.Image, keypoints: Array) -> "_View":
-        camera = image.camera
-        assert camera is not None
+    def of(model: pycolmap.Reconstruction, image: pycolmap.Image, keypoints: Array) -> "_View | None":
+        """None for a camera that no lens has: points have no certain place in its images."""
+        try:
+            camera = camera_from_pycolmap(model.camera(image.camera_id))
+        except InvalidInputError:
+            return None
         seen = [(k, point.point3D_id) for k, point in enumerate(image.points2D) if point.has_point3D()]
         own = keypoints[[k for k, _ in seen]].reshape(-1, 2)
         pose = rigid_from_pycolmap(image.cam_from_world())
@@ -103,10 +108,7 @@ class _View:
         own, others = np.linalg.norm(to_own, axis=1), np.linalg.norm(to_other, axis=1)
         near = (to_own * to_other).sum(axis=1) >= np.cos(np.radians(_MAX_ANGLE_DEG)) * own * others
         near &= np.maximum(own, others) <= _MAX_DISTANCE_RATIO * np.minimum(own, others)
-        near &= local[:, 2] > 0
-        if not near.any():
-            return False
-        pixels = np.nan_to_num(np.asarray(self.camera.img_from_cam(local[near])), nan=-1.0)
+        pixels = np.nan_to_num(self.camera.project(local[near]), nan=-1.0)
         inside = ((pixels >= 0) & (pixels < (self.camera.width, self.camera.height))).all(axis=1)
         expected = _per_cell(pixels[inside], self.camera)
         both = np.isin(other.ids[near][inside], self.ids)
@@ -117,7 +119,7 @@ class _View:
         return count >= _MIN_CELLS and count >= _MIN_SHARE * (count + int((needed & shown).sum()))
 
 
-def _per_cell(pixels: Array, camera: pycolmap.Camera) -> Cells:
+def _per_cell(pixels: Array, camera: Camera) -> Cells:
     """How many ``pixels`` [N, 2] are in each cell [64] of an image."""
     columns, rows = np.clip(np.floor(pixels / (camera.width, camera.height) * _CELLS), 0, _CELLS - 1).T
     return np.bincount((columns * _CELLS + rows).astype(np.int64), minlength=_CELLS**2)

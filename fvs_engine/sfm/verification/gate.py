@@ -258,7 +258,8 @@ def two_places(pairs: Sequence[tuple[str, str]]) -> str:
     shown = listed([f"{first} and {second}" for first, second in pairs])
     return (
         f"{shown} should show the same, and large parts of them do not: two places that look alike may have "
-        "been taken for one. Positions, or photographs along the way between them, would tell."
+        "been taken for one, or something was in front of one of them. Positions, or photographs along the "
+        "way between them, would tell."
     )
 
 

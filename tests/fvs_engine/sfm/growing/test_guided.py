@@ -21,6 +21,7 @@ from fvs_engine.sfm.colmap.database import image_ids, pair_number, verified_matc
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.model_change import ModelChange
+from fvs_engine.sfm.growing.registration import register
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided
@@ -345,6 +346,43 @@ def test_an_image_whose_guided_pose_is_rejected_is_named(
     (warning,) = change.warnings
     assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
     assert "Photographs from between" in warning
+
+
+@pytest.mark.parametrize(
+    ("with_priors", "informative", "warned"), [(2, True, False), (1, True, True), (2, False, True)]
+)
+def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
+    with_priors: int,
+    informative: bool,
+    warned: bool,
+    unmatched: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    every = PosePriors.model_validate(unmatched["priors"]).by_name
+    new, old = sorted(every)[:2]
+    state = GrowthState(settings="", images=dict.fromkeys([new, old], 1), registered=(old,))
+    stages = Stages(GrowthFolder(tmp_path / "grown").sfm, SfmSettings(threads=1), Monitor())
+    answer = {
+        "registered": [new],
+        "loose": [],
+        "unscaled": [],
+        "conflicting": [(new, old)],
+        "posed": [new, old],
+        "rejected": {},
+        "adjusted_images": 2,
+        "adjusted_points": 10,
+        "match_support": None,
+    }
+    monkeypatch.setattr(stages, "native_over", lambda *_, **__: answer)
+    monkeypatch.setattr("fvs_engine.sfm.growing.registration.ask_witness", lambda *_: None)
+    priors = PosePriors(by_name={name: every[name] for name in [new, old][:with_priors]})
+    change = register(
+        stages, tmp_path, state, [new], priors, tmp_path, tmp_path / "out", informative=informative
+    )
+    found = [warning for warning in change.warnings if "should show the same" in warning]
+    assert len(found) == warned
+    assert all(f"{new} and {old}" in warning for warning in found)
 
 
 def test_a_warning_of_an_image_that_was_registered_after_all_is_dropped():

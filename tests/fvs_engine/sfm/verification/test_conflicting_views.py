@@ -3,10 +3,11 @@
 import numpy as np
 import pycolmap
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import VerifiedPair
-from fvs_engine.sfm.colmap.model import rigid_to_pycolmap
+from fvs_engine.sfm.colmap.model import camera_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
@@ -19,10 +20,9 @@ CONFLICT = ("a.jpg", "b.jpg")
 
 
 class Place:
-    """Three cameras side by side before a wall; the first misses the points of the right part of the wall.
+    """Three cameras side by side before a wall of ``points``; image ``lacking`` misses those of a part.
 
-    Those with x from ``missing_from`` and y up to ``missing_to``. There it has other features, unless it is
-    ``blank``.
+    Those with x from ``missing_from`` and y up to ``missing_to``. There it has so many ``other`` features.
     """
 
     def __init__(
@@ -31,11 +31,12 @@ class Place:
         missing_from: float = 0.0,
         missing_to: float = 3.0,
         half_width: float = 3.0,
-        *,
-        blank: bool = False,
+        lacking: int = 1,
+        points: int = 1500,
+        other: int = 10_000,
     ) -> None:
         random = np.random.default_rng(0)
-        wall = random.uniform([-half_width, -2.2, 5.0], [half_width, 2.2, 5.5], (1500, 3))
+        wall = random.uniform([-half_width, -2.2, 5.0], [half_width, 2.2, 5.5], (points, 3))
         missing = (wall[:, 0] >= missing_from) & (wall[:, 1] <= missing_to)
         self.model = pycolmap.Reconstruction()
         self.model.add_camera_with_trivial_rig(CAMERA)
@@ -46,9 +47,9 @@ class Place:
             pose = RigidTransform(np.eye(3), np.array([-x, 0.0, 0.0]))
             pixels = np.asarray(CAMERA.img_from_cam(pose.apply(wall)))
             inside = ((pixels > 0) & (pixels < (800, 600))).all(axis=1)
-            own = inside & ~missing if number == 1 else inside
-            others = inside & ~own & (not blank)
-            keypoints = np.concatenate([pixels[own], pixels[others] + 3.0]).clip(0, 799)
+            own = inside & ~missing if number == lacking else inside
+            others = pixels[inside & ~own][:other]
+            keypoints = np.concatenate([pixels[own], others + 3.0]).clip(0, 799)
             image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=1, image_id=number)
             self.model.add_image_with_trivial_frame(image, rigid_to_pycolmap(pose))
             self.keypoints[number], self.seen[number] = keypoints, list(np.flatnonzero(own))
@@ -75,16 +76,67 @@ def test_an_image_conflicts_with_those_beside_it_whose_points_it_does_not_show()
     assert Place().conflicts() == (CONFLICT, ("a.jpg", "c.jpg"))
 
 
+def test_either_image_of_a_pair_may_lack_the_other():
+    assert Place(lacking=2).conflicts() == (CONFLICT, ("b.jpg", "c.jpg"))
+
+
+def test_points_beyond_the_fold_of_a_distortion_do_not_count():
+    """COLMAP's polynomial folds directions far from the axis back into the image."""
+    lens = pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=1000, height=750, params=[500.0, 500.0, 375.0, -0.15], camera_id=1
+    )
+    camera, random = camera_from_pycolmap(lens), np.random.default_rng(0)
+    directions = random.uniform(-1.0, 1.0, (20_000, 3)) * [1.0, 0.5, 1.0]
+    points = 6.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(lens)
+    tracks = [pycolmap.Track() for _ in points]
+    keypoints, seen = {}, {}
+    for number, yaw_deg in enumerate((0.0, 40.0, 80.0), start=1):
+        turn = Rotation.from_euler("y", yaw_deg, degrees=True).as_matrix()
+        pose = RigidTransform(turn, turn @ np.array([-0.05 * number, 0.0, 0.0]))
+        pixels = camera.project(pose.apply(points))
+        inside = np.flatnonzero(((pixels > 0) & (pixels < (1000, 750))).all(axis=1))
+        inside = inside[points[inside, 2] > -4.0]  # nothing matches at the end of the pan
+        others = random.uniform(0.0, (1000.0, 750.0), (1000, 2))
+        keypoints[number], seen[number] = np.concatenate([pixels[inside], others]), inside
+        image = pycolmap.Image(
+            name=f"{number}.jpg", keypoints=keypoints[number], camera_id=1, image_id=number
+        )
+        model.add_image_with_trivial_frame(image, rigid_to_pycolmap(pose))
+        for feature, point in enumerate(inside):
+            tracks[point].add_element(number, feature)
+    for xyz, track in zip(points, tracks, strict=True):
+        if track.length() >= 2:
+            model.add_point3D(xyz, track, np.zeros(3, np.uint8))
+    pairs = []
+    for first, second in ((1, 2), (2, 3), (1, 3)):
+        _, a, b = np.intersect1d(seen[first], seen[second], return_indices=True)
+        pairs.append(VerifiedPair(first, second, np.stack([a, b], axis=1).astype(np.uint32)))
+    assert len(pairs[0].matches) > 500
+    assert conflicting_views(model, pairs, keypoints) == ()
+
+
 @pytest.mark.parametrize(
     "place",
     [
         Place(missing_from=10.0),
         Place(missing_from=1.43, missing_to=1.0),  # 12 of 64 cells
         Place(half_width=0.6),  # 8 of 16 cells
-        Place(blank=True),
+        Place(other=0),
+        Place(other=100),  # three in a cell
+        Place(points=110),  # two in a cell
         Place(apart=1.2),  # seen from 13° away
     ],
-    ids=["all seen", "a fifth is missing", "few cells", "nothing there", "another direction"],
+    ids=[
+        "all seen",
+        "a fifth is missing",
+        "few cells",
+        "nothing there",
+        "hardly anything there",
+        "few points",
+        "another direction",
+    ],
 )
 def test_no_conflict(place: Place):
     assert place.conflicts() == ()

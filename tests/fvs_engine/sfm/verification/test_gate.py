@@ -33,6 +33,7 @@ def evidence(**changes: object) -> Evidence:
         loosely_linked_images=(),
         misscaled_images=(),
         unscaled_images=(),
+        conflicting_views=(),
         unlikely_focal_lengths_px=(),
         misplaced_images=(),
         prior_residual_share=None,
