@@ -26,6 +26,7 @@ _MIN_CAMERAS = 5
 """With fewer, points seem uncertain that later images confirm."""
 
 _MIN_POINTS = 10
+"""With fewer, nothing is said about an image."""
 
 _CELLS = (6, 4)
 """Columns and rows of the parts of an image. A sixth of it has often all matches of one edge or surface."""
@@ -47,7 +48,7 @@ def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: 
         return None
     sigma = centre_sigma(rigid_from_pycolmap(image.cam_from_world()), points, pixels, camera_of(image))
     centres = [model.image(image_id).projection_center() for image_id in model.reg_image_ids()]
-    return sigma / centre_spread(np.stack(centres))
+    return sigma / max(centre_spread(np.stack(centres)), 1e-12)  # photographs turned in place have none
 
 
 def why_uncertain(share: float) -> str:
