@@ -23,16 +23,16 @@ MAX_SHARE = 0.02
 """Maximum standard deviation of a position, in spreads of the camera centres."""
 
 _MIN_CAMERAS = 5
-"""With fewer, points seem uncertain that later images confirm."""
+"""Minimum number of registered images: with three, right images are rejected, too."""
 
 _MIN_POINTS = 10
-"""With fewer, nothing is said about an image."""
+"""Minimum number of points for judging a position."""
 
 _CELLS = (6, 4)
 """Columns and rows of the parts of an image. A sixth of it has often all matches of one edge or surface."""
 
 _LEAST_LEFT = 6
-"""Points that must remain without a cell: three suffice for a pose, and say nothing about its errors."""
+"""Minimum number of points outside a cell: three determine a pose, and leave no errors to judge it by."""
 
 
 def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: Rays) -> float | None:

@@ -164,7 +164,7 @@ class _Growth:
         self.rejected: dict[str, str] = {}
         self.check = check
         self.adjusted = False
-        """Whether all cameras and points were adjusted."""
+        """Whether global bundle adjustment has run."""
         self._rejections: Counter[str] = Counter()
         self._rejected_now: set[str] = set()
         self._cache = cache

@@ -138,7 +138,7 @@ def test_thirty_photographs_of_a_wall(tmp_path: Path, tiles: int):
 
 
 def test_two_equal_walls_before_different_ground_are_doubtful(tmp_path: Path):
-    """Ten photographs in a row and five far ones: these come to lie where the opposite wall is seen."""
+    """Ten photographs in a row and five far ones, of which some are registered at the opposite wall."""
     tour = orbit(28)
     poses = [tour[k] for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 15, 18, 20, 23, 25)]
     camera = SimulatedCamera.like_a_drone(720, 540)

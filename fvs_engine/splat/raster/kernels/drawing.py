@@ -119,7 +119,7 @@ def _find_rows(splat: Floats, left: float, top: float, edges: Floats) -> None:
 
 @inlined_kernel
 def _list_parts(splats: Floats, hits: Ints, left: float, top: float, parts: Ints) -> int:
-    """List what ``hits`` touch: splat, strip, first and last + 1 pair of rows of each; returns how many."""
+    """List splat, strip and range of row pairs (first, last + 1) of all ``hits``; returns their number."""
     edges = np.empty(2 * STRIPS, np.float32)
     count = 0
     for n in hits:

@@ -5,19 +5,16 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from growths import growth_of
 from model_databases import write_database
 from row_of_cameras import PINHOLE, STEP, error_of_centres, row_of_cameras, true_poses
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
 from fvs_engine.sfm.native.jobs import _adjust
-from fvs_engine.sfm.native.match_cache import load_all
-from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_review import hangs_on_few_points, review_poses
 from fvs_engine.sfm.native.pose_search import best_pose
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, refine
-from fvs_engine.sfm.native.registration import _Growth, _pipeline_options
-from fvs_engine.sfm.pose_priors import PosePriors
 
 MISLED, SEEN_BY = 12, 6
 NAME = f"{MISLED - 1:02}.jpg"
@@ -126,18 +123,7 @@ def test_a_prior_decides_between_poses_that_matches_fit_equally(
 
 def test_global_bundle_adjustment_begins_with_a_review(tmp_path: Path):
     model = misled_model(0.4)
-    path = tmp_path / "database.db"
-    write_database(model, path)
-    names = [image.name for image in model.images.values()]
-    growth = _Growth(
-        model,
-        load_all(path, names, model),
-        _pipeline_options(refine=False, seed=0, threads=1, two_view_points=False),
-        PoseCheck((), {}, 0.75, PosePriors()),
-        database=path,
-        names=names,
-        lens=False,
-    )
+    growth = growth_of(model, tmp_path)
     growth.adjust_all()
     growth.mapper.end_reconstruction(False)
     assert error_of(model) < 0.03
@@ -145,7 +131,7 @@ def test_global_bundle_adjustment_begins_with_a_review(tmp_path: Path):
 
 
 def test_observations_follow_a_reviewed_pose(tmp_path: Path):
-    """Features without a point get theirs, and points that only one other image sees move along."""
+    """Features get the points that fit, and points that only one other image sees are triangulated anew."""
     model = misled_model(0.4)
     write_database(model, tmp_path / "database.db")
     true = true_poses()[NAME]
@@ -227,20 +213,7 @@ def test_a_tight_search_finds_a_pose_beside_matches_that_are_a_few_pixels_off():
 
 def test_a_new_image_has_the_poses_of_those_that_match_it_reviewed(tmp_path: Path):
     model = misled_model(0.4)
-    path = tmp_path / "database.db"
-    write_database(model, path)
-    names = [image.name for image in model.images.values()]
-    newest = f"{MISLED:02}.jpg"
-    growth = _Growth(
-        model,
-        load_all(path, names, model),
-        _pipeline_options(refine=False, seed=0, threads=1, two_view_points=False),
-        PoseCheck.read(str(path), 0.75, PosePriors(), around=[newest]),
-        database=path,
-        names=names,
-        lens=False,
-    )
-    growth.registered.append(newest)
+    growth = growth_of(model, tmp_path, [f"{MISLED:02}.jpg"])
     growth.review_new()
     growth.mapper.end_reconstruction(False)
     assert error_of(model) < 0.03

@@ -5,16 +5,15 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from growths import growth_of
 from model_databases import write_database
 from row_of_cameras import PINHOLE, row_of_cameras, true_poses
 
 from fvs_engine.sfm.colmap.model import rigid_to_pycolmap
-from fvs_engine.sfm.native.match_cache import load_all
 from fvs_engine.sfm.native.points_of_others import Rays
-from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, centre_sigma, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_pose import refine
-from fvs_engine.sfm.native.registration import _Growth, _pipeline_options, register
+from fvs_engine.sfm.native.registration import register
 from fvs_engine.sfm.pose_priors import PosePriors
 
 IMAGE, SEEN_BY = 12, 6
@@ -40,27 +39,17 @@ def share_of(model: pycolmap.Reconstruction, image_id: int) -> float | None:
     return position_share(model, model.image(image_id), Rays(model))
 
 
-def growth_of(model: pycolmap.Reconstruction, path: Path, new: list[int]) -> _Growth:
-    """A growth in which the images ``new`` were just registered."""
-    write_database(model, path)
-    names = [image.name for image in model.images.values()]
-    growth = _Growth(
-        model,
-        load_all(path, names, model),
-        _pipeline_options(refine=False, seed=0, threads=1, two_view_points=False),
-        PoseCheck.read(str(path), 0.75, PosePriors()),
-        database=path,
-        names=names,
-        lens=False,
-    )
-    growth.registered.extend(model.image(image_id).name for image_id in new)
+def check_new(model: pycolmap.Reconstruction, folder: Path, new: list[int]) -> dict[str, str]:
+    """Check images as if they were just registered; returns the rejected ones with the reasons."""
+    growth = growth_of(model, folder, [model.image(image_id).name for image_id in new])
     growth.mapper.end_reconstruction(False)
-    return growth
+    growth.check_new()
+    return growth.rejected
 
 
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_standard_deviation_is_that_of_repeated_estimates(shared: bool):
-    """Also where the points in one part of the image are off together (``shared``)."""
+    """Also when all points in a cell of the image have the same error (``shared``)."""
     random, true = np.random.default_rng(0), true_poses()[NAME]
     place = true.inverse()
     points = place.apply(random.uniform([-4.0, -3.0, 9.0], [4.0, 3.0, 11.0], (80, 3)))
@@ -136,25 +125,22 @@ def test_pixels_where_a_lens_distorts_too_much_do_not_count():
 @pytest.mark.parametrize("far", [True, False])
 def test_growth_rejects_new_images_with_uncertain_positions(far: bool, tmp_path: Path):
     model = row_with_far_views(IMAGE) if far else row_of_cameras(0.2, SEEN_BY)
-    growth = growth_of(model, tmp_path / "database.db", [IMAGE])
-    growth.check_new()
+    rejected = check_new(model, tmp_path, [IMAGE])
     assert model.image(IMAGE).has_pose == (not far)
-    assert list(growth.rejected) == ([NAME] if far else [])
-    assert all("position uncertain" in reason for reason in growth.rejected.values())
+    assert list(rejected) == ([NAME] if far else [])
+    assert all("position uncertain" in reason for reason in rejected.values())
 
 
 @pytest.mark.parametrize("order", [[12, 13, 14], [14, 13, 12]])
 def test_the_order_of_new_images_does_not_matter(order: list[int], tmp_path: Path):
     model = row_with_far_views(12, 13, 14)
-    growth = growth_of(model, tmp_path / "database.db", order)
-    growth.check_new()
-    assert sorted(growth.rejected) == ["11.jpg", "12.jpg", "13.jpg"]
+    rejected = check_new(model, tmp_path, order)
+    assert sorted(rejected) == ["11.jpg", "12.jpg", "13.jpg"]
 
 
 def test_a_certain_image_stays_beside_an_uncertain_one(tmp_path: Path):
-    growth = growth_of(row_with_far_views(IMAGE), tmp_path / "database.db", [4, IMAGE, 20])
-    growth.check_new()
-    assert list(growth.rejected) == [NAME]
+    rejected = check_new(row_with_far_views(IMAGE), tmp_path, [4, IMAGE, 20])
+    assert list(rejected) == [NAME]
 
 
 def test_an_image_that_a_rejection_leaves_with_too_few_points_is_rejected(
@@ -168,15 +154,15 @@ def test_an_image_that_a_rejection_leaves_with_too_few_points_is_rejected(
         return 0.01 if model.image(IMAGE).has_pose else None
 
     monkeypatch.setattr("fvs_engine.sfm.native.registration.position_share", share)
-    growth = growth_of(model, tmp_path / "database.db", [IMAGE + 1, IMAGE])
-    growth.check_new()
-    assert list(growth.rejected) == [NAME, f"{IMAGE:02}.jpg"]
-    assert growth.rejected[f"{IMAGE:02}.jpg"] == "its matches do not determine its position"
+    rejected = check_new(model, tmp_path, [IMAGE + 1, IMAGE])
+    assert list(rejected) == [NAME, f"{IMAGE:02}.jpg"]
+    assert rejected[f"{IMAGE:02}.jpg"] == "its matches do not determine its position"
 
 
 def test_a_contradicted_image_is_named_with_what_contradicts_it(tmp_path: Path):
     model = row_with_far_views(IMAGE)
-    growth = growth_of(model, tmp_path / "database.db", [IMAGE])
+    growth = growth_of(model, tmp_path, [NAME])
+    growth.mapper.end_reconstruction(False)
     model.frame(model.image(IMAGE).frame_id).rig_from_world = rigid_to_pycolmap(true_poses()["00.jpg"])
     growth.check_new()
     assert "verified matches fit its estimated pose" in growth.rejected[NAME]

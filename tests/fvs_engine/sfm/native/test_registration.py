@@ -6,16 +6,14 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from model_databases import write_database
+from growths import growth_of
 from row_of_cameras import COUNT, row_of_cameras
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.model import camera_poses
-from fvs_engine.sfm.native.match_cache import load_all
-from fvs_engine.sfm.native.pose_check import PoseCheck
-from fvs_engine.sfm.native.registration import _Growth, _pipeline_options, register
+from fvs_engine.sfm.native.registration import register
 from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, is_likely
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
@@ -73,18 +71,7 @@ def test_no_pose_is_lost_to_an_estimate_that_no_lens_has(name: str, params: list
     )
     start = pycolmap.Camera(model=name, width=800, height=600, params=params, camera_id=1)
     model = row_of_cameras(0.2, 8, taken_with=taken_with, camera=start)
-    path = tmp_path / "database.db"
-    write_database(model, path)
-    names = [image.name for image in model.images.values()]
-    growth = _Growth(
-        model,
-        load_all(path, names, model),
-        _pipeline_options(refine=True, seed=0, threads=1, two_view_points=False),
-        PoseCheck((), {}, 0.75, PosePriors()),
-        database=path,
-        names=names,
-        lens=True,
-    )
+    growth = growth_of(model, tmp_path, lens=True)
     growth.adjust_all()
     growth.mapper.end_reconstruction(False)
     assert model.num_reg_images() == COUNT
