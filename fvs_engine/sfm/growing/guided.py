@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.growing.chances import Chances
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import register
@@ -29,22 +30,27 @@ def guide(
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
     written to the latter. The image added last is matched first; newly registered images help to register
-    others.
+    others. An image is matched again only when its chances have changed.
     """
     for _ in range(_ROUNDS):
         left = [name for name in change.state.unregistered if name in priors.by_name and name in set(usable)]
         model_dir = folder.next_model if change.changed else model_dir
         neighbours = predicted_neighbours(left[::-1], priors, read_colmap(model_dir)) if left else {}
-        if not neighbours:
+        around = {name: dict.fromkeys(others, 1) for name, others in neighbours.items()}
+        chances = Chances(model_dir, around, priors)
+        due = [name for name in neighbours if chances.changed(name, change.state.tried_guided)]
+        if not due:
             break
         guided = register(
-            stages, image_dir, change.state, left, priors, model_dir, folder.guided_model, neighbours
+            stages, image_dir, change.state, due, priors, model_dir, folder.guided_model, neighbours
         )
+        unregistered = set(guided.state.unregistered)
+        tried = {name: chances.of(name) for name in guided.tried if name in unregistered}
+        guided = guided.with_state(tried_guided=guided.state.tried_guided | tried)
         warnings = (*change.warnings, *guided.warnings)
         if not guided.changed:
             shutil.rmtree(folder.guided_model, ignore_errors=True)
-            state = change.state.model_copy(update={"rejected": guided.state.rejected})
-            return dataclasses.replace(change, state=state, warnings=warnings)
+            return dataclasses.replace(change, state=guided.state, warnings=warnings)
         rename_over(folder.guided_model, folder.next_model)
         support = change.match_support if guided.match_support is None else guided.match_support
         change = dataclasses.replace(guided, match_support=support, warnings=warnings)

@@ -45,8 +45,8 @@ class GrowingReconstruction:
     The first images go through ``reconstruct``. Later ones are matched with a bounded number of earlier ones
     (near in capture order, added last, most similar, near in space to the best matched), registered and
     triangulated, with local bundle adjustment. A pose counts only if it explains the image's verified
-    matches and these determine it; unregistered images are tried again whenever others are added. Global
-    bundle adjustment follows when the model has grown by a share, after a review of the poses that hang on
+    matches and these determine it; an unregistered image is tried again when its prior or the images around
+    it have changed, or will with one that is tried now (``chances``). Global bundle adjustment follows when the model has grown by a share, after a review of the poses that hang on
     few points; a re-map, which must pass the gate, when match support has fallen or many images that match
     the model stay unregistered. Both results are aligned with the current model.
 

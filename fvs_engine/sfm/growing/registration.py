@@ -61,8 +61,11 @@ def register(
             on_event=lambda done: stages.monitor.report("registration", min(done, len(names)), len(names)),
         )
     stages.monitor.report("registration", len(names), len(names))
-    if answer is None:  # nothing could be guided
-        return ModelChange(state)
+    tried = tuple(names)
+    if guided is not None:
+        tried, answer = tuple(answer["looked_at"]), answer["registration"]
+        if answer is None:  # nothing could be guided
+            return ModelChange(state, tried=tried)
     posed = set(answer["posed"])
     lost = [name for name in state.registered if name not in posed]
     warnings = [
@@ -92,6 +95,7 @@ def register(
         changed=bool(answer["registered"] or lost or support is not None),
         match_support=support,
         warnings=tuple(warnings),
+        tried=tried,
     )
 
 

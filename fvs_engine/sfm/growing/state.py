@@ -42,6 +42,12 @@ class GrowthState(Record):
     rejected: dict[str, str] = Field(default={})
     """Unregistered images whose estimated pose is uncertain, or contradicted by matches or prior → why."""
 
+    tried: dict[str, str] = Field(default={})
+    """Unregistered images → digest of their chances (``Chances``) when their matches were last tried."""
+
+    tried_guided: dict[str, str] = Field(default={})
+    """The same for matches that their pose priors guide."""
+
     priors_ignored: tuple[str, ...] = ()
     """The last update's warnings about unused pose priors; they are repeated only when they change."""
 
@@ -78,7 +84,7 @@ class GrowthState(Record):
                     *(name for name in self.registered if name in now),
                     *(name for name in names if name not in before),
                 ),
-                "rejected": {name: reason for name, reason in self.rejected.items() if name not in now},
+                **self._about_others(now),
                 "adjusted_images": adjusted_images,
                 "adjusted_points": adjusted_points,
             }
@@ -94,12 +100,20 @@ class GrowthState(Record):
                 "images": images,
                 "pending": tuple(name for name in self.pending if name not in names),
                 "registered": registered,
-                "rejected": {name: why for name, why in self.rejected.items() if name not in names},
+                **self._about_others(names),
                 "bootstrap_images": sum(name not in names for name in first),
                 "adjusted_images": min(self.adjusted_images, len(registered)),
                 "mapped_images": min(self.mapped_images, len(images)),
             }
         )
+
+    def _about_others(self, names: Collection[str]) -> dict[str, dict[str, str]]:
+        """What is kept of unregistered images other than ``names``."""
+        kept = {"rejected": self.rejected, "tried": self.tried, "tried_guided": self.tried_guided}
+        return {
+            field: {name: text for name, text in texts.items() if name not in names}
+            for field, texts in kept.items()
+        }
 
 
 class GrowthFolder:

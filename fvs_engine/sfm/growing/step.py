@@ -7,6 +7,7 @@ from pathlib import Path
 from fvs_engine.images.names import listed
 from fvs_engine.sfm.colmap.database import verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
+from fvs_engine.sfm.growing.chances import Chances, matches_of
 from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
@@ -73,16 +74,21 @@ def step(
         for name, reason in decided.without_pairs.items()
         if name not in state.rejected
     ]
+    matches = matches_of(candidates, verified_matches(database, MIN_PAIR_MATCHES))
+    chances = Chances(model_dir, matches, priors, informative=decided.informative)
+    due = chances.due(state.tried)
     change = register(
         stages,
         image_dir,
         state.model_copy(update={"rejected": state.rejected | decided.without_pairs}),
-        candidates,
+        due,
         priors,
         model_dir,
         following,
         informative=decided.informative,
     )
+    left = {name: chances.of(name) for name in change.tried if name in set(change.state.unregistered)}
+    change = change.with_state(tried=change.state.tried | left)
     change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
     warnings = (*news, *stages.warnings, *change.warnings)
     changed = change.changed

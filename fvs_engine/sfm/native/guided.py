@@ -33,13 +33,15 @@ _FITTING = TIGHT / 2
 
 def register_guided(
     report: Report, *, neighbours: dict[str, list[str]], **registration: Any
-) -> dict[str, Any] | None:
+) -> dict[str, Any]:
     """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
 
     ``neighbours``: unregistered images → the registered ones that they should overlap. Points in only two
     images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
-    any others. None when no image has a guided pose that can be believed. Pairs of images that are not
-    registered then are taken back.
+    any others. Pairs of images that are not registered then are taken back.
+
+    Returns the names of the images ``looked_at`` (their number is limited) and the ``registration``, as
+    ``register`` does; None when no image has a guided pose that can be believed.
     """
     database = registration["database"]
     model = pycolmap.Reconstruction(registration["model_dir"])
@@ -47,16 +49,16 @@ def register_guided(
     poses = camera_poses(model)
     frame = believed_frame(priors, poses)
     if frame is None:
-        return None
+        return {"looked_at": list(neighbours), "registration": None}
     take_back_guided_pairs(Path(database), poses)  # of a call that crashed
     points = set(model.point3D_ids())
     add_two_view_points(
         model, Path(database), sorted({other for some in neighbours.values() for other in some})
     )
     expected = _expected_poses(list(neighbours), priors, frame, poses)
-    found = _guided_geometries(model, database, neighbours, expected)
+    found, looked_at = _guided_geometries(model, database, neighbours, expected)
     if not found:
-        return None
+        return {"looked_at": looked_at, "registration": None}
     color_points(model, registration["image_dir"], points, ())
     write_guided_pairs(Path(database), found)
     with tempfile.TemporaryDirectory() as folder:
@@ -67,7 +69,7 @@ def register_guided(
             **registration | {"model_dir": folder, "adjusted_points": grown, "two_view_points": True},
         )
     take_back_guided_pairs(Path(database), answer["posed"])
-    return answer
+    return {"looked_at": looked_at, "registration": answer}
 
 
 def _expected_poses(
@@ -88,30 +90,34 @@ def _guided_geometries(
     database: str,
     neighbours: Mapping[str, Sequence[str]],
     expected: Mapping[str, ExpectedPose],
-) -> dict[Pair, pycolmap.TwoViewGeometry]:
-    """The two-view geometries that guided matches give, by pairs of image ids, the smaller one first."""
+) -> tuple[dict[Pair, pycolmap.TwoViewGeometry], list[str]]:
+    """The two-view geometries that guided matches give, by pairs of image ids, the smaller one first.
+
+    Also returns the images whose matches were looked for.
+    """
     ids, cameras = image_ids(Path(database)), image_cameras(Path(database))
     # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
     estimated = {image.camera_id for image in model.images.values() if image.has_pose}
     geometries: dict[Pair, pycolmap.TwoViewGeometry] = {}
-    tried = 0
+    looked_at, matched = list[str](), 0
     with closing(pycolmap.Database.open(database)) as opened:
         for name, pose in expected.items():
-            if cameras[name] not in estimated or tried == _MOST_GUIDED:
+            if cameras[name] not in estimated or matched == _MOST_GUIDED:
                 continue
+            looked_at.append(name)
             camera = model.camera(cameras[name])
             images = [model.find_image_with_name(other) for other in neighbours[name]]
             known = KnownPoints.read(model, opened, images)
             features = Features.read(opened, ids[name])
             guided = guided_pose(known, features, camera, pose)
-            tried += guided is not None
+            matched += guided is not None
             if guided is not None and guided.believed:
                 for image in images:
                     matches = _matches(opened, ids[name], image, camera, features, known, guided)
                     if len(matches) >= MIN_PAIR_MATCHES:
                         pair, geometry = _geometry(ids[name], camera, guided, image, matches)
                         geometries[pair] = geometry
-    return geometries
+    return geometries, looked_at
 
 
 def _matches(

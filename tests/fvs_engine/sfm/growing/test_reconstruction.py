@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from growing_yard import (
     Grown,
     copy_of,
     shares_apart,
+    strangers,
 )
 
 from fvs_engine.geometry import angle_between, umeyama
@@ -90,6 +92,36 @@ def test_an_image_that_cannot_be_registered_is_tried_again_when_the_scene_has_gr
     assert (far.registered, far.unregistered) == ((), (FAR,))
     assert set(between.registered) == {*BETWEEN, FAR}
     assert between.unregistered == ()
+
+
+@pytest.mark.usefixtures("native_here")
+def test_an_image_is_tried_again_when_its_chances_have_changed_and_only_then(
+    grown: Grown, images_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    growing = GrowingReconstruction.open(
+        copy_of(grown.bootstrapped, tmp_path), images_copy, SETTINGS, Monitor()
+    )
+    tried, native = list[str](), stages_module.Stages.native
+
+    def spy(stages: stages_module.Stages, job: str, arguments: dict[str, Any], **rest: Any) -> Any:
+        tried.extend(arguments["names"] if job == "register" else ())
+        return native(stages, job, arguments, **rest)
+
+    monkeypatch.setattr(stages_module.Stages, "native", spy)
+    first, second = strangers(images_copy, 2)
+    tries = []
+    for names in ([FAR], [first], [NEXT], [second], BETWEEN):
+        tried.clear()
+        growing.add(names, Monitor())
+        tries.append(FAR in tried)
+    assert tries == [
+        True,
+        False,  # what it matches is as before
+        True,  # an image that matches the same ones is new, and could bring it in
+        True,  # which did change them
+        True,
+    ]
+    assert FAR in growing.registered
 
 
 def test_nothing_is_said_of_an_image_that_a_remap_registers_after_all(
