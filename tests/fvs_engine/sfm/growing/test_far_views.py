@@ -1,11 +1,11 @@
-"""Views far from one another, of a scene with repeating wallpaper, are added to ten that lie side by side."""
+"""Views far from one another are added to ten that lie side by side; *fox* has repeating wallpaper."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from far_views import FAR, FIRST, farthest, fox, grow, shares_off
+from far_views import FAR, FIRST, bonsai, farthest, fox, grow, shares_off
 
 from fvs_engine.geometry import matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.scene.dataset import Dataset
@@ -22,11 +22,14 @@ MAX_SHARE = 0.03
 """Of the spread: images that wallpaper misled were off by 200 %."""
 
 
-def test_noisy_priors_place_far_views_of_fox(data_dir: Path, tmp_path: Path):
-    dataset = fox(data_dir)
-    growing, _ = grow(dataset, dataset_priors(dataset, PriorNoise(), seed=0), tmp_path / "grown")
+@pytest.mark.parametrize(("scene", "far", "fewest"), [(fox, FAR, FIRST + FAR - 1), (bonsai, 30, 34)])
+def test_noisy_priors_place_far_views(
+    scene: Callable[[Path], Dataset], far: int, fewest: int, data_dir: Path, tmp_path: Path
+):
+    dataset = scene(data_dir)
+    growing, _ = grow(dataset, dataset_priors(dataset, PriorNoise(), seed=0), tmp_path / "grown", far)
     off = shares_off(growing, dataset)
-    assert len(off) >= FIRST + FAR - 1
+    assert len(off) >= fewest
     assert max(off.values()) < MAX_SHARE
 
 
