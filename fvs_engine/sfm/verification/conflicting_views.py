@@ -35,7 +35,7 @@ _CELLS = 8
 _MIN_POINTS, _MIN_FEATURES = 3, 5
 """Points of the other image in a cell from which on some must be seen, if there are so many features."""
 
-_MIN_CELLS, _MIN_SHARE = 10, 0.25
+_MIN_CELLS, _MIN_SHARE = 15, 1 / 3
 """Cells without any, and their share of all in which points are expected, from which on images conflict."""
 
 
@@ -114,7 +114,7 @@ class _View:
         both = np.isin(other.ids[near][inside], self.ids)
         shown = _per_cell(pixels[inside][both], self.camera) > 0
         needed = expected >= _MIN_POINTS
-        missing = needed & (self.points == 0) & (self.features >= _MIN_FEATURES)
+        missing = needed & ~shown & (self.features >= _MIN_FEATURES)
         count = int(missing.sum())
         return count >= _MIN_CELLS and count >= _MIN_SHARE * (count + int((needed & shown).sum()))
 

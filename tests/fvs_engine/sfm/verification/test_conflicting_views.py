@@ -24,7 +24,8 @@ CONFLICT = ("a.jpg", "b.jpg")
 class Place:
     """Three cameras side by side before a wall of ``points``; image ``lacking`` misses those of a part.
 
-    Those with x from ``missing_from`` and y up to ``missing_to``. There it has so many ``other`` features.
+    Those with x from ``missing_from`` and y up to ``missing_to``. There it has so many ``other`` features,
+    which are ``points_of_its_own`` or none.
     """
 
     def __init__(
@@ -36,6 +37,8 @@ class Place:
         lacking: int = 1,
         points: int = 1500,
         other: int = 10_000,
+        *,
+        points_of_its_own: bool = False,
     ) -> None:
         random = np.random.default_rng(0)
         wall = random.uniform([-half_width, -2.2, 5.0], [half_width, 2.2, 5.5], (points, 3))
@@ -57,6 +60,11 @@ class Place:
             self.keypoints[number], self.seen[number] = keypoints, list(np.flatnonzero(own))
             for feature, point in enumerate(self.seen[number]):
                 tracks[point].add_element(number, feature)
+            if points_of_its_own:
+                for feature in range(int(own.sum()), len(keypoints)):
+                    track = pycolmap.Track()
+                    track.add_element(number, feature)
+                    self.model.add_point3D(np.array([0.0, 0.0, 5.0]), track, np.zeros(3, np.uint8))
         for xyz, track in zip(wall, tracks, strict=True):
             self.model.add_point3D(xyz, track, np.zeros(3, np.uint8))
 
@@ -76,6 +84,11 @@ class Place:
 
 def test_an_image_conflicts_with_those_beside_it_whose_points_it_does_not_show():
     assert Place().conflicts() == (CONFLICT, ("a.jpg", "c.jpg"))
+
+
+def test_points_that_no_other_image_shows_are_no_excuse():
+    """What is beside equal walls may well have points, of either place."""
+    assert Place(points_of_its_own=True).conflicts() == (CONFLICT, ("a.jpg", "c.jpg"))
 
 
 def test_either_image_of_a_pair_may_lack_the_other():
@@ -121,7 +134,8 @@ def test_points_beyond_the_fold_of_a_distortion_do_not_count():
     [
         Place(missing_from=10.0),
         Place(missing_from=1.43, missing_to=1.0),  # 12 of 64 cells
-        Place(half_width=0.6),  # 8 of 16 cells
+        Place(missing_to=0.0),  # 16 of 64 cells
+        Place(half_width=1.05, missing_to=1.5),  # 12 of 32 cells
         Place(other=0),
         Place(other=100),  # three in a cell
         Place(points=110),  # two in a cell
@@ -130,6 +144,7 @@ def test_points_beyond_the_fold_of_a_distortion_do_not_count():
     ids=[
         "all seen",
         "a fifth is missing",
+        "a quarter is missing",
         "few cells",
         "nothing there",
         "hardly anything there",
