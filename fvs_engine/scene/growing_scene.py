@@ -98,6 +98,11 @@ class GrowingScene:
         return self._views
 
     @property
+    def points(self) -> PointCloud:
+        """The sparse points that registered views share."""
+        return self._points
+
+    @property
     def unregistered(self) -> tuple[str, ...]:
         """Visited images without a pose, in the order of their visit."""
         return tuple(name for name in self._visited if name not in self._posed)

@@ -46,9 +46,10 @@ class GrowingReconstruction:
     (near in capture order, added last, most similar, near in space to the best matched), registered and
     triangulated, with local bundle adjustment. A pose counts only if it explains the image's verified
     matches and these determine it; an unregistered image is tried again when its prior or the images around
-    it have changed, or will with one that is tried now (``chances``). Global bundle adjustment follows when the model has grown by a share, after a review of the poses that hang on
-    few points; a re-map, which must pass the gate, when match support has fallen or many images that match
-    the model stay unregistered. Both results are aligned with the current model.
+    it have changed, or may with one tried now (``chances``). Global bundle adjustment follows when the
+    model has grown by a share, after a review of the poses that hang on few points; a re-map, which must pass
+    the gate, when match support has fallen or many images that match the model stay unregistered. Both
+    results are aligned with the current model.
 
     When the new images are many compared with the registered ones, all are mapped together, as if none had
     been registered.
@@ -167,7 +168,8 @@ class GrowingReconstruction:
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
         changed, ``Cancelled``.
         """
-        names = [name for name in dict.fromkeys(names) if name not in self.quarantined]
+        quarantined = self.quarantined
+        names = [name for name in dict.fromkeys(names) if name not in quarantined]
         sizes = require_unchanged(self._state, self._image_dir, names)
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
         _require_readable(self._image_dir, tuple(new))
@@ -182,7 +184,6 @@ class GrowingReconstruction:
             self._state = self._state.model_copy(update={"unreported": ()})
         warnings = self._state.unreported
         seconds: Mapping[str, float] = {}
-        quarantined = set(self.quarantined)
         while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
             try:
                 advance = self._grow if self.registered else self._bootstrap

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError, TrainingError
 from fvs_engine.hold_out import hold_out_views
@@ -25,7 +24,7 @@ from fvs_engine.sfm.batch.mapping import leave_out, registered_names
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.quarantine import warning
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
@@ -129,9 +128,10 @@ class SceneJobs:
                 self._publish_first(request, scene, images, monitor, warn, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
-            found = {images[name].digest: why for name, why in scene.quarantined.items() if name in images}
+            quarantined = scene.quarantined
+            found = {images[name].digest: why for name, why in quarantined.items() if name in images}
             _leave_out(found, request, warn, quarantine)
-        images = {name: image for name, image in images.items() if name not in scene.quarantined}
+        images = {name: image for name, image in images.items() if name not in quarantined}
         previous_db = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
             warn(sentence)
@@ -180,7 +180,8 @@ class SceneJobs:
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
             return  # with the others they may support a model
-        first = {name: image for name, image in first.items() if name not in scene.quarantined}
+        quarantined = scene.quarantined
+        first = {name: image for name, image in first.items() if name not in quarantined}
         publish("first", self._outcome_of_update(request, scene, first, model, "first"))
 
     def _outcome_of_update(
@@ -194,13 +195,12 @@ class SceneJobs:
     ) -> JobOutcome:
         assert scene.model_dir is not None  # training needs views, whose poses are those of this model
         folder = self._folder.outcome(request.job_id) / name
-        reconstruction = read_colmap(scene.model_dir)
         return self._outcome(
             folder,
             scene.views,
             images,
             model,
-            reconstruction,
+            scene.points,
             scene.model_dir,
             measured,
             why_unregistered=scene.why_unregistered,
@@ -289,7 +289,7 @@ class SceneJobs:
         }
         monitor.report("snapshot", 0, 1)
         folder = self._folder.outcome(request.job_id)
-        return self._outcome(folder, views, images, model, cameras, fine / "sparse", measured)
+        return self._outcome(folder, views, images, model, cameras.points, fine / "sparse", measured)
 
     def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
         return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
@@ -332,7 +332,7 @@ class SceneJobs:
         views: Sequence[TrainingView],
         images: Mapping[str, Image],
         model: SceneModel,
-        reconstruction: Reconstruction,
+        points: PointCloud,
         colmap: Path,
         measured: Mapping[str, float | None],
         *,
@@ -341,7 +341,8 @@ class SceneJobs:
     ) -> JobOutcome:
         """Write the artifacts, which the worker commits, into ``folder``.
 
-        ``colmap`` is the folder of ``reconstruction``; ``measured`` are metrics of the model's quality.
+        ``colmap`` is the folder of the model with ``views`` and ``points``; ``measured`` are metrics of the
+        model's quality.
         """
         posed = {view.name for view in views}
         unregistered = {
@@ -352,15 +353,16 @@ class SceneJobs:
         metrics = SnapshotMetrics(
             registered=len(views),
             unregistered=len(unregistered),
-            points=len(reconstruction.points),
+            points=len(points),
             iterations=model.iterations,
             gaussians=len(model.gaussians),
             sh_degree=model.sh_degree,
             **measured,
         )
-        points = _seen_points(reconstruction)
+        # Without points, what the scene is about is where the cameras are.
+        around = points.xyz if len(points) else np.stack([view.centre for view in views])
         files = write_artifacts(
-            folder, views, images, points, model.gaussians, metrics, colmap, compressed=compressed
+            folder, views, images, around, model.gaussians, metrics, colmap, compressed=compressed
         )
         return JobOutcome(
             folder=str(folder),
@@ -386,10 +388,3 @@ def _split(
     """The views to train on and the held-out views; none is held out when too few would be left."""
     trained, held_out = hold_out_views(views, test_every or 0)
     return (trained, held_out) if len(trained) >= 2 else (views, ())
-
-
-def _seen_points(reconstruction: Reconstruction) -> NDArray[np.float64]:
-    """The sparse points [N, 3]; the camera centres where there are none."""
-    if len(reconstruction.points):
-        return reconstruction.points.xyz
-    return np.stack([view.centre for view in reconstruction.views])
