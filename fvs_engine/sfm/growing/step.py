@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.images.names import listed
+from fvs_engine.images.names import listed, mentions
 from fvs_engine.sfm.colmap.database import verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.chances import Chances, matches_of
@@ -101,7 +101,8 @@ def step(
         replaced = f"A re-map by {change.mapper} mapping replaced the current model."
         lines = (replaced, *change.warnings) if change.mapper else change.warnings
         warnings = (*warnings, *(f"{reason} {line}" for line in lines))
-    new = [name for name in state.pending if name in usable and not any(name in line for line in warnings)]
+    unnamed = (name for name in state.pending if not any(mentions(line, name) for line in warnings))
+    new = [name for name in unnamed if name in usable]
     warnings = (*warnings, *_unregistered(new, candidates, change.state))
     state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
     return Step(state, changed, still_true(warnings, state))
