@@ -24,6 +24,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
+from fvs_engine.sfm.verification.gate import DOUBTFUL
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.views import AnyView
 
@@ -146,7 +147,7 @@ def _report(
     )
     warnings = [*stages.warnings, *(warning(*each) for each in stages.folder.quarantine.reasons.items())]
     if doubtful:
-        warnings.append(f"DOUBTFUL CAMERAS: {reason}")
+        warnings.append(f"{DOUBTFUL} {reason}")
     if missing:
         warnings.append(f"{len(missing)} of the given cameras have no image here: {listed(missing)}.")
     registered = {view.name for view in reconstruction.views}

@@ -20,6 +20,7 @@ from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import Stages
+from fvs_engine.sfm.verification.gate import DOUBTFUL
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import usable_priors
 
@@ -100,6 +101,8 @@ def step(
         changed = changed or change.changed
         replaced = f"A re-map by {change.mapper} mapping replaced the current model."
         lines = (replaced, *change.warnings) if change.mapper else change.warnings
+        if change.mapper:  # what was said of the cameras of the model before is no longer true
+            warnings = tuple(line for line in warnings if not line.startswith(DOUBTFUL))
         warnings = (*warnings, *(f"{reason} {line}" for line in lines))
     unnamed = (name for name in state.pending if not any(mentions(line, name) for line in warnings))
     new = [name for name in unnamed if name in usable]

@@ -26,6 +26,9 @@ MAX_UNSUPPORTED_SHARE = 0.1
 MIN_PRIOR_SUPPORT = 0.6
 """Share of the pairs whose baselines must fit the position priors for these to be evidence."""
 
+DOUBTFUL = "DOUBTFUL CAMERAS:"
+"""Begins the warnings about a model that is used although it may be wrong."""
+
 PRIORS_IGNORED = (
     "The position priors contradict the images and are not used: the baselines between matched images do "
     "not fit them. Check their units and axes, and whether they belong to these images."
@@ -101,9 +104,7 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
         )
         judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
     if judgements[best].verdict == "doubtful":
-        warnings.append(
-            f"DOUBTFUL CAMERAS: {' '.join(judgements[best].reasons)} Look at the result before use."
-        )
+        warnings.append(f"{DOUBTFUL} {' '.join(judgements[best].reasons)} Look at the result before use.")
     return Decision(best, tuple(judgements), agreements, tuple(warnings))
 
 
