@@ -12,9 +12,12 @@ from fvs_engine.records import Record, first_error
 RecordT = TypeVar("RecordT", bound=Record)
 
 
-def write_record(path: Path, record: Record) -> None:
-    """Replace ``path`` by a record as JSON, whole or not at all; raises ``StorageError``."""
-    write_text_atomically(path, record.model_dump_json(indent=1) + "\n")
+def write_record(path: Path, record: Record, *, exclude_defaults: bool = False) -> None:
+    """Replace ``path`` by a record as JSON, whole or not at all; raises ``StorageError``.
+
+    ``exclude_defaults``: without fields at their defaults, so that versions without such a field can read it.
+    """
+    write_text_atomically(path, record.model_dump_json(indent=1, exclude_defaults=exclude_defaults) + "\n")
 
 
 def read_record(

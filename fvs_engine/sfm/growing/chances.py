@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -27,40 +28,43 @@ def matches_of(names: Sequence[str], pairs: Pairs) -> dict[str, dict[str, int]]:
 class Chances:
     """What decides whether unregistered images get a pose in a model.
 
-    These are an image's own prior, whether priors can judge poses, and the registered images ``around`` it
-    (image → others, with a weight each), by their poses, cameras and numbers of points. With the same chances
-    a try has the same result.
+    These are an image's own prior and its camera as far as registered images determine it, whether priors can
+    judge poses, and the registered images ``around`` it (image → others, with the numbers of their verified
+    matches): their poses, cameras, priors and numbers of points. With the same chances a try has the same
+    result, but for the luck of RANSAC. ``cameras``: image → id of its camera.
     """
 
     def __init__(
         self,
         model_dir: Path,
         around: Mapping[str, Mapping[str, int]],
+        cameras: Mapping[str, int],
         priors: PosePriors,
         *,
         informative: bool = True,
     ) -> None:
         self._model_dir = model_dir
         self._around = around
+        self._cameras = cameras
         self._priors = priors
         self._informative = informative
 
     def of(self, name: str) -> str:
         """Digest of an image's chances."""
-        prior = self._priors.by_name.get(name)
-        digest = hashlib.sha256()
-        digest.update(f"{self._informative} {prior and prior.model_dump_json()}".encode())
-        for other, weight in sorted(self._around[name].items()):
-            if other in self._states:
-                digest.update(f" {other} {weight} {self._states[other]}".encode())
-        return digest.hexdigest()
+        registered = self._registered
+        camera = registered.cameras.get(self._cameras[name])
+        facts = [f"{self._informative} {camera} {self._prior(name)}"]
+        for other, matches in sorted(self._around[name].items()):
+            if other in registered.images:
+                facts.append(f"{other} {matches} {registered.images[other]} {self._prior(other)}")
+        return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 
     def changed(self, name: str, tried: Mapping[str, str]) -> bool:
         """Whether an image was not ``tried`` (image → digest at the last try) with its present chances."""
         return name not in tried or tried[name] != self.of(name)
 
     def due(self, tried: Mapping[str, str]) -> list[str]:
-        """The images whose chances have changed, or will if one of these is registered.
+        """The images whose chances have changed, or may when one of these is registered.
 
         The latter match one of them, or match the same image.
         """
@@ -73,15 +77,34 @@ class Chances:
             due |= beside
         return [name for name in self._around if name in due]
 
+    def _prior(self, name: str) -> str | None:
+        prior = self._priors.by_name.get(name)
+        return None if prior is None else prior.model_dump_json()
+
     @cached_property
-    def _states(self) -> dict[str, str]:
-        model = open_colmap(self._model_dir)
-        return {image.name: _state(image) for image in model.images.values() if image.has_pose}
+    def _registered(self) -> "_Registered":
+        return _Registered.of(open_colmap(self._model_dir))
 
 
-def _state(image: pycolmap.Image) -> str:
-    """Pose, camera and number of points of a registered image, to the last digit."""
-    camera = image.camera
-    assert camera is not None
-    pose, params = image.cam_from_world().matrix().tolist(), camera.params.tolist()
-    return f"{pose} {camera.model_name} {params} {image.num_points3D}"
+@dataclass(frozen=True)
+class _Registered:
+    """The registered images by name, with pose, camera and number of points, and their cameras by id.
+
+    All numbers are written to the last digit.
+    """
+
+    images: Mapping[str, str]
+    cameras: Mapping[int, str]
+
+    @staticmethod
+    def of(model: pycolmap.Reconstruction) -> "_Registered":
+        posed = [image for image in model.images.values() if image.has_pose]
+        cameras = {}
+        for camera_id in {image.camera_id for image in posed}:
+            camera = model.camera(camera_id)
+            cameras[camera_id] = f"{camera.model_name} {camera.params.tolist()}"
+        images = {}
+        for image in posed:
+            pose = image.cam_from_world().matrix().tolist()
+            images[image.name] = f"{pose} {cameras[image.camera_id]} {image.num_points3D}"
+        return _Registered(images, cameras)

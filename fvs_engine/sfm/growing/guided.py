@@ -5,8 +5,9 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.model import read_colmap
-from fvs_engine.sfm.growing.chances import Chances
+from fvs_engine.sfm.growing.chances import Chances, matches_of
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import register
@@ -29,15 +30,21 @@ def guide(
     """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
-    written to the latter. The image added last is matched first; newly registered images help to register
-    others. An image is matched again only when its chances have changed.
+    written to the latter. Of the images whose chances have changed the one added last is matched first; newly
+    registered images help to register others.
     """
+    database, with_features = stages.folder.database, set(usable)
     for _ in range(_ROUNDS):
-        left = [name for name in change.state.unregistered if name in priors.by_name and name in set(usable)]
+        waiting = (name for name in change.state.unregistered if name in priors.by_name)
+        left = [name for name in waiting if name in with_features]
         model_dir = folder.next_model if change.changed else model_dir
         neighbours = predicted_neighbours(left[::-1], priors, read_colmap(model_dir)) if left else {}
-        around = {name: dict.fromkeys(others, 1) for name, others in neighbours.items()}
-        chances = Chances(model_dir, around, priors)
+        matches = matches_of(list(neighbours), verified_matches(database, 1)) if neighbours else {}
+        around = {
+            name: {other: matches.get(name, {}).get(other, 0) for other in others}
+            for name, others in neighbours.items()
+        }
+        chances = Chances(model_dir, around, image_cameras(database), priors)
         due = [name for name in neighbours if chances.changed(name, change.state.tried_guided)]
         if not due:
             break
@@ -46,11 +53,13 @@ def guide(
         )
         unregistered = set(guided.state.unregistered)
         tried = {name: chances.of(name) for name in guided.tried if name in unregistered}
-        guided = guided.with_state(tried_guided=guided.state.tried_guided | tried)
+        tried_guided = guided.state.tried_guided | tried
         warnings = (*change.warnings, *guided.warnings)
         if not guided.changed:
             shutil.rmtree(folder.guided_model, ignore_errors=True)
-            return dataclasses.replace(change, state=guided.state, warnings=warnings)
+            change = change.with_state(rejected=guided.state.rejected, tried_guided=tried_guided)
+            return dataclasses.replace(change, warnings=warnings)
+        guided = guided.with_state(tried_guided=tried_guided)
         rename_over(folder.guided_model, folder.next_model)
         support = change.match_support if guided.match_support is None else guided.match_support
         change = dataclasses.replace(guided, match_support=support, warnings=warnings)

@@ -13,7 +13,7 @@ FEW_POINTS = "Too few of its matches are of points in the model."
 
 
 def why_unregistered(state: GrowthState, database: Path) -> Mapping[str, str]:
-    """Unregistered images → a sentence each, by the last update; ``database`` has features and matches."""
+    """Unregistered images → a sentence each, by the last try; ``database`` has features and matches."""
     unregistered = [name for name in state.unregistered if name not in state.pending]
     if not unregistered:
         return {}

@@ -124,7 +124,7 @@ class GrowingReconstruction:
 
     @property
     def why_unregistered(self) -> Mapping[str, str]:
-        """Unregistered images → the reason, a sentence, by the last update."""
+        """Unregistered images → the reason, a sentence, by the last try."""
         return why_unregistered(self._state, self._folder.sfm.database)
 
     @property

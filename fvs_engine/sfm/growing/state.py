@@ -178,7 +178,7 @@ class GrowthFolder:
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        write_record(self._file, state)
+        write_record(self._file, state, exclude_defaults=True)
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""

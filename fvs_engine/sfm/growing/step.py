@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.images.names import listed, mentions
-from fvs_engine.sfm.colmap.database import verified_matches
+from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.chances import Chances, matches_of
 from fvs_engine.sfm.growing.guided import guide, still_true
@@ -19,6 +19,7 @@ from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.gate import DOUBTFUL
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
@@ -56,7 +57,8 @@ def step(
     ``given``: pose priors, see ``GrowingReconstruction.add``.
     """
     database, model_dir, following = stages.folder.database, folder.model(state.generation), folder.next_model
-    unregistered = [name for name in state.unregistered if name in set(usable)]
+    with_features = set(usable)
+    unregistered = [name for name in state.unregistered if name in with_features]
     take_back_guided_pairs(database, state.registered)
     priors, frozen = usable_priors(given, database)
     if len(state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(state.registered)):
@@ -76,8 +78,10 @@ def step(
         if name not in state.rejected
     ]
     matches = matches_of(candidates, verified_matches(database, MIN_PAIR_MATCHES))
-    chances = Chances(model_dir, matches, priors, informative=decided.informative)
+    chances = Chances(model_dir, matches, image_cameras(database), priors, informative=decided.informative)
     due = chances.due(state.tried)
+    if due and _adjusts_all(state, len(due), stages.settings.growth):
+        due = list(matches)  # the adjustment changes the chances of all
     change = register(
         stages,
         image_dir,
@@ -88,8 +92,9 @@ def step(
         following,
         informative=decided.informative,
     )
-    left = {name: chances.of(name) for name in change.tried if name in set(change.state.unregistered)}
-    change = change.with_state(tried=change.state.tried | left)
+    left = set(change.state.unregistered)
+    tried = {name: chances.of(name) for name in change.tried if name in left}
+    change = change.with_state(tried=change.state.tried | tried)
     change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
     warnings = (*news, *stages.warnings, *change.warnings)
     changed = change.changed
@@ -105,10 +110,15 @@ def step(
             warnings = tuple(line for line in warnings if not line.startswith(DOUBTFUL))
         warnings = (*warnings, *(f"{reason} {line}" for line in lines))
     unnamed = (name for name in state.pending if not any(mentions(line, name) for line in warnings))
-    new = [name for name in unnamed if name in usable]
+    new = [name for name in unnamed if name in with_features]
     warnings = (*warnings, *_unregistered(new, candidates, change.state))
     state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
     return Step(state, changed, still_true(warnings, state))
+
+
+def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool:
+    """Whether bundle adjustment of all images is due once ``new`` ones are registered."""
+    return len(state.registered) + new >= (1.0 + settings.adjust_every) * state.adjusted_images
 
 
 def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored: tuple[str, ...]) -> Step:

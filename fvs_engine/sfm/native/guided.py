@@ -40,8 +40,8 @@ def register_guided(
     images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
     any others. Pairs of images that are not registered then are taken back.
 
-    Returns the names of the images ``looked_at`` (their number is limited) and the ``registration``, as
-    ``register`` does; None when no image has a guided pose that can be believed.
+    Returns the names of the images ``looked_at``, whose number per call is limited if they can be matched,
+    and the ``registration``, as ``register`` does; None when no image has a guided pose that can be believed.
     """
     database = registration["database"]
     model = pycolmap.Reconstruction(registration["model_dir"])
@@ -50,13 +50,20 @@ def register_guided(
     frame = believed_frame(priors, poses)
     if frame is None:
         return {"looked_at": list(neighbours), "registration": None}
+    # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
+    estimated = {image.camera_id for image in model.images.values() if image.has_pose}
+    cameras = image_cameras(Path(database))
+    ready = [name for name in neighbours if cameras[name] in estimated]
+    if not ready:
+        return {"looked_at": list(neighbours), "registration": None}
     take_back_guided_pairs(Path(database), poses)  # of a call that crashed
     points = set(model.point3D_ids())
     add_two_view_points(
         model, Path(database), sorted({other for some in neighbours.values() for other in some})
     )
-    expected = _expected_poses(list(neighbours), priors, frame, poses)
-    found, looked_at = _guided_geometries(model, database, neighbours, expected)
+    expected = _expected_poses(ready, priors, frame, poses)
+    found, matched = _guided_geometries(model, database, neighbours, expected)
+    looked_at = [name for name in neighbours if name not in ready or name in matched]
     if not found:
         return {"looked_at": looked_at, "registration": None}
     color_points(model, registration["image_dir"], points, ())
@@ -93,17 +100,15 @@ def _guided_geometries(
 ) -> tuple[dict[Pair, pycolmap.TwoViewGeometry], list[str]]:
     """The two-view geometries that guided matches give, by pairs of image ids, the smaller one first.
 
-    Also returns the images whose matches were looked for.
+    Also returns the images that were matched, or cannot be.
     """
     ids, cameras = image_ids(Path(database)), image_cameras(Path(database))
-    # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
-    estimated = {image.camera_id for image in model.images.values() if image.has_pose}
     geometries: dict[Pair, pycolmap.TwoViewGeometry] = {}
     looked_at, matched = list[str](), 0
     with closing(pycolmap.Database.open(database)) as opened:
         for name, pose in expected.items():
-            if cameras[name] not in estimated or matched == _MOST_GUIDED:
-                continue
+            if matched == _MOST_GUIDED:
+                break
             looked_at.append(name)
             camera = model.camera(cameras[name])
             images = [model.find_image_with_name(other) for other in neighbours[name]]

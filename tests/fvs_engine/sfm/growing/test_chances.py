@@ -8,7 +8,10 @@ import pytest
 from row_of_cameras import row_of_cameras
 
 from fvs_engine.sfm.growing.chances import Chances, matches_of
+from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.step import _adjusts_all
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.settings import GrowthSettings
 
 A, B, C, D, LONELY = "a.jpg", "b.jpg", "c.jpg", "d.jpg", "lonely.jpg"
 NONE = PosePriors()
@@ -24,12 +27,13 @@ def chances(
     folder: Path,
     matches: dict[str, dict[str, int]],
     priors: PosePriors = NONE,
+    camera: int = 1,
     *,
     informative: bool = True,
 ) -> Chances:
     folder.mkdir(exist_ok=True)
     model.write_binary(folder)
-    return Chances(folder, matches, priors, informative=informative)
+    return Chances(folder, matches, dict.fromkeys(matches, camera), priors, informative=informative)
 
 
 def test_matches_are_of_both_images_of_a_pair():
@@ -47,9 +51,11 @@ def test_nothing_changes_while_the_images_around_one_stay(model: pycolmap.Recons
     assert after.due(tried) == []
 
 
-@pytest.mark.parametrize("change", ["pose", "points", "camera", "matches", "prior", "informative"])
+@pytest.mark.parametrize(
+    "change", ["pose", "points", "camera", "own camera", "matches", "prior", "their prior", "informative"]
+)
 def test_each_of_what_decides_counts(change: str, model: pycolmap.Reconstruction, tmp_path: Path):
-    matches, priors = {A: {"00.jpg": 20, "01.jpg": 30}}, NONE
+    matches, priors, own = {A: {"00.jpg": 20, "01.jpg": 30}}, NONE, 1
     tried = {A: chances(model, tmp_path / "before", matches).of(A)}
     image = model.find_image_with_name("01.jpg")
     match change:
@@ -59,11 +65,15 @@ def test_each_of_what_decides_counts(change: str, model: pycolmap.Reconstruction
             model.delete_observation(image.image_id, image.get_observation_point2D_idxs()[0])
         case "camera":
             model.camera(image.camera_id).params = np.array([700.1, 400.0, 300.0])
+        case "own camera":
+            own = 2  # of which no image is registered
         case "matches":
             matches = {A: {"00.jpg": 20, "01.jpg": 31}}
         case "prior":
             priors = PosePriors(by_name={A: PosePrior.at(np.zeros(3), 1.0)})
-    after = chances(model, tmp_path / "after", matches, priors, informative=change != "informative")
+        case "their prior":
+            priors = PosePriors(by_name={"01.jpg": PosePrior.at(np.zeros(3), 1.0)})
+    after = chances(model, tmp_path / "after", matches, priors, own, informative=change != "informative")
     assert after.due(tried) == [A]
 
 
@@ -80,3 +90,20 @@ def test_what_one_image_may_change_is_tried_with_it(model: pycolmap.Reconstructi
     tried = {name: now.of(name) for name in matches if name != A}
     assert now.due(tried) == [D, C, B, A]
     assert now.due({}) == list(matches)
+
+
+def test_the_state_forgets_the_tries_of_images_that_are_registered_or_removed():
+    state = GrowthState(
+        settings="", images={A: 1, B: 1, C: 1}, tried={A: "1", B: "2", C: "3"}, tried_guided={A: "4", B: "5"}
+    )
+    posed = state.with_poses([A], 1, 10)
+    assert (posed.tried, posed.tried_guided) == ({B: "2", C: "3"}, {B: "5"})
+    left = posed.without([B])
+    assert (left.tried, left.tried_guided) == ({C: "3"}, {})
+
+
+@pytest.mark.parametrize(("new", "all_change"), [(0, False), (1, True)])
+def test_an_adjustment_of_all_images_that_is_due_changes_all_chances(new: int, all_change: bool):
+    names = [f"{number}.jpg" for number in range(10)]
+    state = GrowthState(settings="", registered=tuple(names), adjusted_images=10)
+    assert _adjusts_all(state, new, GrowthSettings(adjust_every=0.1)) == all_change

@@ -17,7 +17,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
-from fvs_engine.sfm.colmap.database import image_ids, pair_number, verified_matches
+from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.model_change import ModelChange
@@ -313,13 +313,15 @@ def test_what_ordinary_matches_leave_out_is_registered_after_them(
     assert not alone.changed
 
 
-def test_an_image_whose_guided_pose_is_rejected_is_named(
+def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_its_chances_change(
     unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """It has no other matches: without them nothing would be said of it."""
     (name,) = unmatched["names"]
     image_dir = Path(unmatched["image_dir"])
     folder = GrowthFolder(tmp_path / "grown")
+    folder.sfm.root.mkdir(parents=True)
+    shutil.copy(unmatched["database"], folder.sfm.database)
     state = GrowthState(
         settings="",
         images=dict.fromkeys(kermit_names, 1),
@@ -337,16 +339,30 @@ def test_an_image_whose_guided_pose_is_rejected_is_named(
         "adjusted_points": 10,
         "match_support": None,
     }
-    tried = {"looked_at": [name], "registration": answer}
-    monkeypatch.setattr(stages, "native_over", lambda *_, **__: tried)
+    tried: list[Any] = []
+
+    def native_over(_job: str, names: list[str], *_: object, **__: object) -> dict[str, Any]:
+        tried.append(names)
+        return {"looked_at": names, "registration": answer}
+
+    monkeypatch.setattr(stages, "native_over", native_over)
     priors = PosePriors.model_validate(unmatched["priors"])
     model_dir = Path(unmatched["model_dir"])
     change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
     assert not change.changed
-    assert change.state.rejected == answer["rejected"]
+    (digest,) = change.state.tried_guided.values()
+    assert change.state == state.model_copy(
+        update={"rejected": answer["rejected"], "tried_guided": {name: digest}}
+    )
     (warning,) = change.warnings
     assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
     assert "Photographs from between" in warning
+    again = guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    assert (again.state, tried) == (change.state, [[name]])
+    less_accurate = priors.by_name[name].model_copy(update={"orientation_sigma_deg": 4.0})
+    priors = PosePriors(by_name=priors.by_name | {name: less_accurate})
+    guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    assert tried == [[name], [name]]
 
 
 @pytest.mark.parametrize(
@@ -403,6 +419,38 @@ def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[
         db.execute("UPDATE descriptors SET data = ? WHERE image_id = ?", (mixed.tobytes(), number))
     assert register_guided(lambda _: None, **unmatched)["registration"] is None
     assert not any(name in pair for pair in verified_matches(database, 1))
+
+
+def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
+    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    (name,), other = unmatched["names"], kermit_names[0]
+    cameras = image_cameras(Path(unmatched["database"])) | {other: 99}
+    monkeypatch.setattr(guided_module, "image_cameras", lambda _: cameras)
+    model = pycolmap.Reconstruction(unmatched["model_dir"])
+    leave_out(model, [other])
+    model.write_binary(unmatched["model_dir"])
+    neighbours = [each for each in kermit_names if each not in (name, other)]
+    waiting = unmatched | {"neighbours": {other: neighbours, name: neighbours}, "names": [other, name]}
+    monkeypatch.setattr(guided_module, "_MOST_LOOKED_AT", 1)
+    tried = register_guided(lambda _: None, **waiting)
+    assert tried["looked_at"] == [other, name]
+    assert name in tried["registration"]["registered"]
+    del waiting["neighbours"][name]
+    assert register_guided(lambda _: None, **waiting) == {"looked_at": [other], "registration": None}
+
+
+def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
+    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    (name,), other = unmatched["names"], kermit_names[0]
+    model = pycolmap.Reconstruction(unmatched["model_dir"])
+    leave_out(model, [other])
+    model.write_binary(unmatched["model_dir"])
+    neighbours = [each for each in kermit_names if each not in (name, other)]
+    waiting = unmatched | {"neighbours": {name: neighbours, other: neighbours}, "names": [name, other]}
+    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
+    assert register_guided(lambda _: None, **waiting)["looked_at"] == [name]
 
 
 def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: dict[str, Any]):
