@@ -5,7 +5,8 @@
         [--hold-out every-8th random] [--long-side 256] [--max-gaussians 25000] [--json view_sets.json]
 
 Known poses. From initial views that the seed draws (far apart; side by side with --nearest and --radius), a
-selector runs until the count is reached, and the full model of the set is trained. PSNR over the held-out
+selector runs until the count is reached, and the full model of the set is trained. ``planned`` is `kriging`
+from initial views that it plans, too. PSNR over the held-out
 views and over all views that were not visited; travel in the dataset's unit, by the order of choice. The
 second table has the differences to ``farthest``, paired by seed, with 95 % intervals.
 """
@@ -22,6 +23,7 @@ from growth import quality_db
 from measurement import report
 from scipy.stats import t as student_t
 
+from fvs_engine.choices import InitialChoice
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
@@ -53,6 +55,7 @@ _NOTHING = Gaussians(
 )
 """A model for selectors that do not look at it."""
 BASELINE = "farthest"
+PLANNED = "planned"
 
 
 def with_points(dataset: Dataset, folder: Path) -> Dataset:
@@ -84,7 +87,7 @@ def chosen(
     rasterizer: Rasterizer,
 ) -> tuple[tuple[str, ...], float]:
     """The names of ``count`` views, and the seconds of a choice."""
-    selector, visited = create_selector(method), list(initial)
+    selector, visited = create_selector("kriging" if method == PLANNED else method), list(initial)
     centres = {name: view.centre for name, view in views.items()}
     began = time.process_time()
     while len(visited) < count:
@@ -112,15 +115,17 @@ def rows(
 ) -> list[dict[str, Any]]:
     """One row per selector, count and training seed."""
     pool, held_out = parts(dataset, way, seed)
-    choice = "consecutive" if options.nearest or options.radius else "farthest"
+    drawn: InitialChoice = "consecutive" if options.nearest or options.radius else "farthest"
     if options.radius:
         reach = Reach(radius=default_radius(np.stack([view.centre for view in dataset.views])))
     else:
         reach = Reach(nearest=options.nearest or len(pool))
-    initial = initial_views([dataset.by_name[name] for name in pool], options.initial, choice, seed)
     found: list[dict[str, Any]] = []
     for count in options.counts:
         for method in options.selectors:
+            choice = "planned" if method == PLANNED else drawn
+            given = [dataset.by_name[name] for name in pool]
+            initial = initial_views(given, options.initial, choice, seed, count)
             sets: dict[int, dict[str, Any]] = {}
             for training_seed in options.training_seeds:
                 training = SCENE_TRAINING.model_copy(update={"max_gaussians": options.max_gaussians})

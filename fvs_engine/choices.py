@@ -14,7 +14,7 @@ CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
 Poses = Literal["sfm", "known"]
 """Sources of the poses of visited views: estimated from their images alone, or the dataset's."""
 
-InitialChoice = Literal["first", "consecutive", "farthest"]
+InitialChoice = Literal["first", "consecutive", "farthest", "planned"]
 """The initial views of a selection, see ``fvs_engine.select.initial_views``."""
 
 HoldOut = Literal["every", "random"]

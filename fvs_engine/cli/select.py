@@ -41,7 +41,8 @@ def select(
     initial_choice: Annotated[
         InitialChoice,
         typer.Option(
-            help="Initial views: the first, consecutive ones from a random view, or those farthest apart."
+            help="Initial views: the first, consecutive ones from a random view, those farthest apart, "
+            "or the best of a plan for the whole budget."
         ),
     ] = "first",
     test_every: Annotated[

@@ -48,6 +48,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
         "first": f"the first {protocol.initial} of the capture",
         "consecutive": f"{protocol.initial} consecutive ones from an index that the seed draws",
         "farthest": f"{protocol.initial} far from one another, the first drawn by the seed",
+        "planned": f"{protocol.initial} of a plan for all {protocol.budget} views",
     }[protocol.initial_choice]
     radius = "a radius derived from the dataset" if protocol.radius is None else f"{protocol.radius:g} units"
     reach = {
@@ -57,7 +58,7 @@ def _protocol(protocol: Protocol, seeds: Sequence[int]) -> Iterator[str]:
     }[protocol.reach]
     poses = {"known": "those of the dataset", "sfm": "estimated from the visited images"}[protocol.poses]
     differs = "training and random choices differ"
-    if protocol.initial_choice != "first":
+    if protocol.initial_choice in ("consecutive", "farthest"):
         differs = f"initial views, {differs}"
     repeated = f"; {protocol.trainings} models of the last views" if protocol.trainings > 1 else ""
     held_out = {

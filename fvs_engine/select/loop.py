@@ -129,7 +129,11 @@ class SelectionLoop:
             radius = default_radius(np.stack([centres[name] for name in dataset.names]))
         reach = Reach(radius, nearest)
         initial = initial_views(
-            [dataset.by_name[name] for name in pool], settings.initial, settings.initial_choice, settings.seed
+            [dataset.by_name[name] for name in pool],
+            settings.initial,
+            settings.initial_choice,
+            settings.seed,
+            settings.budget,
         )
         if settings.budget > settings.initial:
             unvisited = {name: centres[name] for name in pool if name not in initial}

@@ -20,10 +20,11 @@ class LoopSettings(Record):
     (``fvs_engine.plan.reach.default_radius``). ``test_every``: of the views in order of capture, those with
     index % test_every == 0 are neither visited nor candidates; 0 holds out none; with ``hold_out`` ``random``
     as many others (``fvs_engine.hold_out``). ``initial_choice``: the ``first`` views in order of capture, as
-    in the paper; ``consecutive`` ones from an index that ``seed`` draws; or those ``farthest`` from one
-    another, beginning with one that it draws. ``time_limit_s`` bounds one run, not a selection that is
-    resumed. ``stop_at_db``: end when the expected PSNR over all views that may be visited is that high;
-    ``stop_at_gain_db``: when no view in reach is expected to add that much.
+    in the paper; ``consecutive`` ones from an index that ``seed`` draws; those ``farthest`` from one another,
+    beginning with one that it draws; or the best of those ``planned`` for the whole budget.
+    ``time_limit_s`` bounds one run, not a selection that is resumed. ``stop_at_db``: end when the expected
+    PSNR over all views that may be visited is that high; ``stop_at_gain_db``: when no view in reach is
+    expected to add that much.
     ``max_travel``: how far each of the ``vehicles`` flies after the initial views, in the dataset's unit; a
     vehicle whose next view would exceed it flies no more. All begin at the last initial view.
     ``registrable``: with estimated poses, choose only among views that are likely to be registered.

@@ -39,6 +39,18 @@ def test_the_seed_draws_where_farthest_views_begin() -> None:
     assert initial_views(circle(16), 4, "farthest", 3) == initial_views(circle(16), 4, "farthest", 3)
 
 
+def test_planned_views_surround_all_others_and_are_the_best_of_the_whole_plan() -> None:
+    views = circle(16)
+    chosen = sorted(int(name) for name in initial_views(views, 4, "planned", 0))
+    assert list(np.diff([*chosen, chosen[0] + 16])) == [4, 4, 4, 4]
+    arc = [*circle(48)[:32], *circle(48)[40:42]]  # two views beyond a gap serve few others
+    whole = initial_views(arc, 6, "planned", 0)
+    assert initial_views(arc, 3, "planned", 5, budget=6) == whole[:3]
+    assert initial_views(arc, 3, "planned", 0) != whole[:3]
+    assert {"40", "41"}.isdisjoint(whole[:2])
+
+
 def test_views_at_one_spot_are_each_taken_once() -> None:
     views = [View(str(i), CAMERA, RigidTransform.identity()) for i in range(5)]
-    assert sorted(initial_views(views, 5, "farthest", 1)) == ["0", "1", "2", "3", "4"]
+    for choice in ("farthest", "planned"):
+        assert sorted(initial_views(views, 5, choice, 1)) == ["0", "1", "2", "3", "4"]
