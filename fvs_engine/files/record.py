@@ -1,5 +1,6 @@
 """Records as JSON files."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,12 +13,12 @@ from fvs_engine.records import Record, first_error
 RecordT = TypeVar("RecordT", bound=Record)
 
 
-def write_record(path: Path, record: Record, *, exclude_defaults: bool = False) -> None:
+def write_record(path: Path, record: Record, *, exclude: Collection[str] = ()) -> None:
     """Replace ``path`` by a record as JSON, whole or not at all; raises ``StorageError``.
 
-    ``exclude_defaults``: without fields at their defaults, so that versions without such a field can read it.
+    ``exclude``: fields that are left out, and then read as their defaults.
     """
-    write_text_atomically(path, record.model_dump_json(indent=1, exclude_defaults=exclude_defaults) + "\n")
+    write_text_atomically(path, record.model_dump_json(indent=1, exclude=set(exclude)) + "\n")
 
 
 def read_record(

@@ -30,7 +30,7 @@ class PoseSource(Protocol):
 
     @property
     def why_unregistered(self) -> Mapping[str, str]:
-        """Images without a pose → the reason, a sentence, by the last ``update``."""
+        """Images without a pose → the reason, a sentence, by the last try."""
         ...
 
     def has(self, visited: Collection[str]) -> bool:

@@ -31,7 +31,8 @@ class Chances:
     These are an image's own prior and its camera as far as registered images determine it, whether priors can
     judge poses, and the registered images ``around`` it (image → others, with the numbers of their verified
     matches): their poses, cameras, priors and numbers of points. With the same chances a try has the same
-    result, but for the luck of RANSAC. ``cameras``: image → id of its camera.
+    result, but for the luck of RANSAC and for what all images share: the spread of their centres, and the
+    frame of their priors. ``cameras``: image → id of its camera.
     """
 
     def __init__(

@@ -30,8 +30,8 @@ def guide(
     """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
-    written to the latter. Of the images whose chances have changed the one added last is matched first; newly
-    registered images help to register others.
+    written to the latter. Of the images whose chances have changed the one added last is matched first, then
+    those that were not tried for longest; newly registered images help to register others.
     """
     database, with_features = stages.folder.database, set(usable)
     for _ in range(_ROUNDS):
@@ -53,7 +53,8 @@ def guide(
         )
         unregistered = set(guided.state.unregistered)
         tried = {name: chances.of(name) for name in guided.tried if name in unregistered}
-        tried_guided = guided.state.tried_guided | tried
+        others = guided.state.tried_guided.items()
+        tried_guided = {name: digest for name, digest in others if name not in tried} | tried
         warnings = (*change.warnings, *guided.warnings)
         if not guided.changed:
             shutil.rmtree(folder.guided_model, ignore_errors=True)

@@ -41,7 +41,7 @@ def register(
             "register" if guided is None else "register_guided",
             names,
             lambda some: {
-                **_neighbours(guided, some),
+                **_guided(guided, some, state),
                 "database": str(stages.folder.database),
                 "image_dir": str(image_dir),
                 "model_dir": str(model_dir),
@@ -104,8 +104,11 @@ def not_registered(name: str, reason: str) -> str:
     return f"{name} is not registered: {reason}. Photographs from between it and the others would help."
 
 
-def _neighbours(guided: Mapping[str, Sequence[str]] | None, names: Sequence[str]) -> dict[str, Any]:
-    """The neighbours of ``names``, as an argument of the native job."""
+def _guided(
+    guided: Mapping[str, Sequence[str]] | None, names: Sequence[str], state: GrowthState
+) -> dict[str, Any]:
+    """What the native job of guided matches needs besides."""
     if guided is None:
         return {}
-    return {"neighbours": {name: list(guided[name]) for name in names if name in guided}}
+    neighbours = {name: list(guided[name]) for name in names if name in guided}
+    return {"neighbours": neighbours, "tried": list(state.tried_guided)}

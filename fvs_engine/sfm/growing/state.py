@@ -46,7 +46,7 @@ class GrowthState(Record):
     """Unregistered images → digest of their chances (``Chances``) when their matches were last tried."""
 
     tried_guided: dict[str, str] = Field(default={})
-    """The same for matches that their pose priors guide."""
+    """The same for matches that their pose priors guide; the image tried last is the last."""
 
     priors_ignored: tuple[str, ...] = ()
     """The last update's warnings about unused pose priors; they are repeated only when they change."""
@@ -178,7 +178,9 @@ class GrowthFolder:
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        write_record(self._file, state, exclude_defaults=True)
+        # Versions that lack these fields can read the state as long as no image waits.
+        exclude = [field for field in ("tried", "tried_guided") if not getattr(state, field)]
+        write_record(self._file, state, exclude=exclude)
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""

@@ -117,7 +117,10 @@ def step(
 
 
 def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool:
-    """Whether bundle adjustment of all images is due once ``new`` ones are registered."""
+    """Whether bundle adjustment of all images is due once ``new`` ones are registered.
+
+    It may also become due by new points, which is not known before.
+    """
     return len(state.registered) + new >= (1.0 + settings.adjust_every) * state.adjusted_images
 
 

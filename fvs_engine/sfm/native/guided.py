@@ -32,11 +32,12 @@ _FITTING = TIGHT / 2
 
 
 def register_guided(
-    report: Report, *, neighbours: dict[str, list[str]], **registration: Any
+    report: Report, *, neighbours: dict[str, list[str]], tried: list[str], **registration: Any
 ) -> dict[str, Any]:
     """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
 
-    ``neighbours``: unregistered images → the registered ones that they should overlap. Points in only two
+    ``neighbours``: unregistered images → the registered ones that they should overlap. ``tried``: images that
+    were looked at before, the one looked at last being the last. Points in only two
     images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
     any others. Pairs of images that are not registered then are taken back.
 
@@ -61,7 +62,7 @@ def register_guided(
     add_two_view_points(
         model, Path(database), sorted({other for some in neighbours.values() for other in some})
     )
-    expected = _expected_poses(ready, priors, frame, poses)
+    expected = _expected_poses(ready, tried, priors, frame, poses)
     found, matched = _guided_geometries(model, database, neighbours, expected)
     looked_at = [name for name in neighbours if name not in ready or name in matched]
     if not found:
@@ -80,15 +81,23 @@ def register_guided(
 
 
 def _expected_poses(
-    names: Sequence[str], priors: PosePriors, frame: PriorFrame, poses: Mapping[str, RigidTransform]
+    names: Sequence[str],
+    tried: Sequence[str],
+    priors: PosePriors,
+    frame: PriorFrame,
+    poses: Mapping[str, RigidTransform],
 ) -> dict[str, ExpectedPose]:
-    """Expected poses of the images to match: the first one, then those nearest to a registered camera."""
+    """Expected poses of the images to match.
+
+    The first one, then those not ``tried``, those nearest to a registered camera first, then the others.
+    """
     expected = expected_poses(names, priors, frame)
     centres = np.stack([pose.translation for pose in poses.values()])
     away = {
         name: float(np.linalg.norm(centres - pose.centre, axis=1).min()) for name, pose in expected.items()
     }
-    ordered = sorted(expected, key=lambda name: (name != names[0], away[name]))
+    turn = {name: number for number, name in enumerate(tried)}
+    ordered = sorted(expected, key=lambda name: (name != names[0], turn.get(name, -1), away[name]))
     return {name: expected[name] for name in ordered[:_MOST_LOOKED_AT]}
 
 

@@ -71,7 +71,7 @@ def conflicting_views(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A registered image: its points by their ids [P] and positions [P, 3], and what its cells hold."""
+    """A registered image: its points by their ids [P] and positions [P, 3], and its features per cell."""
 
     camera: Camera
     camera_from_model: RigidTransform
@@ -79,7 +79,6 @@ class _View:
     ids: NDArray[np.int64]
     xyz: Array
     features: Cells
-    points: Cells
 
     @staticmethod
     def of(model: pycolmap.Reconstruction, image: pycolmap.Image, keypoints: Array) -> "_View | None":
@@ -88,17 +87,15 @@ class _View:
             camera = camera_from_pycolmap(model.camera(image.camera_id))
         except InvalidInputError:
             return None
-        seen = [(k, point.point3D_id) for k, point in enumerate(image.points2D) if point.has_point3D()]
-        own = keypoints[[k for k, _ in seen]].reshape(-1, 2)
+        seen = [point.point3D_id for point in image.points2D if point.has_point3D()]
         pose = rigid_from_pycolmap(image.cam_from_world())
         return _View(
             camera,
             pose,
             pose.inverse().translation,
-            np.array([point_id for _, point_id in seen], dtype=np.int64),
-            np.array([model.point3D(point_id).xyz for _, point_id in seen]).reshape(-1, 3),
+            np.array(seen, dtype=np.int64),
+            np.array([model.point3D(point_id).xyz for point_id in seen]).reshape(-1, 3),
             _per_cell(keypoints, camera),
-            _per_cell(own, camera),
         )
 
     def lacks(self, other: "_View") -> bool:

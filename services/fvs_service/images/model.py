@@ -55,7 +55,7 @@ class Registration(StrEnum):
     """No update has processed it yet."""
     REGISTERED = "registered"
     UNREGISTERED = "unregistered"
-    """It has no pose so far; `reason` says why, and every update tries it again."""
+    """It has no pose so far; `reason` says why. It is tried again when the images around it change."""
     UNUSED = "unused"
     """Not accepted, so never part of a model."""
     EXCLUDED = "excluded"

@@ -1,5 +1,6 @@
 """Images that wait are tried again when what decides about them has changed."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,10 @@ import pytest
 from row_of_cameras import row_of_cameras
 
 from fvs_engine.sfm.growing.chances import Chances, matches_of
-from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, settings_digest
 from fvs_engine.sfm.growing.step import _adjusts_all
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.settings import GrowthSettings
+from fvs_engine.sfm.settings import GrowthSettings, SfmSettings
 
 A, B, C, D, LONELY = "a.jpg", "b.jpg", "c.jpg", "d.jpg", "lonely.jpg"
 NONE = PosePriors()
@@ -90,6 +91,18 @@ def test_what_one_image_may_change_is_tried_with_it(model: pycolmap.Reconstructi
     tried = {name: now.of(name) for name in matches if name != A}
     assert now.due(tried) == [D, C, B, A]
     assert now.due({}) == list(matches)
+
+
+def test_a_stored_state_has_its_version_and_no_empty_tries(tmp_path: Path):
+    """The version before refuses fields that it does not know."""
+    folder = GrowthFolder(tmp_path)
+    folder.save(GrowthState(settings=settings_digest(SfmSettings())))
+    stored = json.loads((tmp_path / "growth.json").read_text())
+    assert stored["version"] == 2
+    assert not {"tried", "tried_guided"} & stored.keys()
+    waiting = GrowthState(settings=settings_digest(SfmSettings()), images={A: 1}, tried={A: "1"})
+    folder.save(waiting)
+    assert folder.open(SfmSettings()) == waiting
 
 
 def test_the_state_forgets_the_tries_of_images_that_are_registered_or_removed():

@@ -226,6 +226,7 @@ def unmatched(
     model.write_binary(tmp_path / "model")
     return {
         "neighbours": {name: [other for other in kermit_names if other != name]},
+        "tried": [],
         "database": str(database),
         "image_dir": str(kermit_dir),
         "model_dir": str(tmp_path / "model"),
@@ -451,6 +452,14 @@ def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
     waiting = unmatched | {"neighbours": {name: neighbours, other: neighbours}, "names": [name, other]}
     monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
     assert register_guided(lambda _: None, **waiting)["looked_at"] == [name]
+    third = neighbours.pop()
+    leave_out(model, [third])
+    model.write_binary(unmatched["model_dir"])
+    waiting["neighbours"] = dict.fromkeys([name, other, third], neighbours)
+    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 2)
+    for tried, chosen in (([other], third), ([third, other], third), ([other, third], other)):
+        looked_at = register_guided(lambda _: None, **waiting | {"tried": tried})["looked_at"]
+        assert set(looked_at) == {name, chosen}
 
 
 def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: dict[str, Any]):
