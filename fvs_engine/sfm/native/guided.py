@@ -87,7 +87,7 @@ def _expected_poses(
     frame: PriorFrame,
     poses: Mapping[str, RigidTransform],
 ) -> dict[str, ExpectedPose]:
-    """Expected poses of the images to match.
+    """Expected poses of the images to match, in the order of matching.
 
     The first one, then those not ``tried``, those nearest to a registered camera first, then the others.
     """

@@ -87,7 +87,7 @@ def test_an_image_conflicts_with_those_beside_it_whose_points_it_does_not_show()
 
 
 def test_points_that_no_other_image_shows_are_no_excuse():
-    """What is beside equal walls may well have points, of either place."""
+    """The ground before each of two equal walls may have points of its own."""
     assert Place(points_of_its_own=True).conflicts() == (CONFLICT, ("a.jpg", "c.jpg"))
 
 

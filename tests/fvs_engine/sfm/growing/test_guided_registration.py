@@ -1,0 +1,299 @@
+"""Images without matches are registered by their pose priors, and tried again when their chances change."""
+
+import contextlib
+import shutil
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.mapping import leave_out
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
+from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.growing.guided import guide, still_true
+from fvs_engine.sfm.growing.model_change import ModelChange
+from fvs_engine.sfm.growing.registration import register
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.native import guided as guided_module
+from fvs_engine.sfm.native.guided import register_guided
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.stages import Stages
+
+
+@pytest.fixture
+def unmatched(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+) -> dict[str, Any]:
+    """The arguments of the job for a photograph of kermit whose verified pairs are gone, and exact priors."""
+    name = kermit_names[5]
+    database = Path(shutil.copy(kermit_sfm.model_dir.parent / "database.db", tmp_path / "database.db"))
+    ids = image_ids(database)
+    numbers = [(pair_number(ids[name], ids[other]),) for other in kermit_names if other != name]
+    with contextlib.closing(sqlite3.connect(database)) as db, db:
+        for table in ("matches", "two_view_geometries"):
+            db.executemany(f"DELETE FROM {table} WHERE pair_id = ?", numbers)
+    model = pycolmap.Reconstruction(kermit_sfm.model_dir)
+    poses = camera_poses(model)
+    spread = centre_spread(np.stack([pose.translation for pose in poses.values()]))
+    priors = PosePriors(
+        by_name={other: PosePrior.of_camera(pose, 0.02 * spread, 3.0) for other, pose in poses.items()}
+    )
+    leave_out(model, [name])
+    for folder in ("model", "out"):
+        (tmp_path / folder).mkdir()
+    model.write_binary(tmp_path / "model")
+    return {
+        "neighbours": {name: [other for other in kermit_names if other != name]},
+        "tried": [],
+        "database": str(database),
+        "image_dir": str(kermit_dir),
+        "model_dir": str(tmp_path / "model"),
+        "out_dir": str(tmp_path / "out"),
+        "names": [name],
+        "refine": True,
+        "lens": True,
+        "priors": priors.model_dump(mode="json"),
+        "witness": None,
+        "min_image_support": 0.75,
+        "adjust_every": 1.0,
+        "adjusted_images": len(poses),
+        "adjusted_points": model.num_points3D(),
+        "seed": 0,
+        "threads": 1,
+    }
+
+
+def take_out(name: str, job: dict[str, Any]) -> None:
+    """Take the pose of an image from the model of a job."""
+    model = pycolmap.Reconstruction(job["model_dir"])
+    leave_out(model, [name])
+    model.write_binary(job["model_dir"])
+
+
+def test_a_photograph_without_matches_is_registered_by_its_prior(
+    unmatched: dict[str, Any], kermit_sfm: SfmResult
+):
+    (name,) = unmatched["names"]
+    answer = register_guided(lambda _: None, **unmatched)["registration"]
+    assert answer is not None
+    assert answer["registered"] == [name]
+    assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
+    truth = camera_poses(pycolmap.Reconstruction(kermit_sfm.model_dir))
+    here = camera_poses(pycolmap.Reconstruction(unmatched["out_dir"]))
+    spread = centre_spread(np.stack([pose.translation for pose in truth.values()]))
+    assert np.linalg.norm(here[name].translation - truth[name].translation) < 0.01 * spread
+
+
+def test_killed_between_matches_and_model_it_comes_to_the_same_model(
+    unmatched: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    whole = unmatched | {
+        "database": str(shutil.copy(unmatched["database"], tmp_path / "whole.db")),
+        "out_dir": str(tmp_path / "whole"),
+    }
+    Path(whole["out_dir"]).mkdir()
+    register_guided(lambda _: None, **whole)
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(guided_module, "register", killed)
+        with pytest.raises(KeyboardInterrupt):
+            register_guided(lambda _: None, **unmatched)
+    (name,) = unmatched["names"]
+    assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
+    register_guided(lambda _: None, **unmatched)
+    files = sorted(Path(whole["out_dir"]).iterdir())
+    assert files
+    for file in files:
+        assert file.read_bytes() == (Path(unmatched["out_dir"]) / file.name).read_bytes()
+
+
+def test_what_ordinary_matches_leave_out_is_registered_after_them(
+    unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path
+):
+    (name,) = unmatched["names"]
+    image_dir = Path(unmatched["image_dir"])
+    folder = GrowthFolder(tmp_path / "grown")
+    folder.sfm.root.mkdir(parents=True)
+    shutil.copy(unmatched["database"], folder.sfm.database)
+    state = GrowthState(
+        settings="",
+        images={other: (image_dir / other).stat().st_size for other in kermit_names},
+        registered=tuple(other for other in kermit_names if other != name),
+        adjusted_images=unmatched["adjusted_images"],
+        adjusted_points=unmatched["adjusted_points"],
+    )
+    stages = Stages(folder.sfm, SfmSettings(threads=1), Monitor())
+    priors = PosePriors.model_validate(unmatched["priors"])
+    model_dir = Path(unmatched["model_dir"])
+    change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
+    assert change.changed
+    assert change.state.unregistered == ()
+    model = pycolmap.Reconstruction(folder.next_model)
+    assert model.find_image_with_name(name).has_pose
+    assert all(point.color.any() for point in model.points3D.values())
+    assert not folder.guided_model.exists()
+    alone = guide(stages, image_dir, ModelChange(state), kermit_names, PosePriors(), model_dir, folder)
+    assert not alone.changed
+
+
+def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_its_chances_change(
+    unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """It has no other matches: without them nothing would be said of it."""
+    (name,) = unmatched["names"]
+    image_dir = Path(unmatched["image_dir"])
+    folder = GrowthFolder(tmp_path / "grown")
+    folder.sfm.root.mkdir(parents=True)
+    shutil.copy(unmatched["database"], folder.sfm.database)
+    state = GrowthState(
+        settings="",
+        images=dict.fromkeys(kermit_names, 1),
+        registered=tuple(other for other in kermit_names if other != name),
+    )
+    stages = Stages(folder.sfm, SfmSettings(threads=1), Monitor())
+    answer = {
+        "registered": [],
+        "loose": [],
+        "unscaled": [],
+        "conflicting": [],
+        "posed": sorted(state.registered),
+        "rejected": {name: "3 of its 90 verified matches fit its estimated pose"},
+        "adjusted_images": 10,
+        "adjusted_points": 10,
+        "match_support": None,
+    }
+    tried: list[Any] = []
+
+    def native_over(_job: str, names: list[str], *_: object, **__: object) -> dict[str, Any]:
+        tried.append(names)
+        return {"looked_at": names, "registration": answer}
+
+    monkeypatch.setattr(stages, "native_over", native_over)
+    priors = PosePriors.model_validate(unmatched["priors"])
+    model_dir = Path(unmatched["model_dir"])
+    change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
+    assert not change.changed
+    (digest,) = change.state.tried_guided.values()
+    assert change.state == state.model_copy(
+        update={"rejected": answer["rejected"], "tried_guided": {name: digest}}
+    )
+    (warning,) = change.warnings
+    assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
+    assert "Photographs from between" in warning
+    again = guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    assert (again.state, tried) == (change.state, [[name]])
+    less_accurate = priors.by_name[name].model_copy(update={"orientation_sigma_deg": 4.0})
+    priors = PosePriors(by_name=priors.by_name | {name: less_accurate})
+    guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    assert tried == [[name], [name]]
+
+
+@pytest.mark.parametrize(
+    ("with_priors", "informative", "warned"), [(2, True, False), (1, True, True), (2, False, True)]
+)
+def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
+    with_priors: int,
+    informative: bool,
+    warned: bool,
+    unmatched: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    every = PosePriors.model_validate(unmatched["priors"]).by_name
+    new, old = sorted(every)[:2]
+    state = GrowthState(settings="", images=dict.fromkeys([new, old], 1), registered=(old,))
+    stages = Stages(GrowthFolder(tmp_path / "grown").sfm, SfmSettings(threads=1), Monitor())
+    answer = {
+        "registered": [new],
+        "loose": [],
+        "unscaled": [],
+        "conflicting": [(new, old)],
+        "posed": [new, old],
+        "rejected": {},
+        "adjusted_images": 2,
+        "adjusted_points": 10,
+        "match_support": None,
+    }
+    monkeypatch.setattr(stages, "native_over", lambda *_, **__: answer)
+    monkeypatch.setattr("fvs_engine.sfm.growing.registration.ask_witness", lambda *_: None)
+    priors = PosePriors(by_name={name: every[name] for name in [new, old][:with_priors]})
+    change = register(
+        stages, tmp_path, state, [new], priors, tmp_path, tmp_path / "out", informative=informative
+    )
+    found = [warning for warning in change.warnings if "should show the same" in warning]
+    assert len(found) == warned
+    assert all(f"{new} and {old}" in warning for warning in found)
+
+
+def test_a_warning_of_an_image_that_was_registered_after_all_is_dropped():
+    state = GrowthState(settings="", images={"a": 1, "b": 1}, registered=("a",))
+    lines = ["a is not registered: too few.", "b is not registered: too few.", "Something else."]
+    assert still_true(lines, state) == tuple(lines[1:])
+
+
+def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[str, Any]):
+    """Its features are those of another place: shuffled among the keypoints."""
+    (name,) = unmatched["names"]
+    database = Path(unmatched["database"])
+    number = image_ids(database)[name]
+    with contextlib.closing(sqlite3.connect(database)) as db, db:
+        ((data, rows),) = db.execute("SELECT data, rows FROM descriptors WHERE image_id = ?", (number,))
+        mixed = np.random.default_rng(0).permutation(np.frombuffer(data, np.uint8).reshape(rows, 128))
+        db.execute("UPDATE descriptors SET data = ? WHERE image_id = ?", (mixed.tobytes(), number))
+    assert register_guided(lambda _: None, **unmatched)["registration"] is None
+    assert not any(name in pair for pair in verified_matches(database, 1))
+
+
+def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
+    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    (name,), other = unmatched["names"], kermit_names[0]
+    cameras = image_cameras(Path(unmatched["database"])) | {other: 99}
+    monkeypatch.setattr(guided_module, "image_cameras", lambda _: cameras)
+    take_out(other, unmatched)
+    neighbours = [each for each in kermit_names if each not in (name, other)]
+    waiting = unmatched | {"neighbours": {other: neighbours, name: neighbours}, "names": [other, name]}
+    monkeypatch.setattr(guided_module, "_MOST_LOOKED_AT", 1)
+    tried = register_guided(lambda _: None, **waiting)
+    assert tried["looked_at"] == [other, name]
+    assert name in tried["registration"]["registered"]
+    del waiting["neighbours"][name]
+    assert register_guided(lambda _: None, **waiting) == {"looked_at": [other], "registration": None}
+
+
+def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
+    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    (name,), other = unmatched["names"], kermit_names[0]
+    take_out(other, unmatched)
+    neighbours = [each for each in kermit_names if each not in (name, other)]
+    waiting = unmatched | {"neighbours": {name: neighbours, other: neighbours}, "names": [name, other]}
+    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
+    assert register_guided(lambda _: None, **waiting)["looked_at"] == [name]
+    third = neighbours.pop()
+    take_out(third, unmatched)
+    waiting["neighbours"] = dict.fromkeys([name, other, third], neighbours)
+    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 2)
+    for tried, chosen in (([other], third), ([third, other], third), ([other, third], other)):
+        looked_at = register_guided(lambda _: None, **waiting | {"tried": tried})["looked_at"]
+        assert set(looked_at) == {name, chosen}
+
+
+def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: dict[str, Any]):
+    """The check of poses rejects it: no pose explains more matches than there are."""
+    (name,) = unmatched["names"]
+    answer = register_guided(lambda _: None, **unmatched | {"min_image_support": 1.1})["registration"]
+    assert answer is not None
+    assert answer["registered"] == []
+    assert name in answer["rejected"]
+    assert not any(name in pair for pair in verified_matches(Path(unmatched["database"]), 1))
