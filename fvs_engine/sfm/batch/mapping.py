@@ -109,9 +109,11 @@ class MappedScene:
         with_few_points = _with_few_points(largest)
         leave_out(largest, with_few_points)
         evidence = evidence_of.of(largest, monitor)
-        contradicted = [] if evidence is None else _prunable(largest, evidence)
-        if contradicted:
-            leave_out(largest, contradicted)
+        left_out = [] if evidence is None else _prunable(largest, evidence)
+        by_witness: tuple[str, ...] = ()
+        if evidence is not None and left_out:
+            by_witness = tuple(name for name in contradicted_images(evidence) if name in left_out)
+            leave_out(largest, left_out)
             evidence = evidence_of.of(largest, monitor)
         monitor.report("evidence", 1, 1)
         centres = {
@@ -120,9 +122,8 @@ class MappedScene:
             if image.has_pose
         }
         others = tuple(registered_names(model) for model in models[1:])
-        return MappedScene(
-            largest, Candidate(mapper, centres, evidence), others, tuple(contradicted), tuple(with_few_points)
-        )
+        candidate = Candidate(mapper, centres, evidence, by_witness)
+        return MappedScene(largest, candidate, others, tuple(left_out), tuple(with_few_points))
 
 
 def read_model_evidence(

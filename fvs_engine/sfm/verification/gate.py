@@ -46,11 +46,15 @@ _CLOSE_SUPPORT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Input of the gate for one model: camera centres by image name, and evidence."""
+    """Input of the gate for one model: camera centres by image name, and evidence.
+
+    ``contradicted``: images that are no longer in it, because the witness contradicts their poses.
+    """
 
     mapper: str
     centres: Mapping[str, NDArray[np.float64]]
     evidence: Evidence | None
+    contradicted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,10 +80,11 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
 
     A candidate is accepted on its own evidence. One with slightly too little evidence is accepted if the
     witness confirms it, and doubtful (usable with a warning) if another mapper or GPS agrees with it: a
-    repeated pattern rarely causes the same errors in both. One with loosely linked images is doubtful unless
-    the witness or GPS confirms it; one with distances that no features seen in three images determine, or
-    with conflicting views, is doubtful unless GPS confirms it. Among accepted ones that disagree, the better
-    supported is chosen; a tie makes it doubtful.
+    repeated pattern rarely causes the same errors in both. One from which images were left out because the
+    witness contradicts them is doubtful unless the witness or GPS confirms the rest. One with loosely linked
+    images is doubtful unless the witness or GPS confirms it; one with distances that no features seen in
+    three images determine, or with conflicting views, is doubtful unless GPS confirms it. Among accepted ones
+    that disagree, the better supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -170,6 +175,8 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if contradicted:
         doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
+    if candidate.contradicted and not confirmed and not priors_confirm(evidence):
+        return Judgement("doubtful", (_unconfirmed_rest(candidate.contradicted),))
     if loose := _unconfirmed(evidence, loose_images(evidence)):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
@@ -261,6 +268,14 @@ def two_places(pairs: Sequence[tuple[str, str]]) -> str:
         f"{shown} should show the same, and large parts of them do not: two places that look alike may have "
         "been taken for one, or something was in front of one of them. Positions, or photographs along the "
         "way between them, would tell."
+    )
+
+
+def _unconfirmed_rest(contradicted: Sequence[str]) -> str:
+    """Why a model is doubtful of which only a part was left out, and the remedy."""
+    return (
+        f"Matches of other features contradicted the poses of {listed(contradicted)}, and do not confirm the "
+        "rest, either. Photographs from in between would."
     )
 
 

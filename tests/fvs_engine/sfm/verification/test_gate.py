@@ -1,5 +1,6 @@
 """The gate on evidence made by hand, and on a real model whose poses were spoilt as a mapper would."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from fvs_engine.sfm.report import Evidence, WitnessEvidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide, priors_suffice
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.witness import WitnessMatches
 
 SETTINGS = GateSettings()
 NAMES = [f"{i}.jpg" for i in range(12)]
@@ -254,6 +256,28 @@ def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful
     assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
 
 
+@pytest.mark.parametrize(
+    ("changes", "verdict"),
+    [
+        ({"witness": witness()}, "accepted"),
+        ({"witness": witness(match_support=0.88)}, "doubtful"),
+        ({"witness": witness(silent_on_images=tuple(NAMES[3:6]))}, "doubtful"),
+        ({"witness": witness(match_support=0.88), "prior_residual_share": 0.05}, "accepted"),
+    ],
+)
+def test_once_the_witness_has_contradicted_images_it_must_confirm_the_rest(
+    changes: dict[str, object], verdict: str
+):
+    """As of a model of which five images were wrong and it contradicted two."""
+    given = candidate("incremental", **changes)
+    assert decide([given], SETTINGS).judgements[0].verdict == "accepted"
+    decision = decide([replace(given, contradicted=("a.jpg", "b.jpg"))], SETTINGS)
+    assert decision.judgements[0].verdict == verdict
+    assert ("a.jpg, b.jpg, and do not confirm the rest" in " ".join(decision.warnings)) == (
+        verdict == "doubtful"
+    )
+
+
 def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
     many = decide([candidate("incremental", misscaled_images=NAMES[:3], witness=witness())], SETTINGS)
     assert many.chosen is None
@@ -317,10 +341,14 @@ def test_agreement_ignores_the_frame():
     assert decision.judgements[0].verdict == "accepted"
 
 
-def examined(model: pycolmap.Reconstruction, folder: Path) -> MappedScene:
+def examined(model: pycolmap.Reconstruction, folder: Path, *, witness: bool = False) -> MappedScene:
+    """The model and its evidence; with a ``witness`` that has the same matches."""
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
-    evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
+    keypoints = read_keypoints(folder / "database.db", ids)
+    evidence = ModelEvidence(
+        pairs, keypoints, PosePriors(), lambda: WitnessMatches(pairs, keypoints) if witness else None
+    )
     return MappedScene.of_models("global", [model], evidence, Monitor())
 
 
@@ -337,15 +365,17 @@ def test_a_healthy_model_passes(kermit_sfm: SfmResult):
     assert found.match_support > 0.98
 
 
-def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult):
+@pytest.mark.parametrize("witness", [False, True])
+def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult, witness: bool):
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     last = max(model.images.values(), key=lambda image: image.name)
     quarter = pycolmap.Rigid3d(
         pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
     )
     last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
-    scene = examined(model, kermit_sfm.model_dir.parent)
+    scene = examined(model, kermit_sfm.model_dir.parent, witness=witness)
     assert scene.left_out == (last.name,)
+    assert scene.candidate.contradicted == ((last.name,) if witness else ())
     assert decide([scene.candidate], SETTINGS).chosen == 0
     assert scene.candidate.evidence is not None
     assert scene.candidate.evidence.match_support > 0.98
