@@ -196,14 +196,15 @@ def _report(
 def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
     """Warnings about a model of the images ``names``: those without a pose, or with a weak one."""
     warnings = []
-    if unregistered := _unregistered(names, chosen):
+    elsewhere = {name for images in chosen.other_components for name in images}
+    if unregistered := [name for name in _unregistered(names, chosen) if name not in elsewhere]:
         warnings.append(
             f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}. "
             "Photograph what lies between them and the others, or leave out what is of another place."
         )
     warnings += [
-        f"{listed(images)} make a model of their own, which no matches join with this one: photograph what "
-        "lies between the two, or give each a scene."
+        f"{len(images)} of {len(names)} images make a model of their own: {listed(images)}. No matches join "
+        "it with this one. Photograph what lies between the two, or give each a scene."
         for images in chosen.other_components
     ]
     if chosen.left_out:
@@ -244,8 +245,9 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ReconstructionError(
         f"Every model contradicts the images' matches or positions. {reasons}",
-        hint="Repeated patterns cause this, a wrong camera model, or a zoom that EXIF does not tell. Do not "
-        "zoom between photographs; add some in between; give the calibration with --intrinsics, or try "
-        "--camera-model OPENCV, which allows for stretched images; "
-        f"or import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
+        hint="Places that look alike cause this, a zoom that EXIF does not tell, or a wrong camera model. "
+        "Take photographs from farther away, which show what is there only once, and some in between; do not "
+        "zoom; give positions, as GPS in EXIF or by the client. If the camera is the cause, give its "
+        "calibration with --intrinsics, try --camera-model OPENCV, which allows for stretched images, or "
+        f"import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
     )

@@ -148,13 +148,13 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     images = len(candidate.centres)
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
-        rejections.append(f"Matches contradict the poses of {len(unsupported)} of its {images} images.")
+        rejections.append(f"Matches contradict the poses of {_counted(unsupported, images)}.")
     misscaled = evidence.misscaled_images
     if len(misscaled) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(wrong_distance(misscaled))
     if not can_be_left_out(len(contradicted), images):
         rejections.append(
-            f"Matches of other features contradict the poses of {len(contradicted)} of its {images} images."
+            f"Matches of other features contradict the poses of {_counted(contradicted, images)}."
         )
     if not priors_are_wrong(evidence):
         rejections += _contradictions_of_priors(evidence, images, settings)
@@ -180,6 +180,11 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if loose := _unconfirmed(evidence, loose_images(evidence)):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
+
+
+def _counted(names: Sequence[str], images: int) -> str:
+    """These images of a model, for a reason."""
+    return f"{len(names)} of its {images} images: {listed(names)}"
 
 
 def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
@@ -313,9 +318,9 @@ def priors_are_wrong(evidence: Evidence) -> bool:
 
 def _contradictions_of_priors(evidence: Evidence, images: int, settings: GateSettings) -> list[str]:
     found = []
-    misplaced, residual = len(evidence.misplaced_images), evidence.prior_residual_share
-    if misplaced > MAX_MISPLACED_SHARE * images:
-        found.append(f"{misplaced} of its {images} images are far from their position priors.")
+    misplaced, residual = evidence.misplaced_images, evidence.prior_residual_share
+    if len(misplaced) > MAX_MISPLACED_SHARE * images:
+        found.append(f"Far from the position priors are {_counted(misplaced, images)}.")
     if residual is not None and residual > settings.max_prior_disagreement:
         found.append(f"Its camera centres are {residual:.0%} of the track off their position priors.")
     return found

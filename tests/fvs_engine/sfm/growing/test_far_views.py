@@ -28,7 +28,7 @@ def test_noisy_priors_place_far_views(
 ):
     dataset = scene(data_dir)
     growing, _ = grow(dataset, dataset_priors(dataset, PriorNoise(), seed=0), tmp_path / "grown", far)
-    off = shares_off(growing, dataset)
+    off = shares_off(growing.reconstruction.centres(), dataset)
     assert len(off) >= fewest
     assert max(off.values()) < MAX_SHARE
 
@@ -100,7 +100,7 @@ def test_no_wrong_pose_of_fox_is_believed_for_wrong_priors(
     dataset = fox(data_dir)
     priors = spoil(dataset_priors(dataset, PriorNoise(), seed=0), dataset)
     growing, warnings = grow(dataset, priors, tmp_path / "grown")
-    off = shares_off(growing, dataset)
+    off = shares_off(growing.reconstruction.centres(), dataset)
     assert len(off) >= fewest
     for name, share in off.items():
         doubted = any("Few matches join" in line and name in line for line in warnings)

@@ -149,7 +149,10 @@ def test_equally_supported_models_that_contradict_are_doubtful():
         ({"unsupported_images": tuple(NAMES[:3])}, "contradict the poses"),
         ({"prior_residual_share": 0.5}, "50% of the track"),
         ({"prior_residual_share": 0.5, "prior_support": 0.8}, "50% of the track"),
-        ({"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8}, "5 of its 12 images are far"),
+        (
+            {"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8},
+            "Far from the position priors are 5 of its 12 images: 0.jpg",
+        ),
     ],
 )
 def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: str):
