@@ -20,9 +20,6 @@ from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_out
 
 Report = Callable[[int], None]
 
-_FEW_IMAGES = 20
-"""Number of images up to which points in only two of them are kept when poses are given."""
-
 
 def _threads(threads: int | None) -> int:
     return -1 if threads is None else threads
@@ -174,14 +171,14 @@ def triangulate(
 ) -> int:
     """Triangulate points for the poses of ``model_dir``, which do not change; returns their number.
 
-    With few images most points are in two only, which COLMAP leaves out by default; given poses suffice for
-    them.
+    Points in two images alone are kept, which COLMAP leaves out by default: given poses suffice for them, and
+    models that start without them are worse (ADR 26).
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = _threads(threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(model_dir)
-    options.triangulation.ignore_two_view_tracks = model.num_reg_images() > _FEW_IMAGES
+    options.triangulation.ignore_two_view_tracks = False
     if model.num_reg_images() > 1:  # the search for the crashing image tries single ones
         # The database has cameras of its own for these images, often of another model; COLMAP needs equal
         # ones.

@@ -23,7 +23,7 @@ from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, write_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.views import AnyView, View
 
 
@@ -241,6 +241,24 @@ def test_given_cameras_get_points_and_do_not_move(
         assert view.camera == expected.camera
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
     assert any("gone.jpg" in warning for warning in result.report.warnings)
+
+
+@pytest.mark.usefixtures("native_here")
+def test_points_in_two_images_alone_are_kept_however_many_images_there_are(
+    kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path
+):
+    images = shutil.copytree(kermit_dir, tmp_path / "images")
+    given = kermit_sfm.reconstruction.views
+    blank = [replace(given[0], name=f"blank{index:02d}.png") for index in range(12)]
+    for view in blank:
+        Image.new("RGB", (view.camera.width, view.camera.height)).save(images / view.name)
+    settings = SfmSettings(threads=1, exhaustive_up_to=3, features_of_many=FeatureSettings(max_features=500))
+    few, many = (
+        triangulate(Reconstruction.of_views(views), images, tmp_path / "sfm", settings, Monitor())
+        for views in (given, (*given, *blank))
+    )
+    assert len(many.reconstruction.views) == 23
+    assert len(many.reconstruction.points) >= len(few.reconstruction.points) > 300
 
 
 @pytest.mark.usefixtures("native_here")
