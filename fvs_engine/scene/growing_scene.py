@@ -11,6 +11,7 @@ import numpy as np
 from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.colored_points import colored
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.models import SceneModels
 from fvs_engine.scene.photographs import Photographs
@@ -167,7 +168,10 @@ class GrowingScene:
         found = time.monotonic()
         posed, views, moved = self._load(update, monitor)
         self._visited, self._generation, self._dirty = visited, update.generation, True
-        self._set(posed, views, update.points)
+        points = update.points
+        if update.two_view_points is not None:
+            points = points.and_also(colored(update.two_view_points, views))
+        self._set(posed, views, points)
         return SceneUpdate(
             registered=update.registered,
             unregistered=update.unregistered,

@@ -33,11 +33,8 @@ class Seeds:
 
     def and_also(self, others: "Seeds") -> "Seeds":
         """The union of these and ``others``."""
-        points = PointCloud(
-            np.concatenate([self.points.xyz, others.points.xyz]),
-            np.concatenate([self.points.colors, others.points.colors]),
-        )
-        return Seeds(points, np.concatenate([self.spacing, others.spacing]))
+        spacing = np.concatenate([self.spacing, others.spacing])
+        return Seeds(self.points.and_also(others.points), spacing)
 
     def gaussians(self, sh_degree: int) -> Gaussians:
         """An isotropic Gaussian of low opacity at each seed."""

@@ -1,6 +1,7 @@
 """Poses by structure from motion on the visited images only."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fvs_engine.monitor import Monitor
@@ -69,7 +70,8 @@ class SfmPoses:
     ) -> PoseUpdate:
         """See ``PoseSource``."""
         self._growing.remove(set(self._growing.added).difference(visited))
-        return self._growing.add(visited, monitor, self._priors or priors, known)
+        update = self._growing.add(visited, monitor, self._priors or priors, known)
+        return replace(update, two_view_points=self._growing.two_view_points(monitor))
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """See ``PoseSource``."""

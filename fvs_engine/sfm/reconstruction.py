@@ -24,6 +24,12 @@ class PointCloud:
         """No points."""
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
 
+    def and_also(self, others: "PointCloud") -> "PointCloud":
+        """These points and ``others``."""
+        return PointCloud(
+            np.concatenate([self.xyz, others.xyz]), np.concatenate([self.colors, others.colors])
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:

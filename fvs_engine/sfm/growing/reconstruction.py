@@ -1,6 +1,7 @@
 """A reconstruction that images are added to, one by one or many at once."""
 
 import shutil
+import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.reasons import why_unregistered
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
 from fvs_engine.sfm.growing.step import step
-from fvs_engine.sfm.growing.update import PoseUpdate
+from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
@@ -204,6 +205,23 @@ class GrowingReconstruction:
             warnings,
             seconds,
         )
+
+    def two_view_points(self, monitor: Monitor) -> TwoViewPoints | None:
+        """The points that only two registered images show; None without a model. Raises ``Cancelled``."""
+        if self.model_dir is None:
+            return None
+        with tempfile.TemporaryDirectory() as scratch:
+            target = Path(scratch) / "points.npz"
+            Stages(self._folder.sfm, self._settings, monitor).native(
+                "two_view_points",
+                {
+                    "database": str(self._folder.sfm.database),
+                    "model_dir": str(self.model_dir),
+                    "target": str(target),
+                },
+            )
+            with np.load(target) as found:
+                return TwoViewPoints(found["xyz"], found["seen_in"])
 
     def acknowledge(self) -> None:
         """Forget the warnings so far: the caller has what ``add`` returned on disk."""

@@ -4,17 +4,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
 
 
 @dataclass(frozen=True, eq=False)
+class TwoViewPoints:
+    """Points ``xyz`` [P, 3] in the model frame that only two images show; ``seen_in`` [P] names one of them.
+
+    A model of structure from motion leaves them out, since nothing confirms them. As starting points of
+    Gaussians they are of use: as many again, in places where images overlap least (ADR 26).
+    """
+
+    xyz: NDArray[np.float64]
+    seen_in: NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False)
 class PoseUpdate:
     """The current views and points in the model frame, and the changes from the views that were known before.
 
-    ``views`` are those of the registered images; ``points`` were seen by two of them or more. ``generation``
-    is the number of the last committed model. ``seconds`` is the wall-clock time per stage.
+    ``views`` are those of the registered images; ``points`` were seen by two of them or more, and
+    ``two_view_points``, where they are not among those, by two alone. ``generation`` is the number of the
+    last committed model. ``seconds`` is the wall-clock time per stage.
     """
 
     views: tuple[AnyView, ...]
@@ -35,6 +49,7 @@ class PoseUpdate:
 
     warnings: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    two_view_points: TwoViewPoints | None = None
 
     @staticmethod
     def between(

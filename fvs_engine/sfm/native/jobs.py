@@ -256,6 +256,7 @@ def find_job(name: str) -> Callable[..., Any]:
     from fvs_engine.sfm.native.guided import register_guided
     from fvs_engine.sfm.native.localisation import copy_features, localise
     from fvs_engine.sfm.native.registration import register
+    from fvs_engine.sfm.native.two_view_points import two_view_points
     from fvs_engine.sfm.native.veto import veto
 
     others: Mapping[str, Callable[..., Any]] = {
@@ -266,5 +267,6 @@ def find_job(name: str) -> Callable[..., Any]:
         "veto": veto,
         "extract_aliked": extract_aliked,
         "match_aliked": match_aliked,
+        "two_view_points": two_view_points,
     }
     return others[name]

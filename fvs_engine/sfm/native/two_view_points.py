@@ -1,11 +1,31 @@
-"""Points of a model that only two of its images show."""
+"""Points of a model that only two of its images show, which COLMAP's mappers leave out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from fvs_engine.sfm.native.match_cache import load_all
+
+
+def two_view_points(_report: Callable[[int], None], *, database: str, model_dir: str, target: str) -> int:
+    """Triangulate the points that only two images of ``model_dir`` show; returns their number.
+
+    Writes ``xyz`` [P, 3] and ``seen_in`` [P], the name of one of the two images, to ``target`` (npz).
+    """
+    model = pycolmap.Reconstruction(model_dir)
+    old = set(model.point3D_ids())
+    add_two_view_points(
+        model, Path(database), sorted(image.name for image in model.images.values() if image.has_pose)
+    )
+    added = [model.point3D(point_id) for point_id in sorted(model.point3D_ids() - old)]
+    np.savez(
+        target,
+        xyz=np.array([point.xyz for point in added]).reshape(-1, 3),
+        seen_in=np.array([model.image(point.track.elements[0].image_id).name for point in added], dtype=str),
+    )
+    return len(added)
 
 
 def add_two_view_points(model: pycolmap.Reconstruction, database: Path, names: Sequence[str]) -> None:

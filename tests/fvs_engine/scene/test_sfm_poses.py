@@ -12,7 +12,9 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.dataset_priors import dataset_priors
 from fvs_engine.scene.pose_source import open_pose_source
 from fvs_engine.scene.settings import PriorNoise, SceneSettings
+from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import View
 
 Calls = tuple[list[Any], list[Any]]
@@ -30,8 +32,12 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
         def remove(self, names: Any) -> None:
             removed.append(names)
 
-        def add(self, _names: Any, _monitor: Any, priors: Any, _known: Any) -> None:
+        def add(self, names: Any, _monitor: Any, priors: Any, known: Any) -> PoseUpdate:
             passed.append(priors)
+            return PoseUpdate.between(known, (), PointCloud.empty(), names, 0)
+
+        def two_view_points(self, _monitor: Any) -> TwoViewPoints:
+            return TwoViewPoints(np.ones((1, 3)), np.array(["a.png"]))
 
     opened = SimpleNamespace(open=lambda *_, **__: Growing())
     monkeypatch.setattr(sfm_poses, "GrowingReconstruction", opened)
@@ -43,7 +49,8 @@ def test_pose_priors_reach_structure_from_motion(tmp_path: Path, calls: Calls) -
     arriving = Dataset("arriving", tmp_path, (), arriving=True)
     source = open_pose_source(tmp_path, arriving, SceneSettings(), Monitor())
     priors = PosePriors(by_name={"a.png": PosePrior.at(np.zeros(3), 0.5)})
-    source.update(["a.png"], (), Monitor(), priors)
+    update = source.update(["a.png"], (), Monitor(), priors)
+    assert update.two_view_points is not None
     source.update(["a.png"], (), Monitor())
     assert passed == [priors, None]
     assert removed == [{"gone.png"}] * 2  # what is no longer visited loses its pose

@@ -184,6 +184,23 @@ def test_what_was_added_is_not_added_again(
     assert set(growing.registered) == set(NAMES[:8])
 
 
+def test_points_that_only_two_images_show_are_found_beside_the_model(
+    grown: Grown, images: Path, tmp_path: Path
+):
+    growing = GrowingReconstruction.open(copy_of(grown.folder, tmp_path), images, SETTINGS, Monitor())
+    found, model = growing.two_view_points(Monitor()), growing.reconstruction
+    assert found is not None
+    assert len(found.xyz) == len(found.seen_in) > 0.2 * len(model.points)
+    assert not set(map(tuple, found.xyz)) & set(map(tuple, model.points.xyz))
+    views = {view.name: view for view in model.views}
+    assert set(found.seen_in) <= set(views)
+    for name, view in views.items():
+        px = view.camera.project(view.camera_from_model.apply(found.xyz[found.seen_in == name]))
+        assert ((px >= 0) & (px <= (view.camera.width, view.camera.height))).all()
+    empty = GrowingReconstruction.open(tmp_path / "new", images, SETTINGS, Monitor())
+    assert empty.two_view_points(Monitor()) is None
+
+
 def test_localising_finds_where_an_image_was_taken_and_changes_nothing(
     grown: Grown, images: Path, truth: Reconstruction, tmp_path: Path
 ):
