@@ -20,7 +20,8 @@ class FieldError:
 class ServiceError(Exception):
     """A failure with a stable ``code``; ``retryable``: the same request can succeed later.
 
-    Subclasses set what differs from their base as keyword arguments of the class statement.
+    Subclasses set what differs from their base as keyword arguments of the class statement. Each has a
+    ``usual_hint`` of its own or of its base.
     """
 
     code: ClassVar[str] = "internal"
@@ -69,7 +70,7 @@ class ServiceError(Exception):
         return not self.retryable and self.status in (400, 413, 415, 422)
 
 
-class InternalError(ServiceError):
+class InternalError(ServiceError, usual_hint="Try again; if it fails again, report the request_id."):
     """A defect of the service; the log has the details under the request's id."""
 
 
@@ -80,6 +81,7 @@ class MalformedRequestError(
     status=400,
     rpc_status="INVALID_ARGUMENT",
     retryable=False,
+    usual_hint="GET /openapi.json and the protos describe the requests.",
 ):
     """The request cannot be parsed."""
 
@@ -91,6 +93,7 @@ class UnauthenticatedError(
     status=401,
     rpc_status="UNAUTHENTICATED",
     retryable=False,
+    usual_hint="Set FVS_API_KEY for fvs-client; otherwise send Authorization: Bearer fvs_…",
 ):
     """No key, or one that is unknown, expired or revoked."""
 
@@ -102,6 +105,7 @@ class ForbiddenError(
     status=403,
     rpc_status="PERMISSION_DENIED",
     retryable=False,
+    usual_hint="Use a key that has the scope: fvs keys list shows keys with their scopes.",
 ):
     """The key is valid but lacks the scope."""
 
@@ -113,6 +117,7 @@ class ForeignOriginError(
     status=403,
     rpc_status="PERMISSION_DENIED",
     retryable=False,
+    usual_hint="Send the request without a browser, or from a page of the service's own origin.",
 ):
     """A browser sent the request for a page of another origin."""
 
@@ -124,6 +129,7 @@ class UnknownHostError(
     status=421,
     rpc_status="PERMISSION_DENIED",
     retryable=False,
+    usual_hint="Use the name that the service is configured for.",
 ):
     """The request's ``Host`` is not a name of the service."""
 
@@ -147,6 +153,7 @@ class MethodNotAllowedError(
     status=405,
     rpc_status="UNIMPLEMENTED",
     retryable=False,
+    usual_hint="GET /openapi.json lists the methods of every path.",
 ):
     """The path exists, the method does not."""
 
@@ -157,6 +164,7 @@ class SlowRequestError(
     title="The request took too long to arrive",
     status=408,
     rpc_status="UNAVAILABLE",
+    usual_hint="Send the request again.",
 ):
     """The body stopped arriving, or arrived too slowly."""
 
@@ -168,6 +176,7 @@ class ConflictError(
     status=409,
     rpc_status="FAILED_PRECONDITION",
     retryable=False,
+    usual_hint="Read the resource again: its state shows what is possible now.",
 ):
     """The request contradicts the state of its resource."""
 
@@ -177,16 +186,27 @@ class OffsetMismatchError(
     code="offset-mismatch",
     title="The upload continues at another offset",
     rpc_status="ABORTED",
+    usual_hint="Ask for the upload's offset, and continue from there.",
 ):
     """The bytes of a resumable upload do not begin where those that have arrived end."""
 
 
-class NoSnapshotError(ConflictError, code="no-snapshot", title="The scene has no model yet", retryable=True):
+class NoSnapshotError(
+    ConflictError,
+    code="no-snapshot",
+    title="The scene has no model yet",
+    retryable=True,
+    usual_hint="Send images, then run an update.",
+):
     """The scene has no model yet."""
 
 
 class StaleLeaseError(
-    ConflictError, code="stale-lease", title="Another worker has leased the scene", rpc_status="ABORTED"
+    ConflictError,
+    code="stale-lease",
+    title="Another worker has leased the scene",
+    rpc_status="ABORTED",
+    usual_hint="Try again: the other worker answers.",
 ):
     """Another worker has taken the lease: the operation must stop."""
 
@@ -198,6 +218,7 @@ class GoneError(
     status=410,
     rpc_status="NOT_FOUND",
     retryable=False,
+    usual_hint="Send the request again with a new idempotency key.",
 ):
     """The resource that an idempotency key created has been deleted."""
 
@@ -209,6 +230,7 @@ class PreconditionFailedError(
     status=412,
     rpc_status="FAILED_PRECONDITION",
     retryable=False,
+    usual_hint="Name a version of the protocol that the service supports.",
 ):
     """The request is of another version of the protocol, or does not name it."""
 
@@ -220,6 +242,7 @@ class PayloadTooLargeError(
     status=413,
     rpc_status="RESOURCE_EXHAUSTED",
     retryable=False,
+    usual_hint="Send less: GET /v1/capabilities shows the limits.",
 ):
     """The body is larger than the limit."""
 
@@ -231,6 +254,7 @@ class UnsupportedMediaTypeError(
     status=415,
     rpc_status="INVALID_ARGUMENT",
     retryable=False,
+    usual_hint="GET /openapi.json lists the types that the route accepts.",
 ):
     """The route does not accept this type of body."""
 
@@ -242,6 +266,7 @@ class RangeError(
     status=416,
     rpc_status="OUT_OF_RANGE",
     retryable=False,
+    usual_hint="Ask for a range within these bytes, or for the whole artifact.",
 ):
     """The range lies outside of the artifact."""
 
@@ -257,6 +282,7 @@ class InvalidRequestError(
     status=422,
     rpc_status="INVALID_ARGUMENT",
     retryable=False,
+    usual_hint="GET /openapi.json and the protos describe the request.",
 ):
     """The request can be parsed but is not valid."""
 
@@ -266,6 +292,7 @@ class DigestMismatchError(
     code="digest-mismatch",
     title="The bytes do not have the declared digest",
     retryable=True,
+    usual_hint="Send the image again, or declare the digest of its bytes.",
 ):
     """The bytes do not have the declared digest: damaged in transit, or the wrong file."""
 
@@ -287,6 +314,7 @@ class ChecksumMismatchError(
     title="The bytes do not have the declared checksum",
     status=460,
     rpc_status="DATA_LOSS",
+    usual_hint="Send the same bytes again.",
 ):
     """The bytes of one request of an upload were damaged in transit; none of them is kept."""
 
@@ -295,6 +323,7 @@ class KeyReusedError(
     InvalidRequestError,
     code="idempotency-key-reused",
     title="The idempotency key belongs to another request",
+    usual_hint="Use a new idempotency key for every new request.",
 ):
     """An idempotency key was used with another request before."""
 
@@ -319,6 +348,7 @@ class UnavailableError(
     title="The service is not available now",
     status=503,
     rpc_status="UNAVAILABLE",
+    usual_hint="Try again soon; fvs doctor shows the operator what is wrong.",
 ):
     """No worker, queue or database is available now."""
 
@@ -337,6 +367,7 @@ class IncompatibleDatabaseError(
     title="The database has another version",
     status=500,
     retryable=False,
+    usual_hint="Run a version of fvs that fits the database.",
 ):
     """The schema of the database is not that of this version of the service."""
 
@@ -348,6 +379,7 @@ class DeadlineError(
     status=504,
     rpc_status="DEADLINE_EXCEEDED",
     retryable=False,
+    usual_hint="Wait longer, or ask for less in one request.",
 ):
     """The time that the client waits for the answer is over; what was computed for it has stopped."""
 
@@ -358,6 +390,7 @@ class ClientGoneError(
     title="The client has closed the connection",
     status=499,
     rpc_status="CANCELLED",
+    usual_hint="Keep the connection open until the response has arrived.",
 ):
     """The client closed the connection before the answer; the error is only logged and counted."""
 
@@ -368,6 +401,7 @@ class OutOfSpaceError(
     title="The disk is full",
     status=507,
     rpc_status="RESOURCE_EXHAUSTED",
+    usual_hint="Free some space on the service's disk.",
 ):
     """The disk is full."""
 

@@ -20,6 +20,11 @@ def test_every_error_has_a_code_of_its_own() -> None:
         assert kind.title
 
 
+def test_every_error_has_a_hint() -> None:
+    for kind in _subclasses(errors.ServiceError)[1:]:
+        assert kind.usual_hint, kind
+
+
 @pytest.mark.parametrize(
     ("method", "path", "options", "status", "code"),
     [

@@ -97,11 +97,13 @@ class Jobs:
             job = repository.job_of(session, principal, job_id)
             if job.state not in (JobState.FAILED, JobState.CANCELED):
                 raise ConflictError(
-                    f"The job is {job.state.value}; only failed and canceled jobs can be retried."
+                    f"The job is {job.state.value}; only failed and canceled jobs can be retried.",
+                    hint="Wait until it has ended, or submit another job.",
                 )
             if repository.queued_job(session, job.scene_id, job.kind) is not None:
                 raise ConflictError(
-                    f"Another {job.kind.value} job of the scene is queued, and does the same."
+                    f"Another {job.kind.value} job of the scene is queued, and does the same.",
+                    hint="Wait for that job: it uses all images that have arrived.",
                 )
             self._require_room(session, principal.tenant_id)
             again = repository.change(

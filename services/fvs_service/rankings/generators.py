@@ -40,10 +40,16 @@ def generate(
             found = _between(scene)
         case AroundCurrent():
             if current is None or radius is None:
-                raise InvalidRequestError("around-current needs current_pose and radius_m.")
+                raise InvalidRequestError(
+                    "around-current needs current_pose and radius_m.",
+                    hint="Send both, or choose another generator.",
+                )
             found = _ball(generator, scene, current, radius)
     if not found:
-        raise InvalidRequestError("The generator finds no pose for the images that the scene has so far.")
+        raise InvalidRequestError(
+            "The generator finds no pose for the images that the scene has so far.",
+            hint="Change the generator's options, choose another one, or add images and run an update.",
+        )
     return found
 
 

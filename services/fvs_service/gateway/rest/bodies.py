@@ -158,7 +158,9 @@ def declared_bytes(request: Request) -> int | None:
     if declared is None:
         return None
     if not (declared.isascii() and declared.isdigit()):
-        raise MalformedRequestError("Content-Length is not a number.")
+        raise MalformedRequestError(
+            "Content-Length is not a number.", hint="Send the number of the body's bytes, in digits only."
+        )
     return int(declared)
 
 

@@ -75,7 +75,9 @@ async def _caller(
         request.state.principal = principal
         return principal
     if "authorization" in request.headers:  # a broken credential must not count as none
-        raise UnauthenticatedError("The Authorization header is not a Bearer key.")
+        raise UnauthenticatedError(
+            "The Authorization header is not a Bearer key.", hint="Send Authorization: Bearer fvs_…"
+        )
     return keys.authenticate(None)
 
 

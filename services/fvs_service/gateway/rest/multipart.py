@@ -113,7 +113,10 @@ class _Parts:
     def _header_end(self) -> None:
         self._headers += 1
         if self._headers > _MAX_HEADERS:
-            raise MalformedRequestError("A part of the form has too many headers.")
+            raise MalformedRequestError(
+                "A part of the form has too many headers.",
+                hint="Send only Content-Disposition and Content-Type.",
+            )
         if self._field.lower() == b"content-disposition":
             self._disposition = self._value
         self._field, self._value = b"", b""
@@ -145,5 +148,7 @@ class _Parts:
     @staticmethod
     def _bounded(value: bytes) -> bytes:
         if len(value) > _MAX_HEADER_BYTES:
-            raise MalformedRequestError("A header of the form is too long.")
+            raise MalformedRequestError(
+                "A header of the form is too long.", hint="Shorten the names of the files."
+            )
         return value

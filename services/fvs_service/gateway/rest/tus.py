@@ -195,7 +195,9 @@ def _name(filename: str) -> str | None:
 
 def _pairs(header: str) -> dict[str, str]:
     if len(header) > _MAX_METADATA_BYTES:
-        raise MalformedRequestError(f"Upload-Metadata has more than {_MAX_METADATA_BYTES} bytes.")
+        raise MalformedRequestError(
+            f"Upload-Metadata has more than {_MAX_METADATA_BYTES} bytes.", hint=_METADATA_HINT
+        )
     found: dict[str, str] = {}
     for pair in header.split(",") if header.strip() else ():
         name, _, encoded = pair.strip().partition(" ")

@@ -126,7 +126,9 @@ class Call:
             return keys.authenticate(None)
         key = self._key = bearer_key(given)
         if key is None:  # a broken credential must not count as none
-            raise UnauthenticatedError("The authorization metadata is not a Bearer key.")
+            raise UnauthenticatedError(
+                "The authorization metadata is not a Bearer key.", hint="Send authorization: Bearer fvs_…"
+            )
         self._gateway.refusals.check(key, with_body=with_body)
         self._principal = await anyio.to_thread.run_sync(keys.authenticate, key)
         return self._principal
@@ -327,5 +329,7 @@ def parsed(kind: type[MessageT], content: bytes) -> MessageT:
     message = parse(kind, content)
     for described, value in message.ListFields():
         if described.name.endswith("_id") and (len(value) > MAX_ID_CHARACTERS or "\0" in value):
-            raise InvalidRequestError(f"{described.name}: it is not an id.")
+            raise InvalidRequestError(
+                f"{described.name}: it is not an id.", hint="Send an id as the service returned it."
+            )
     return message

@@ -88,7 +88,10 @@ class ImageUpload:
         self._app.scenes.require(self._caller, Scope.UPLOAD, message.upload.scene_id)
         upload = pick(NewUpload, message.upload)
         if upload.offset_bytes > upload.size_bytes:
-            raise InvalidRequestError(f"The offset lies outside of the {upload.size_bytes} bytes.")
+            raise InvalidRequestError(
+                f"The offset lies outside of the {upload.size_bytes} bytes.",
+                hint="Start at the first byte that has not arrived.",
+            )
         return upload, read(ImageMetadata, message.upload.metadata)
 
     def _receiver(self, upload: NewUpload) -> Receiver:
@@ -116,7 +119,9 @@ class ImageUpload:
     def _write(self, upload: NewUpload, receiver: Receiver, content: bytes) -> None:
         message = parsed(pb.UploadImageRequest, content)
         if message.WhichOneof("part") != "chunk":
-            raise InvalidRequestError("A message after the first has no `chunk`.")
+            raise InvalidRequestError(
+                "A message after the first has no `chunk`.", hint="Send only chunks after `upload`."
+            )
         if receiver.size_bytes + len(message.chunk) > upload.size_bytes:
             raise InvalidRequestError(
                 f"The stream has more than the {upload.size_bytes} bytes that size_bytes declares.",

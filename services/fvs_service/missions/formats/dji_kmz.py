@@ -59,12 +59,14 @@ def _check(mission: Mission) -> None:
     if not low <= mission.options.speed_m_s <= high:
         raise InvalidRequestError(
             f"DJI's aircraft fly missions at {low:g} to {high:g} m/s, not at {mission.options.speed_m_s:g}.",
+            hint=f"Choose a speed_m_s from {low:g} to {high:g}.",
             errors=[FieldError("speed_m_s", f"it is not from {low:g} to {high:g}")],
         )
     highest_m = mission.options.highest_height_m
     if highest_m is not None and highest_m < _RETURN_M[0]:
         raise InvalidRequestError(
             f"DJI's aircraft come back at {_RETURN_M[0]:g} m or higher, and the highest is {highest_m:g} m.",
+            hint=f"Choose a highest_height_m of {_RETURN_M[0]:g} or more.",
             errors=[FieldError("highest_height_m", f"it is less than {_RETURN_M[0]:g}")],
         )
     if len(mission.waypoints) > _MOST_WAYPOINTS:
