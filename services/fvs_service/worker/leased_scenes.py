@@ -175,9 +175,11 @@ class LeasedScenes:
     def _take(
         self, scene_id: str, need_bytes: int, give_up: Callable[[], bool], memory_until: float
     ) -> LeasedScene | None:
+        def late() -> bool:
+            return time.monotonic() > memory_until
+
         def reserve() -> bool:
-            late = time.monotonic
-            if self._budget.reserve(scene_id, need_bytes, lambda: give_up() or late() > memory_until):
+            if self._budget.reserve(scene_id, need_bytes, lambda: give_up() or late()):
                 return True
             if not give_up():
                 raise NoMemoryError
