@@ -18,6 +18,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.batch.mapping import leave_out, registered_names
@@ -130,7 +131,7 @@ class SceneJobs:
         finally:
             quarantined = scene.quarantined
             found = {images[name].digest: why for name, why in quarantined.items() if name in images}
-            _leave_out(found, request, warn, quarantine)
+            _quarantine(found, request, warn, quarantine)
         images = {name: image for name, image in images.items() if name not in quarantined}
         previous_db = self._evaluate_previous(request, scene, images, monitor)
         for sentence in update.warnings:
@@ -224,7 +225,7 @@ class SceneJobs:
     ) -> Mapping[str, Image]:
         """The images by the names of their files, without those that the engine rejects."""
         prepared = prepare_images(self._blobs, request.images, self._folder.images, monitor)
-        _leave_out(prepared.rejected, request, warn, quarantine)
+        _quarantine(prepared.rejected, request, warn, quarantine)
         return prepared.files
 
     def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> GrowingScene:
@@ -312,7 +313,7 @@ class SceneJobs:
         if kept.exists() and any(view.name not in images for view in read_colmap(kept).views):
             fresh_folder(fine)
         if not kept.exists():
-            model_dir = GrowthFolder(self._folder.growing / "sfm").current_model
+            model_dir = GrowthFolder(SceneFiles(self._folder.growing).sfm).current_model
             if model_dir is None:
                 raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
             partial = fresh_folder(fine / "sparse.partial")
@@ -373,7 +374,7 @@ class SceneJobs:
         )
 
 
-def _leave_out(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarantine: Quarantine) -> None:
+def _quarantine(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarantine: Quarantine) -> None:
     """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
     images = {image.digest: image for image in request.images}
     for digest, reason in reasons.items():
