@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvs_engine.choices import InitialChoice
-from fvs_engine.geometry import PinholeCamera
 from fvs_engine.plan.distances import spread, view_distances, view_points
 from fvs_engine.plan.kriging import TargetVariance
 from fvs_engine.plan.planner import plan_views
-from fvs_engine.views import AnyView, PinholeView
+from fvs_engine.views import AnyView
 
 
 def initial_views(
@@ -28,8 +27,7 @@ def initial_views(
     if choice == "planned":
         indices = _planned(view_points(views, spread(views)), max(count, budget or 0))[:count]
     elif choice == "farthest":
-        poses = [_without_distortion(view) for view in views]
-        indices = _spread(view_distances(poses, poses), count, int(generator.integers(len(views))))
+        indices = _spread(view_distances(views, views), count, int(generator.integers(len(views))))
     else:
         start = int(generator.integers(len(views) - count + 1)) if choice == "consecutive" else 0
         indices = list(range(start, start + count))
@@ -50,10 +48,3 @@ def _spread(distances: np.ndarray, count: int, first: int) -> list[int]:
         separation[chosen] = -1.0  # ranks below views that coincide with a chosen one
         chosen.append(int(np.argmax(separation)))
     return chosen
-
-
-def _without_distortion(view: AnyView) -> PinholeView:
-    """The view with a camera without distortion; ``view_distances`` uses only its pose."""
-    camera = view.camera
-    plain = PinholeCamera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
-    return PinholeView(view.name, plain, view.camera_from_model)
