@@ -1,4 +1,4 @@
-"""Names of the alternatives in settings and on the command line. Imports nothing heavy."""
+"""What settings and the command line offer: alternatives by name, and limits. Imports nothing heavy."""
 
 from typing import Literal
 
@@ -50,3 +50,6 @@ Firmware = Literal["ardupilot", "px4"]
 
 LookAlike = Literal["four", "two", "windows"]
 """Walls of a simulated courtyard that look alike, see ``fvs_engine.simulate.facades``."""
+
+MAX_VEHICLES = 20
+"""Maximum number of vehicles of a fleet."""

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
+from fvs_engine.choices import MAX_VEHICLES as MAX_VEHICLES  # other commands import it from here
 from fvs_engine.choices import Backend, Poses
 
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
 MAX_SEED = 2**31 - 1
 MAX_VIEWS, MAX_ITERATIONS, MAX_GAUSSIANS, MAX_THREADS = 100_000, 10_000_000, 100_000_000, 1_024
-MAX_VEHICLES = 20
 MAX_SIDE_PX = 32_768  # images.limits, which takes too long to import for a command line's help
 YEAR_S = 31_536_000
 

@@ -4,13 +4,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from fvs_engine.choices import HoldOut, InitialChoice, Poses, ProtocolName
+from fvs_engine.choices import MAX_VEHICLES, HoldOut, InitialChoice, Poses, ProtocolName
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.hold_out import hold_out
 from fvs_engine.plan.distances import path_length
 from fvs_engine.records import Record, first_error
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.select.loop_settings import MAX_VEHICLES
 
 QUARTERS = (0.25, 0.5, 0.75, 1.0)
 

@@ -4,11 +4,9 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from fvs_engine.choices import HoldOut, InitialChoice
+from fvs_engine.choices import MAX_VEHICLES, HoldOut, InitialChoice
 from fvs_engine.records import Record
 from fvs_engine.scene.settings import SceneSettings
-
-MAX_VEHICLES = 20
 
 
 class LoopSettings(Record):
