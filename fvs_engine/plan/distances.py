@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.views import AnyView
 
 Floats = NDArray[np.float64]
@@ -43,7 +44,7 @@ def distances_between(points: Floats, others: Floats) -> Floats:
 def spread(views: Sequence[AnyView]) -> float:
     """The root mean square distance of camera centres from their mean; 0 without views."""
     centres = _centres(views)
-    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(centres) else 0.0
+    return centre_spread(centres) if len(centres) else 0.0
 
 
 def path_length(centres: ArrayLike) -> float:
