@@ -68,13 +68,12 @@ class Matter:
         scales: ArrayLike,
         opacities: ArrayLike,
         points: ArrayLike = (),
-        least_opacity: float = SOLID_OPACITY,
     ) -> "Matter":
-        """The Gaussians of at least ``least_opacity``, and sparse ``points`` [P, 3], which have no radius.
+        """The Gaussians of at least ``SOLID_OPACITY``, and sparse ``points`` [P, 3], which have no radius.
 
         ``means`` [N, 3]; ``scales`` [N, 3], standard deviations along the axes; ``opacities`` [N] in [0, 1].
         """
-        solid = np.asarray(opacities, dtype=np.float64) >= least_opacity
+        solid = np.asarray(opacities, dtype=np.float64) >= SOLID_OPACITY
         sparse = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         radii = RADIUS_SCALES * np.asarray(scales, dtype=np.float64)[solid].max(axis=1, initial=0.0)
         return Matter(

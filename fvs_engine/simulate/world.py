@@ -15,6 +15,10 @@ GROUND_TEXEL_M, BOX_TEXEL_M = 0.008, 0.004
 """Side of a texel: finer than a pixel of a usual camera from where each is seen."""
 SETTLEMENT_TEXEL_M = 0.04
 """The same for what is seen from 30 m above."""
+_HALF_WIDTH_M = 4.0
+"""Half of a courtyard's side."""
+_LENGTH_M, _WIDTH_M = 180.0, 120.0
+"""Extent of a settlement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +48,14 @@ class World:
     sky: tuple[float, float, float] = (0.55, 0.65, 0.80)
 
 
-def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World:
+def courtyard(seed: int = 0, boxes: int = 9) -> World:
     """A walled yard around the origin with boxes in it that hide one another and the walls.
 
     The ground is z = 0; the walls are 2.5 m high; boxes are within 1.8 m of the centre, so that a
     vehicle can circle them at 2.5 to 3.5 m.
     """
     generator = np.random.default_rng(seed)
-    w = half_width_m
+    w = _HALF_WIDTH_M
     rectangles = [textured([-w, -w, 0], [2 * w, 0, 0], [0, 2 * w, 0], GROUND_TEXEL_M, generator)]
     corners = np.array([[-w, -w, 0], [w, -w, 0], [w, w, 0], [-w, w, 0]])
     for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -64,11 +68,11 @@ def courtyard(seed: int = 0, half_width_m: float = 4.0, boxes: int = 9) -> World
     return World(tuple(rectangles))
 
 
-def settlement(seed: int = 0, length_m: float = 180.0, width_m: float = 120.0, houses: int = 90) -> World:
+def settlement(seed: int = 0, houses: int = 90) -> World:
     """Boxes as large as houses, 3 to 9 m high, on level ground around the origin, as a survey sees them."""
     generator = np.random.default_rng(seed)
-    half = 0.5 * np.array([length_m, width_m, 0.0])
-    sides = ([length_m, 0, 0], [0, width_m, 0])
+    half = 0.5 * np.array([_LENGTH_M, _WIDTH_M, 0.0])
+    sides = ([_LENGTH_M, 0, 0], [0, _WIDTH_M, 0])
     rectangles = [textured(-half, *sides, SETTLEMENT_TEXEL_M, generator)]
     for _ in range(houses):
         foot = generator.uniform(-half, half)

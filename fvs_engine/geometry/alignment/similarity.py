@@ -24,6 +24,9 @@ _MIN_WIDTH_RATIO = 0.01
 _MAX_ROLL_DEG = 5.0
 """Uncertainty of the rotation about the track's own axis above which an alignment is ill-conditioned."""
 
+_SAMPLES = 1000
+"""Number of random triples that are compared."""
+
 _BLOCK_RESIDUALS = 1 << 18
 """Residuals computed at once while triples are compared: bounds the memory."""
 
@@ -99,10 +102,8 @@ def alignment_report(
 def robust_umeyama(
     source: ArrayLike,
     target: ArrayLike,
-    with_scale: bool = True,
     *,
     inlier_threshold: float | None = None,
-    samples: int = 1000,
     seed: int = 0,
 ) -> AlignmentReport:
     """Umeyama on the points that agree, found by RANSAC over triples; deterministic for a ``seed``.
@@ -115,20 +116,20 @@ def robust_umeyama(
     source_points, target_points = _check_pair(source, target)
     if inlier_threshold is not None and not inlier_threshold > 0:
         raise InvalidInputError(f"inlier_threshold must be positive, not {inlier_threshold}.")
-    triples = _triples(len(source_points), samples, seed)
+    triples = _triples(len(source_points), seed)
     triples = triples[_spans_a_plane(source_points[triples]) & _spans_a_plane(target_points[triples])]
     if len(triples) == 0:  # every sampled triple is on a line: the plain fit is all there is
-        transform = umeyama(source_points, target_points, with_scale)
+        transform = umeyama(source_points, target_points)
         return alignment_report(source_points, target_points, transform)
 
-    transform, threshold = _best_of(triples, source_points, target_points, with_scale, inlier_threshold)
+    transform, threshold = _best_of(triples, source_points, target_points, inlier_threshold)
     inliers = _residuals(transform, source_points, target_points) <= threshold
     for _ in range(20):  # refit on all that agree; settles in two or three rounds
         if inliers.sum() < 3 or _coincide(source_points[inliers]) or _coincide(target_points[inliers]):
             raise InvalidInputError(
                 "No three points agree on one alignment.", hint="Check that the points are matched."
             )
-        transform = umeyama(source_points[inliers], target_points[inliers], with_scale)
+        transform = umeyama(source_points[inliers], target_points[inliers])
         agreeing = _residuals(transform, source_points, target_points) <= threshold
         if (agreeing == inliers).all() or agreeing.sum() < 3:
             break
@@ -180,12 +181,12 @@ def _residuals(transform: SimilarityTransform, source: Array, target: Array) -> 
     return np.asarray(np.linalg.norm(transform.apply(source) - target, axis=-1))
 
 
-def _triples(count: int, samples: int, seed: int) -> NDArray[np.int64]:
-    """All triples when there are few, else ``samples`` random ones, as indices [K, 3]."""
-    if math.comb(count, 3) <= samples:
+def _triples(count: int, seed: int) -> NDArray[np.int64]:
+    """All triples when there are few, else ``_SAMPLES`` random ones, as indices [K, 3]."""
+    if math.comb(count, 3) <= _SAMPLES:
         return np.array(list(itertools.combinations(range(count), 3)))
     generator = np.random.default_rng(seed)
-    return np.array([generator.choice(count, size=3, replace=False) for _ in range(samples)])
+    return np.array([generator.choice(count, size=3, replace=False) for _ in range(_SAMPLES)])
 
 
 def _spans_a_plane(triangles: Array) -> NDArray[np.bool_]:
@@ -197,10 +198,10 @@ def _spans_a_plane(triangles: Array) -> NDArray[np.bool_]:
 
 
 def _best_of(
-    triples: NDArray[np.int64], source: Array, target: Array, with_scale: bool, threshold: float | None
+    triples: NDArray[np.int64], source: Array, target: Array, threshold: float | None
 ) -> tuple[SimilarityTransform, float]:
     """The triple's fit that most points agree with, and the threshold that makes an inlier."""
-    scale, rotation, translation = _fit(source[triples], target[triples], with_scale)
+    scale, rotation, translation = _fit(source[triples], target[triples], with_scale=True)
     costs = np.empty(len(triples))
     block = max(1, _BLOCK_RESIDUALS // len(source))
     for start in range(0, len(triples), block):

@@ -51,8 +51,6 @@ def georeference(
     model_from_cameras: Sequence[RigidTransform],
     world_positions: Array,
     attitudes: Sequence[Attitude | None] | None = None,
-    *,
-    seed: int = 0,
 ) -> Georeference | None:
     """Align camera centres with position priors [N, 3], z up; None if the priors do not determine it.
 
@@ -65,7 +63,7 @@ def georeference(
         return None
     centres = np.stack([camera.translation for camera in model_from_cameras])
     try:
-        report = robust_umeyama(centres, world_positions, seed=seed)
+        report = robust_umeyama(centres, world_positions)
     except InvalidInputError:
         return None
     inliers = report.inliers

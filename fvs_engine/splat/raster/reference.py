@@ -1,6 +1,6 @@
 """Reference rasteriser: tiles in plain torch, differentiated by autograd; slow, and short enough to verify.
 
-It runs in the dtype of the Gaussians (float64 passes gradcheck) and on any device.
+It runs in the dtype of the Gaussians (float64 passes gradcheck).
 """
 
 import torch
@@ -24,9 +24,7 @@ class ReferenceRasterizer:
     """Plain torch; the backend that all others are tested against."""
 
     name = "reference"
-
-    def __init__(self, device: torch.device | str = "cpu") -> None:
-        self.device = torch.device(device)
+    device = torch.device("cpu")
 
     def render(
         self,

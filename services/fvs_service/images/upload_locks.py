@@ -26,8 +26,7 @@ class _Lock:
 class UploadLocks:
     """Gives each upload to one request at a time; all calls are made on one event loop."""
 
-    def __init__(self, stalled_s: float = _STALLED_S) -> None:
-        self._stalled_s = stalled_s
+    def __init__(self) -> None:
         self._locks: dict[str, _Lock] = {}
 
     @contextlib.asynccontextmanager
@@ -41,7 +40,7 @@ class UploadLocks:
         """
         while (other := self._locks.get(upload_id)) is not None:
             if other.place is not None and other.place.arriving:
-                if by_force or other.place.arrival.idle_s >= self._stalled_s:
+                if by_force or other.place.arrival.idle_s >= _STALLED_S:
                     other.place.take(LockedError("Another request has taken this upload over."))
                 elif place is not None:
                     raise LockedError("Another request is sending this upload.", retry_after_s=1)

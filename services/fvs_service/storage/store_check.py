@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as WaitError
 
@@ -21,10 +20,8 @@ class StoreCheck:
     While a store does not answer, only the first callers wait for it.
     """
 
-    def __init__(
-        self, blobs: Blobs, *, within_s: float = _WITHIN_S, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._blobs, self._within_s, self._clock = blobs, within_s, clock
+    def __init__(self, blobs: Blobs, *, within_s: float = _WITHIN_S) -> None:
+        self._blobs, self._within_s = blobs, within_s
         self._lock = threading.Lock()
         self._answer: Future[None] | None = None
         self._asked_at = 0.0
@@ -33,7 +30,7 @@ class StoreCheck:
         """Raise ``StorageUnavailableError`` unless the store answers, or has just answered."""
         try:
             answer, asked_at = self._current()
-            answer.result(max(0.0, asked_at + self._within_s - self._clock()))
+            answer.result(max(0.0, asked_at + self._within_s - time.monotonic()))
         except WaitError as error:
             raise StorageUnavailableError(
                 f"The object store has not answered within {self._within_s:g} s.",
@@ -45,9 +42,9 @@ class StoreCheck:
         """The answer, which may be pending, and the time of its request."""
         with self._lock:
             answer = self._answer
-            if answer is None or (answer.done() and self._clock() - self._asked_at > _FRESH_S):
+            if answer is None or (answer.done() and time.monotonic() - self._asked_at > _FRESH_S):
                 answer = self._answer = Future()
-                self._asked_at = self._clock()
+                self._asked_at = time.monotonic()
                 threading.Thread(target=self._ask, args=(answer,), daemon=True, name="store-check").start()
             return answer, self._asked_at
 

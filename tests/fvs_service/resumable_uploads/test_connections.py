@@ -97,8 +97,10 @@ def test_of_two_requests_the_first_goes_on_while_its_bytes_arrive(gateway: Any, 
     assert device.image()["verdict"] == "accepted"
 
 
-def test_a_request_of_which_nothing_arrives_gives_way(gateway: Any, device: Device) -> None:
-    gateway.app.state.application.upload_locks._stalled_s = 0.2
+def test_a_request_of_which_nothing_arrives_gives_way(
+    gateway: Any, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_service.images.upload_locks._STALLED_S", 0.2)
     device.create()
     with send_raw(gateway, device, device.content[:300], length=len(device.content)) as connection:
         wait_until(lambda: device.offset == 300)

@@ -62,10 +62,10 @@ class Connection:
         except OSError as error:
             raise RunnerGoneError("The connection is broken.") from error
 
-    def receive_line(self, max_bytes: int = MAX_LINE_BYTES) -> bytes:
+    def receive_line(self) -> bytes:
         """The next document as JSON; raises ``RunnerGoneError`` when the connection has ended."""
         try:
-            line = self._file.readline(max_bytes)
+            line = self._file.readline(MAX_LINE_BYTES)
         except OSError as error:
             raise RunnerGoneError("The connection is broken.") from error
         if not line.endswith(b"\n"):
