@@ -183,7 +183,8 @@ class Matter:
     def _require_some(self) -> None:
         if not len(self):
             raise InvalidInputError(
-                "The model has no matter to aim at.", hint="Give a target, or a model with opaque Gaussians."
+                "The model has no solid part to aim at.",
+                hint="Give a target, or a model with opaque Gaussians.",
             )
 
 

@@ -38,7 +38,7 @@ class FreeLegs:
         points = np.asarray(places, dtype=np.float64).reshape(-1, 3)
         if len(points) > MOST_PLACES:
             raise InvalidInputError(
-                f"Ways can be planned between {MOST_PLACES:,} places, not {len(points):,}.",
+                f"A plan can have at most {MOST_PLACES:,} positions, not {len(points):,}.",
                 hint="Give fewer candidates.",
             )
         self._points, self._space = points, space
@@ -113,14 +113,15 @@ def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
     if not space.clear(candidates[allowed]).any():
         others = "" if allowed.all() else " outside of no-fly zones"
         raise InvalidInputError(
-            f"{_all(int(allowed.sum()), others)} inside matter, or within the safety distance of it.",
+            f"{_all(int(allowed.sum()), others)} inside a solid part of the model, or within the "
+            "safety distance of one.",
             hint="Give a shorter safety distance, or candidates farther from the model.",
         )
     for kept, where, remedy in (
         (space.allowed(starts), "in a no-fly zone", "smaller zones"),
         (
             space.clear(starts),
-            "inside matter, or within the safety distance of it",
+            "inside a solid part of the model, or within the safety distance of one",
             "a shorter safety distance",
         ),
     ):

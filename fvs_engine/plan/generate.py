@@ -141,8 +141,8 @@ class _Stages:
             )
         if not self.left["matter"]:
             return InvalidInputError(
-                "All of the volume that may be flown in is inside matter, or within the safety distance "
-                "of it.",
+                "All of the volume that may be flown in is inside a solid part of the model, or within "
+                "the safety distance of one.",
                 hint="Give a shorter safety distance, or a volume farther from the model.",
             )
         return InvalidInputError(

@@ -231,7 +231,10 @@ SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"generator": _in({**SHELL, "inner": 0.0, "outer": 0.1})}, "inside matter, or within the safety"),
+        (
+            {"generator": _in({**SHELL, "inner": 0.0, "outer": 0.1})},
+            "inside a solid part of the model, or within the safety",
+        ),
         ({"generator": _in(SHELL), "safety_m": 1e3}, "shorter safety distance"),
         (
             {"generator": _in(SHELL), "no_fly": [{**SHELL, "inner": 0.0, "outer": 9.0}]},

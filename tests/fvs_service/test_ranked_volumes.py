@@ -133,7 +133,10 @@ def test_a_view_that_another_vehicle_flies_to_is_taken_also_in_a_volume(gateway:
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"generator": _in({**SHELL, "inner": 0.0, "outer": 0.1})}, "inside matter, or within the safety"),
+        (
+            {"generator": _in({**SHELL, "inner": 0.0, "outer": 0.1})},
+            "inside a solid part of the model, or within the safety",
+        ),
         ({"generator": _in(SHELL), "safety_m": 1e3}, "shorter safety distance"),
         (
             {"generator": _in(SHELL), "no_fly": [{**SHELL, "inner": 0.0, "outer": 9.0}]},

@@ -71,7 +71,7 @@ def test_without_matter_everything_is_clear():
     assert Matter.none().sees(points, points + 1.0, 1.0).all()
     assert Matter.none().clear(points[:0], 1.0).shape == (0,)
     for ask in (lambda: Matter.none().middle, lambda: Matter.none().nearest(points)):
-        with pytest.raises(InvalidInputError, match="no matter"):
+        with pytest.raises(InvalidInputError, match="no solid part"):
             ask()
 
 

@@ -118,7 +118,7 @@ def test_two_thousand_places_take_seconds_and_little_memory():
 
 
 def test_too_many_places_are_refused():
-    with pytest.raises(InvalidInputError, match="10,000 places") as caught:
+    with pytest.raises(InvalidInputError, match="at most 10,000 positions") as caught:
         FreeLegs(np.zeros((MOST_PLACES + 1, 3)), FreeSpace())
     assert caught.value.hint
 
@@ -158,11 +158,19 @@ INSIDE, ZONED, FREE = (0.5, 0.0, 0.0), (5.0, 0.5, 0.0), (0.0, 4.0, 0.0)
     ("candidates", "starts", "words"),
     [
         ([ZONED, ZONED], [FREE], r"All 2 candidates are in no-fly zones\."),
-        ([INSIDE], [FREE], r"The only candidate is inside matter, or within the safety"),
-        ([INSIDE, ZONED], [FREE], "The only candidate outside of no-fly zones is inside matter"),
+        ([INSIDE], [FREE], r"The only candidate is inside a solid part of the model, or within the safety"),
+        (
+            [INSIDE, ZONED],
+            [FREE],
+            "The only candidate outside of no-fly zones is inside a solid part of the model",
+        ),
         ([FREE, INSIDE], [ZONED], "start of the vehicle is in a no-fly zone"),
         ([FREE], [FREE, ZONED], "start of vehicle 2 of 2 is in a no-fly zone"),
-        ([FREE], [INSIDE, FREE], "start of vehicle 1 of 2 is inside matter, or within the safety"),
+        (
+            [FREE],
+            [INSIDE, FREE],
+            "start of vehicle 1 of 2 is inside a solid part of the model, or within the safety",
+        ),
     ],
 )
 def test_what_no_way_leads_to_is_named(candidates, starts, words):

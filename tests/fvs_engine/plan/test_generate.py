@@ -104,7 +104,7 @@ def test_candidates_turn_with_the_frame():
 
 
 def test_without_matter_a_target_is_needed():
-    with pytest.raises(InvalidInputError, match="no matter"):
+    with pytest.raises(InvalidInputError, match="no solid part"):
         candidates_in(VOLUMES[0], 5, CAMERA, up=UP)
     assert len(candidates_in(VOLUMES[0], 5, CAMERA, up=UP, aim=Aim((0.0, 0.0, 0.0)))) == 5
 
@@ -115,7 +115,7 @@ def test_without_matter_a_target_is_needed():
         (
             Box(centre=(0, 0, 0), size=(0.1, 0.1, 0.1)),
             FreeSpace(HOUSE, 2.0),
-            "inside matter, or within the safety",
+            "inside a solid part of the model, or within the safety",
         ),
         (VOLUMES[0], FreeSpace(HOUSE, no_fly=[Box(centre=(0, 0, 0), size=(99, 99, 99))]), "zones cover"),
         (VOLUMES[0], FreeSpace(HOUSE, start=np.full(3, 50.0), reach=1.0), "out of reach"),

@@ -179,7 +179,8 @@ def fly(
         raise typer.BadParameter("Give --candidates or --generator, not both.")
     if leg == 1 and safety is not None:
         raise typer.BadParameter(
-            "Only plans keep away from matter: give --leg, of 2 or more.", param_hint="--safety"
+            "Only plans keep away from the solid parts of the model: give --leg, of 2 or more.",
+            param_hint="--safety",
         )
     if leg > 1 and generator is GeneratorName.AROUND_CURRENT:
         raise typer.BadParameter(
