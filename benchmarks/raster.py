@@ -55,7 +55,7 @@ class Kernels:
     def __init__(self, gaussians: Gaussians, view: PinholeView) -> None:
         one_view = cpu_rasterizer.PackedView(view.camera, view.camera_from_model, 0)
         arrays = [cpu_rasterizer.as_floats(tensor) for tensor in gaussians.tensors().values()]
-        self.state = cpu_rasterizer.rasterize(one_view, np.zeros(3, np.float32), arrays)
+        self.state = cpu_rasterizer.rasterize(one_view, arrays)
         rng = np.random.default_rng(0)
         self.gradients = [rng.normal(size=image.shape).astype(np.float32) for image in self._images]
         self.hit_gradients = np.zeros((len(self.state.hit_splats), 10), np.float32)
@@ -73,13 +73,13 @@ class Kernels:
     def forward(self) -> None:
         s = self.state
         with numba.parallel_chunksize(cpu_rasterizer.TILES_AT_ONCE):
-            blending.blend(s.splats, s.tile_starts, s.hit_splats, s.hit_rows, s.background, *self._images)
+            blending.blend(s.splats, s.tile_starts, s.hit_splats, s.hit_rows, *self._images)
 
     def backward(self) -> None:
         s = self.state
         with numba.parallel_chunksize(cpu_rasterizer.TILES_AT_ONCE):
             blending.blend_backward(
-                s.splats, s.tile_starts, s.hit_splats, s.hit_rows, s.hit_numbers, s.background,
+                s.splats, s.tile_starts, s.hit_splats, s.hit_rows, s.hit_numbers,
                 *self._images, *self.gradients, self.hit_gradients,
             )  # fmt: skip
 

@@ -44,21 +44,19 @@ class CpuRasterizer:
         camera_from_model: RigidTransform,
         *,
         sh_degree: int | None = None,
-        background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
         tensors = gaussians.tensors()
         view = PackedView(camera, camera_from_model, degree)
-        behind = torch.zeros(3) if background is None else background.detach()
         if not (torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())):
-            drawn = draw(view, as_floats(behind), [as_floats(t) for t in tensors.values()])
+            drawn = draw(view, [as_floats(t) for t in tensors.values()])
             color, alpha, depth, radii = (torch.from_numpy(values) for values in drawn)
             return Rendering(color, alpha, depth, radii, None)
         # The projected centres exist only inside the kernels; this leaf receives their gradient.
         screen_means = torch.zeros((len(gaussians), 2), requires_grad=True)
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
-            view, behind, screen_means, *tensors.values()
+            view, screen_means, *tensors.values()
         )
         return Rendering(color, alpha, depth, radii, screen_means)
 
@@ -74,7 +72,7 @@ class CpuRasterizer:
         degree = gaussians.degree_in_use(sh_degree)
         view = PackedView(camera, camera_from_model, degree)
         parameters = [as_floats(tensor) for tensor in gaussians.tensors().values()]
-        forward = rasterize(view, np.zeros(3, np.float32), parameters)
+        forward = rasterize(view, parameters)
         found = (*square(forward, view, parameters), forward.alpha)
         return SquaredJacobian(*(torch.from_numpy(values) for values in found))
 
@@ -110,7 +108,6 @@ class Forward:
     hit_rows: NDArray[np.uint8]
     hit_numbers: NDArray[np.int32]
     splat_starts: NDArray[np.int64]
-    background: Floats
     color: Floats
     alpha: Floats
     depth: Floats
@@ -121,7 +118,7 @@ def as_floats(tensor: Tensor) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
 
 
-def rasterize(view: PackedView, background: Floats, parameters: list[Floats]) -> Forward:
+def rasterize(view: PackedView, parameters: list[Floats]) -> Forward:
     """Project, bin and blend; ``parameters`` are those of ``Gaussians.tensors``, in that order."""
     records, radii = _project(view, parameters)
     order = binning.front_to_back(records, radii)
@@ -132,14 +129,14 @@ def rasterize(view: PackedView, background: Floats, parameters: list[Floats]) ->
         )
     color, alpha, depth = _images(view)
     with numba.parallel_chunksize(TILES_AT_ONCE):
-        blending.blend(splats, tile_starts, hit_splats, hit_rows, background, color, alpha, depth)
+        blending.blend(splats, tile_starts, hit_splats, hit_rows, color, alpha, depth)
     return Forward(
         records, radii, order, splats, tile_starts, hit_splats, hit_rows, hit_numbers, splat_starts,
-        background, color, alpha, depth,
+        color, alpha, depth,
     )  # fmt: skip
 
 
-def draw(view: PackedView, background: Floats, parameters: list[Floats]) -> tuple[Floats, ...]:
+def draw(view: PackedView, parameters: list[Floats]) -> tuple[Floats, ...]:
     """What ``rasterize`` renders, up to rounding, faster: color, alpha, depth and radii."""
     records, radii = _project(view, parameters)
     splats = binning.gather(records, binning.front_to_back(records, radii))
@@ -148,7 +145,7 @@ def draw(view: PackedView, background: Floats, parameters: list[Floats]) -> tupl
             splats, *view.tiles(drawing.SIDE_PX), PARTS_PER_THREAD * numba.get_num_threads()
         )
         images = _images(view)
-        drawing.draw(splats, tile_starts, hits, background, *images)
+        drawing.draw(splats, tile_starts, hits, *images)
     return *images, radii
 
 
@@ -183,7 +180,7 @@ def differentiate(
     with numba.parallel_chunksize(TILES_AT_ONCE):
         blending.blend_backward(
             forward.splats, forward.tile_starts, forward.hit_splats, forward.hit_rows, forward.hit_numbers,
-            forward.background, forward.color, forward.alpha, forward.depth,
+            forward.color, forward.alpha, forward.depth,
             g_color, g_alpha, g_depth, hit_gradients,
         )  # fmt: skip
     gradients = np.zeros((len(means), GRADIENT_SIZE), np.float32)
@@ -238,11 +235,10 @@ class _Rasterize(torch.autograd.Function):
     def forward(
         ctx: Any,
         view: PackedView,
-        background: Tensor,
         screen_means: Tensor | None,  # noqa: ARG004 - only its gradient is used
         *parameters: Tensor,
     ) -> tuple[Tensor, ...]:
-        forward = rasterize(view, as_floats(background), [as_floats(p) for p in parameters])
+        forward = rasterize(view, [as_floats(p) for p in parameters])
         radii = torch.from_numpy(forward.radii)
         ctx.mark_non_differentiable(radii)
         ctx.set_materialize_grads(False)  # images that the loss does not use get None
@@ -256,4 +252,4 @@ class _Rasterize(torch.autograd.Function):
         parameters = [as_floats(p) for p in ctx.saved_tensors]
         gradients = [None if g is None else as_floats(g) for g in image_gradients[:3]]
         screen, outputs = differentiate(ctx.forward, ctx.view, parameters, gradients)
-        return None, None, torch.from_numpy(screen.copy()), *(torch.from_numpy(o) for o in outputs)
+        return None, torch.from_numpy(screen.copy()), *(torch.from_numpy(o) for o in outputs)

@@ -13,7 +13,7 @@ from torch import Tensor
 from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, Rendering, over_background
+from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, Rendering
 
 try:
     # gsplat reports its compilation on stdout, which is reserved for the program's JSON document.
@@ -54,7 +54,6 @@ class CudaRasterizer:
         camera_from_model: RigidTransform,
         *,
         sh_degree: int | None = None,
-        background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
@@ -83,7 +82,6 @@ class CudaRasterizer:
         if screen_means.requires_grad:
             screen_means.retain_grad()
         color, alpha, depth = images[0, ..., :3], alphas[0, ..., 0], images[0, ..., 3]
-        color = over_background(color, alpha, background)
         # gsplat's centres carry a leading camera axis; its gradient is read through the same view.
         return Rendering(
             color,

@@ -39,7 +39,7 @@ class HasGradient(Protocol):
 class Rendering:
     """The result of rendering a view.
 
-    ``color`` [H, W, 3], not clamped; ``alpha`` [H, W] in [0, 1]; ``depth`` [H, W], the sum of
+    ``color`` [H, W, 3], on black and not clamped; ``alpha`` [H, W] in [0, 1]; ``depth`` [H, W], the sum of
     weight · depth of the centres along z (divide by alpha for the expected depth). For every Gaussian:
     ``radii_px`` [N], half the larger side of its screen box, 0 where it was culled; and ``screen_means``,
     whose ``.grad`` [N, 2] after a backward pass is the gradient with respect to the projected centres in
@@ -51,11 +51,6 @@ class Rendering:
     depth: Tensor
     radii_px: Tensor
     screen_means: HasGradient | None
-
-
-def over_background(color: Tensor, alpha: Tensor, background: Tensor | None) -> Tensor:
-    """An image [H, W, 3] of ``alpha`` [H, W] in front of a colour [3] (None: black)."""
-    return color if background is None else color + (1 - alpha)[..., None] * background.to(color.device)
 
 
 class Rasterizer(Protocol):
@@ -71,12 +66,10 @@ class Rasterizer(Protocol):
         camera_from_model: RigidTransform,
         *,
         sh_degree: int | None = None,
-        background: Tensor | None = None,
     ) -> Rendering:
         """Render; differentiable in every tensor of ``gaussians`` that requires gradients.
 
-        ``sh_degree``: use only this many degrees (default: all that are stored). ``background`` [3]:
-        the colour behind the model (default: black).
+        ``sh_degree``: use only this many degrees (default: all that are stored).
         """
         ...
 

@@ -13,7 +13,6 @@ from fvs_engine.splat.raster.interface import (
     ALPHA_MIN,
     TRANSMITTANCE_MIN,
     Rendering,
-    over_background,
 )
 from fvs_engine.splat.raster.reference_projection import ScreenSplats, project
 
@@ -33,7 +32,6 @@ class ReferenceRasterizer:
         camera_from_model: RigidTransform,
         *,
         sh_degree: int | None = None,
-        background: Tensor | None = None,
     ) -> Rendering:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
@@ -59,7 +57,6 @@ class ReferenceRasterizer:
         image = torch.cat(rows, dim=0)
 
         color, alpha, depth = image[..., :3], image[..., 3], image[..., 4]
-        color = over_background(color, alpha, background)
         radii = torch.where(splats.visible, splats.extents_px.amax(-1), splats.extents_px.new_zeros(()))
         return Rendering(color, alpha, depth, radii, screen_means if screen_means.requires_grad else None)
 

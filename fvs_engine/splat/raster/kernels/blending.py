@@ -117,7 +117,6 @@ def blend(
     tile_starts: Longs,
     hit_splats: Ints,
     hit_rows: Bytes,
-    background: Floats,
     color: Floats,
     alpha: Floats,
     depth: Floats,
@@ -152,9 +151,9 @@ def blend(
             for x in range(min(TILE_PX, width - left)):
                 i = y * TILE_PX + x
                 transmittance = abs(buffer[i])
-                color[top + y, left + x, 0] = buffer[i + RED_PLANE] + transmittance * background[0]
-                color[top + y, left + x, 1] = buffer[i + GREEN_PLANE] + transmittance * background[1]
-                color[top + y, left + x, 2] = buffer[i + BLUE_PLANE] + transmittance * background[2]
+                color[top + y, left + x, 0] = buffer[i + RED_PLANE]
+                color[top + y, left + x, 1] = buffer[i + GREEN_PLANE]
+                color[top + y, left + x, 2] = buffer[i + BLUE_PLANE]
                 alpha[top + y, left + x] = F(1) - transmittance
                 depth[top + y, left + x] = buffer[i + DEPTH_PLANE]
 
@@ -252,7 +251,6 @@ def blend_backward(
     hit_splats: Ints,
     hit_rows: Bytes,
     hit_numbers: Ints,
-    background: Floats,
     color: Floats,
     alpha: Floats,
     depth: Floats,
@@ -279,19 +277,16 @@ def blend_backward(
                 i = y * TILE_PX + x
                 row, column = top + y, left + x
                 buffer[i] = F(1)
-                # The background's colour is seen with 1 − alpha: part of alpha's gradient.
-                through_alpha = g_alpha[row, column]
                 behind = F(0)
                 for c in range(3):
                     g = g_color[row, column, c]
                     buffer[i + RED_PLANE + c * AREA] = g
-                    through_alpha -= g * background[c]
-                    behind += g * (color[row, column, c] - (F(1) - alpha[row, column]) * background[c])
+                    behind += g * color[row, column, c]
                 if g_depth is not None:
                     buffer[i + DEPTH_PLANE] = g_depth[row, column]
                     behind += g_depth[row, column] * depth[row, column]
-                buffer[i + ALPHA_PLANE] = through_alpha
-                buffer[i + BEHIND_PLANE] = behind + through_alpha * alpha[row, column]
+                buffer[i + ALPHA_PLANE] = g_alpha[row, column]
+                buffer[i + BEHIND_PLANE] = behind + g_alpha[row, column] * alpha[row, column]
         end_slot = tile_starts[tile + 1]
         for slot in range(tile_starts[tile], tile_starts[tile + 1]):
             splat = splats[hit_splats[slot]]

@@ -183,7 +183,6 @@ def draw(
     splats: Floats,
     tile_starts: Longs,
     hits: Ints,
-    background: Floats,
     color: Floats,
     alpha: Floats,
     depth: Floats,
@@ -223,8 +222,8 @@ def draw(
                 for x in range(x0, min(x0 + LANES, width)):
                     i = strip * STRIP + y * LANES + x - x0
                     transmittance = abs(buffer[i])
-                    color[top + y, x, 0] = buffer[i + AREA] + transmittance * background[0]
-                    color[top + y, x, 1] = buffer[i + 2 * AREA] + transmittance * background[1]
-                    color[top + y, x, 2] = buffer[i + 3 * AREA] + transmittance * background[2]
+                    color[top + y, x, 0] = buffer[i + AREA]
+                    color[top + y, x, 1] = buffer[i + 2 * AREA]
+                    color[top + y, x, 2] = buffer[i + 3 * AREA]
                     alpha[top + y, x] = F(1) - transmittance
                     depth[top + y, x] = buffer[i + 4 * AREA]

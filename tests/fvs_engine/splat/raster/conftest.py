@@ -103,7 +103,6 @@ class Scene:
     gaussians: Gaussians
     camera: PinholeCamera
     camera_from_model: RigidTransform
-    background: Tensor
     decided: Tensor
 
     def copy(self, dtype: torch.dtype = torch.float32, device: str = "cpu") -> Gaussians:
@@ -130,7 +129,7 @@ def _build(name: str) -> Scene:
     exact = Gaussians(**{key: tensor.double() for key, tensor in gaussians.tensors().items()})
     decided = ~_undecided(exact, CAMERA, pose)
     assert decided.float().mean() > 0.9, "a scene with so few comparable pixels tests nothing"
-    return Scene(gaussians, CAMERA, pose, torch.tensor([0.2, 0.5, 0.7]), decided)
+    return Scene(gaussians, CAMERA, pose, decided)
 
 
 @pytest.fixture

@@ -13,12 +13,7 @@ def rasterizer(request):
 
 
 def _render(rasterizer: Rasterizer, gaussians, scene) -> Rendering:
-    return rasterizer.render(
-        gaussians,
-        scene.camera,
-        scene.camera_from_model,
-        background=scene.background.to(gaussians.means),
-    )
+    return rasterizer.render(gaussians, scene.camera, scene.camera_from_model)
 
 
 @pytest.mark.parametrize("differentiable", [False, True], ids=["without gradients", "with gradients"])

@@ -19,9 +19,7 @@ from fvs_engine.splat.raster.reference import ReferenceRasterizer
 def _rendered(rasterizer, scene):
     """What a backend makes of a scene in float64, and every gradient of a loss over all that it returns."""
     gaussians = scene.copy(torch.float64)
-    rendering = rasterizer.render(
-        gaussians, scene.camera, scene.camera_from_model, background=scene.background.double()
-    )
+    rendering = rasterizer.render(gaussians, scene.camera, scene.camera_from_model)
     draw = torch.Generator().manual_seed(3)
     weights = torch.randn(*rendering.alpha.shape, 5, generator=draw).double() * scene.decided[..., None]
     values = torch.cat([rendering.color, rendering.alpha[..., None], rendering.depth[..., None]], dim=-1)
