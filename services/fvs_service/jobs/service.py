@@ -103,7 +103,7 @@ class Jobs:
             if repository.queued_job(session, job.scene_id, job.kind) is not None:
                 raise ConflictError(
                     f"Another {job.kind.value} job of the scene is queued, and does the same.",
-                    hint="Wait for that job: it uses all images that have arrived.",
+                    hint="Wait for that job, or retry this one when it has ended.",
                 )
             self._require_room(session, principal.tenant_id)
             again = repository.change(
