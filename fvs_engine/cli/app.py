@@ -26,6 +26,7 @@ from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 from fvs_engine.cli.simulate_vehicle import simulate_vehicle
+from fvs_engine.errors import ReconstructionError
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -45,6 +46,10 @@ app = typer.Typer(
 )
 
 
+_CAMERA_OPTIONS = (
+    "The options are --intrinsics, --camera-model OPENCV, which allows for stretched images, and --colmap or "
+    "--transforms. The evidence against each model is in sfm/rejected.json of the output folder."
+)
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")]
 _Candidates = Annotated[
     Path | None,
@@ -153,7 +158,7 @@ def reconstruct(
             images, out, settings, overwrite=overwrite, monitor=monitor, warn=warn, threads=run.threads
         )
 
-    run_job(job, machine=run.as_json)
+    run_job(job, machine=run.as_json, remedies={ReconstructionError.code: _CAMERA_OPTIONS})
     report.show_folder(out, machine=run.as_json)
 
 

@@ -7,8 +7,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from types import FrameType
+from collections.abc import Callable, Iterator, Mapping
+from types import FrameType, MappingProxyType
 from typing import NoReturn, TypeVar
 
 import typer
@@ -24,17 +24,20 @@ _SHOW_CURSOR = b"\x1b[?25h\n"
 """The bars hide the cursor, and a process that ends at once does not restore it."""
 
 _Result = TypeVar("_Result")
+NO_REMEDIES: Mapping[str, str] = MappingProxyType({})
 Warn = Callable[[str], None]
 """Shows a warning, one sentence, to the user."""
 
 
-def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Result:
+def run_job(
+    job: Callable[[Monitor, Warn], _Result], *, machine: bool, remedies: Mapping[str, str] = NO_REMEDIES
+) -> _Result:
     """Run ``job(monitor, warn)`` with progress on stderr, and return what it returns.
 
     The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
     The first SIGINT or SIGTERM requests the job to stop, the second ends the process at once. An
     ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
-    JSON on stdout).
+    JSON on stdout), and with the sentence of ``remedies`` for its code: which options of the command help.
     Warnings that the engine logs are shown as well.
     """
     outcome: list[_Result] = []
@@ -58,19 +61,20 @@ def run_job(job: Callable[[Monitor, Warn], _Result], *, machine: bool) -> _Resul
         return outcome[0]
     error = failure[0]
     if isinstance(error, EngineError):
-        fail(error, machine=machine)
+        fail(error, machine=machine, remedy=remedies.get(error.code, ""))
     raise error
 
 
-def fail(error: EngineError, *, machine: bool) -> NoReturn:
-    """Print the error and end the program with its exit status.
+def fail(error: EngineError, *, machine: bool, remedy: str = "") -> NoReturn:
+    """Print the error, with one more ``remedy``, and end the program with its exit status.
 
     With ``machine`` it is JSON, both on stderr, as all messages are, and on stdout.
     """
+    hint = f"{error.hint} {remedy}".strip()
     if machine:
-        document = {"code": error.code, "message": error.message, "hint": error.hint}
+        document = {"code": error.code, "message": error.message, "hint": hint}
         sys.stdout.write(json.dumps({"error": document}) + "\n")
-    lines = [str(error)] if isinstance(error, Cancelled) else [f"Error: {error.message}", error.hint]
+    lines = [str(error)] if isinstance(error, Cancelled) else [f"Error: {error.message}", hint]
     for line in filter(None, lines):
         sys.stderr.write((json.dumps({"message": line}) if machine else line) + "\n")
     raise typer.Exit(exit_code_of(error)) from error

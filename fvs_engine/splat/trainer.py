@@ -40,7 +40,7 @@ _LOSS_SMOOTHING = 0.05
 
 _DIVERGED_HINT = (
     "The last checkpoint is still good. Check the cameras; if they are right, train again with "
-    "another seed (--seed) or more views."
+    "another seed or more views."
 )
 
 

@@ -196,31 +196,35 @@ def _report(
 def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
     """Warnings about a model of the images ``names``: those without a pose, or with a weak one."""
     warnings = []
-    elsewhere = {name for images in chosen.other_components for name in images}
-    if unregistered := [name for name in _unregistered(names, chosen) if name not in elsewhere]:
+    explained = {*chosen.left_out, *chosen.with_few_points}.union(*chosen.other_components)
+    if unregistered := [name for name in _unregistered(names, chosen) if name not in explained]:
         warnings.append(
-            f"{len(unregistered)} of {len(names)} images are unregistered: {listed(unregistered)}. "
-            "Photograph what lies between them and the others, or leave out what is of another place."
+            f"{_counted(unregistered, names)} could not be registered: {listed(unregistered)}. Photograph "
+            "what connects them with the others, or leave out what shows another place."
         )
     warnings += [
-        f"{len(images)} of {len(names)} images make a model of their own: {listed(images)}. No matches join "
-        "it with this one. Photograph what lies between the two, or give each a scene."
+        f"{_counted(images, names)} form a model of their own: {listed(images)}. No matches connect it with "
+        "this one. Photograph what lies between the two, or give each a scene."
         for images in chosen.other_components
     ]
     if chosen.left_out:
         warnings.append(
-            f"Matches or priors contradict the poses that {listed(chosen.left_out)} had in the model; "
-            "they are left out of it."
+            f"Left out {_counted(chosen.left_out, names)}: {listed(chosen.left_out)}. Matches or priors "
+            "contradict their poses."
         )
     if chosen.with_few_points:
         warnings.append(
-            f"{listed(chosen.with_few_points)} see hardly any point of the model and are left out of it: "
-            "photograph what lies between them and the others."
+            f"Left out {_counted(chosen.with_few_points, names)}: {listed(chosen.with_few_points)}. Hardly "
+            "any point of the model is seen there. Photograph what connects them with the others."
         )
     evidence = chosen.candidate.evidence
     if weak := [] if evidence is None else unsupported_images(evidence):
         warnings.append(f"The poses of {listed(weak)} are weakly supported.")
     return warnings
+
+
+def _counted(some: Sequence[str], names: Sequence[str]) -> str:
+    return f"{len(some)} of {len(names)} images"
 
 
 def _unregistered(names: Sequence[str], scene: MappedScene) -> tuple[str, ...]:
@@ -247,7 +251,6 @@ def _failure(
         f"Every model contradicts the images' matches or positions. {reasons}",
         hint="Places that look alike cause this, a zoom that EXIF does not tell, or a wrong camera model. "
         "Take photographs from farther away, which show what is there only once, and some in between; do not "
-        "zoom; give positions, as GPS in EXIF or by the client. If the camera is the cause, give its "
-        "calibration with --intrinsics, try --camera-model OPENCV, which allows for stretched images, or "
-        f"import cameras with --colmap or --transforms. The evidence is in {stages.folder.rejected}.",
+        "zoom; give positions, as GPS in EXIF. If the camera is the cause, give its calibration, or cameras "
+        "that another program computed.",
     )

@@ -154,7 +154,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections.append(wrong_distance(misscaled))
     if not can_be_left_out(len(contradicted), images):
         rejections.append(
-            f"Matches of other features contradict the poses of {_counted(contradicted, images)}."
+            f"Matches of ALIKED features contradict the poses of {_counted(contradicted, images)}."
         )
     if not priors_are_wrong(evidence):
         rejections += _contradictions_of_priors(evidence, images, settings)
@@ -163,7 +163,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     doubts = _doubts_beyond_pairs(evidence)
     confirmed = _witness_confirms(evidence, images, settings)
     if confirmed and not doubts:
-        return Judgement("accepted", (support, "Matches of other features confirm it."))
+        return Judgement("accepted", (support, "Matches of ALIKED features confirm it."))
     weaknesses = [] if confirmed else _weaknesses(evidence, settings)
     confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
     if weaknesses and confirmation is None:
@@ -173,7 +173,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if doubts:
         return Judgement("doubtful", doubts)
     if contradicted:
-        doubt = f"Matches of other features contradict the poses of {listed(contradicted)}."
+        doubt = f"Matches of ALIKED features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
     if candidate.contradicted and not confirmed and not priors_confirm(evidence):
         return Judgement("doubtful", (_unconfirmed_rest(candidate.contradicted),))
@@ -248,8 +248,8 @@ def loose_images(evidence: Evidence) -> list[str]:
 def few_matches(names: Sequence[str]) -> str:
     """Why the poses of these images are doubtful, and the remedy."""
     return (
-        f"Few matches join {listed(names)} with the rest; a look-alike place joins images like that, too. "
-        "Photographs from in between would show which."
+        f"Only few matches connect {listed(names)} with the rest of the model. Look-alike places cause this, "
+        "too; photographs taken in between would settle it."
     )
 
 
@@ -261,8 +261,8 @@ def wrong_distance(names: Sequence[str]) -> str:
 def unknown_distance(names: Sequence[str]) -> str:
     """Why the poses of these images are doubtful, and the remedy."""
     return (
-        f"Hardly a feature is seen in {listed(names)} and two of the other images, so that nothing confirms "
-        "the distance to those. Photographs from in between would."
+        f"Hardly any feature of {listed(names)} is seen in two other images, so nothing confirms the "
+        "distance from the rest of the model. Take photographs in between."
     )
 
 
@@ -270,17 +270,17 @@ def two_places(pairs: Sequence[tuple[str, str]]) -> str:
     """Why the poses of pairs of images are doubtful, and the remedy."""
     shown = listed([f"{first} and {second}" for first, second in pairs])
     return (
-        f"{shown} should show the same, and large parts of them do not: two places that look alike may have "
-        "been taken for one, or something was in front of one of them. Positions, or photographs along the "
-        "way between them, would tell."
+        f"{shown} should overlap according to their poses, but large parts of them differ: two look-alike "
+        "places may have been merged, or something blocked the view. Give positions, or take photographs "
+        "along the way between them."
     )
 
 
 def _unconfirmed_rest(contradicted: Sequence[str]) -> str:
     """Why a model is doubtful of which only a part was left out, and the remedy."""
     return (
-        f"Matches of other features contradicted the poses of {listed(contradicted)}, and do not confirm the "
-        "rest, either. Photographs from in between would."
+        f"Matches of ALIKED features contradicted the poses of {listed(contradicted)}, and do not confirm "
+        "the remaining ones. Take photographs in between."
     )
 
 
@@ -288,9 +288,8 @@ def _unlikely_focal(focal_px: Sequence[float]) -> str:
     """Why the depths of a model are doubtful, and the remedy."""
     shown = ", ".join(f"{focal:.0f}" for focal in focal_px)
     return (
-        f"The focal length came out as {shown} px, which hardly a lens has or EXIF contradicts. A flat scene "
-        "from the front does not show it: photograph it from the side, too, or give the calibration with "
-        "--intrinsics."
+        f"The estimated focal length, {shown} px, is implausible or contradicts EXIF. A flat scene seen "
+        "head-on does not determine it: photograph it from the side, too, or give the camera's calibration."
     )
 
 

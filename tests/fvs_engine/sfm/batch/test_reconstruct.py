@@ -13,10 +13,12 @@ from fvs_engine.errors import Cancelled, NoImagesError, ReconstructionError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
-from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.batch.mapping import MappedScene
+from fvs_engine.sfm.batch.reconstruct import SfmResult, model_warnings, reconstruct
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
+from fvs_engine.sfm.verification.gate import Candidate
 
 GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
 """As for large sets."""
@@ -187,8 +189,29 @@ def test_an_image_of_something_else_is_left_out_and_named(
     result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, GLOBAL_FIRST, Monitor())
     assert result.report.unregistered == ("stranger.jpg",)
     (warning,) = (line for line in result.report.warnings if "stranger.jpg" in line)
-    assert "Photograph what lies between them and the others" in warning
+    assert "1 of 12 images could not be registered: stranger.jpg. Photograph what connects them" in warning
     assert result.report.registered == 11
+
+
+def test_an_image_without_a_pose_is_warned_of_once():
+    centres = {"a.jpg": np.zeros(3), "b.jpg": np.ones(3)}
+    names = [*centres, "c.jpg", "d.jpg", "e.jpg", "f.jpg"]
+    mapped = MappedScene(
+        pycolmap.Reconstruction(),
+        Candidate("global", centres, None),
+        other_components=(("c.jpg",),),
+        left_out=("d.jpg",),
+        with_few_points=("e.jpg",),
+    )
+    warnings = model_warnings(names, mapped)
+    for name, said in {
+        "c.jpg": "1 of 6 images form a model of their own",
+        "d.jpg": "Left out 1 of 6 images",
+        "e.jpg": "Left out 1 of 6 images",
+        "f.jpg": "1 of 6 images could not be registered",
+    }.items():
+        (sentence,) = [warning for warning in warnings if name in warning]
+        assert sentence.startswith(said)
 
 
 def test_walls_without_texture_are_refused_by_name(tmp_path: Path):

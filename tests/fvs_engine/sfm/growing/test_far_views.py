@@ -103,7 +103,7 @@ def test_no_wrong_pose_of_fox_is_believed_for_wrong_priors(
     off = shares_off(growing.reconstruction.centres(), dataset)
     assert len(off) >= fewest
     for name, share in off.items():
-        doubted = any("Few matches join" in line and name in line for line in warnings)
+        doubted = any("few matches connect" in line and name in line for line in warnings)
         assert doubted or share < MAX_SHARE
     for name in growing.unregistered:
         assert any(name in line for line in warnings)

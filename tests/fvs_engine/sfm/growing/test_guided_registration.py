@@ -230,7 +230,7 @@ def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
     change = register(
         stages, tmp_path, state, [new], priors, tmp_path, tmp_path / "out", informative=informative
     )
-    found = [warning for warning in change.warnings if "should show the same" in warning]
+    found = [warning for warning in change.warnings if "should overlap" in warning]
     assert len(found) == warned
     assert all(f"{new} and {old}" in warning for warning in found)
 

@@ -250,7 +250,7 @@ def test_a_model_of_which_the_witness_contradicts_too_much_is_rejected():
         [candidate("incremental", witness=witness(contradicted_images=tuple(NAMES[:5])))], SETTINGS
     )
     assert decision.chosen is None
-    assert "other features contradict the poses of 5" in decision.judgements[0].reasons[0]
+    assert "ALIKED features contradict the poses of 5" in decision.judgements[0].reasons[0]
 
 
 def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful():
@@ -276,7 +276,7 @@ def test_once_the_witness_has_contradicted_images_it_must_confirm_the_rest(
     assert decide([given], SETTINGS).judgements[0].verdict == "accepted"
     decision = decide([replace(given, contradicted=("a.jpg", "b.jpg"))], SETTINGS)
     assert decision.judgements[0].verdict == verdict
-    assert ("a.jpg, b.jpg, and do not confirm the rest" in " ".join(decision.warnings)) == (
+    assert ("a.jpg, b.jpg, and do not confirm the remaining" in " ".join(decision.warnings)) == (
         verdict == "doubtful"
     )
 
@@ -293,7 +293,7 @@ def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
 def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
     decision = decide([candidate("incremental", unscaled_images=FEW, witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "0.jpg, 1.jpg and two of the other images" in decision.warnings[0]
+    assert "Hardly any feature of 0.jpg, 1.jpg is seen in two other images" in decision.warnings[0]
     decision = decide([candidate("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
@@ -305,7 +305,7 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
     conflicting = (("0.jpg", "5.jpg"),)
     decision = decide([candidate("incremental", conflicting_views=conflicting, witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "0.jpg and 5.jpg should show the same" in decision.warnings[0]
+    assert "0.jpg and 5.jpg should overlap" in decision.warnings[0]
     gps = {"prior_residual_share": 0.05, "images_without_prior": tuple(without_prior)}
     decision = decide([candidate("incremental", conflicting_views=conflicting, **gps)], SETTINGS)
     assert decision.judgements[0].verdict == verdict
