@@ -25,7 +25,7 @@ from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.reasons import why_unregistered
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
-from fvs_engine.sfm.growing.step import step
+from fvs_engine.sfm.growing.step import step, without_doubts
 from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -36,8 +36,6 @@ from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
-_Messages = tuple[tuple[str, ...], Mapping[str, float]]
-"""Warnings, and seconds per stage."""
 
 
 class GrowingReconstruction:
@@ -183,18 +181,16 @@ class GrowingReconstruction:
         before = self.reconstruction.views if known is None else known
         if known is None:
             self._state = self._state.model_copy(update={"unreported": ()})
-        warnings = self._state.unreported
         seconds: Mapping[str, float] = {}
         while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
             try:
                 advance = self._grow if self.registered else self._bootstrap
-                news, seconds = advance(monitor, priors)
-                warnings = (*warnings, *news)
+                seconds = advance(monitor, priors)
             except CulpritError as culprit:
                 self._folder.sfm.quarantine.add(culprit)
                 self._take_out({culprit.name})
         crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
-        warnings = still_true(tuple(dict.fromkeys((*warnings, *crashed))), self._state)
+        warnings = still_true(tuple(dict.fromkeys((*self._state.unreported, *crashed))), self._state)
         current = self.reconstruction
         return PoseUpdate.between(
             before,
@@ -275,7 +271,8 @@ class GrowingReconstruction:
                 quarantine.add(culprit)
         return found
 
-    def _bootstrap(self, monitor: Monitor, priors: PosePriors | None) -> _Messages:
+    def _bootstrap(self, monitor: Monitor, priors: PosePriors | None) -> Mapping[str, float]:
+        """Make the first model; the seconds of its stages."""
         names = list(self._state.images)
         folder = self._folder.sfm.root
         result = reconstruct(self._image_dir, names, folder, self._settings, monitor, priors)
@@ -296,9 +293,10 @@ class GrowingReconstruction:
         registered = [name for name in names if name in posed]
         self._commit(state.with_poses(registered, len(posed), len(result.reconstruction.points)))
         self._open_retrieval().prepare(names)
-        return result.report.warnings, result.report.seconds
+        return result.report.seconds
 
-    def _grow(self, monitor: Monitor, priors: PosePriors | None) -> _Messages:
+    def _grow(self, monitor: Monitor, priors: PosePriors | None) -> Mapping[str, float]:
+        """Register new images in the current model; the seconds of the stages."""
         stages = Stages(self._folder.sfm, self._settings, monitor)
         usable = self._extract_features(stages)
         done = step(
@@ -314,7 +312,8 @@ class GrowingReconstruction:
         if done.from_all:
             self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
             self._retrieval = None
-        unreported = (*self._state.unreported, *done.warnings)
+        before = self._state.unreported
+        unreported = (*(without_doubts(before) if done.replaced else before), *done.warnings)
         state = done.state.model_copy(update={"unreported": unreported})
         if done.changed:
             self._commit(state)
@@ -323,7 +322,7 @@ class GrowingReconstruction:
             self._state = state
         if done.from_all:
             self._open_retrieval().prepare(list(done.state.images))
-        return done.warnings, stages.seconds
+        return stages.seconds
 
     def _take_out(self, names: Collection[str]) -> None:
         """Remove images from the state, the model and, once that is committed, the database."""

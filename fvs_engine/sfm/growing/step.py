@@ -1,6 +1,6 @@
 """One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,13 +33,15 @@ _MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
 class Step:
     """The state after a step, to be committed.
 
-    ``changed``: the folder's next model is the new one; ``from_all``: it was made of all images together.
+    ``changed``: the folder's next model is the new one; ``from_all``: it was made of all images together;
+    ``replaced``: its cameras are a mapper's, not those of the model before.
     """
 
     state: GrowthState
     changed: bool
     warnings: tuple[str, ...]
     from_all: bool = False
+    replaced: bool = False
 
 
 def step(
@@ -96,24 +98,31 @@ def step(
     tried = {name: chances.of(name) for name in change.tried if name in left}
     change = change.with_state(tried=change.state.tried | tried)
     change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
-    warnings = (*news, *stages.warnings, *change.warnings)
-    changed = change.changed
+    warnings = (*news, *change.warnings)
+    changed, replaced = change.changed, False
     matching = _count_matching_unregistered(database, change.state)
     reason = reason_to_remap(change.state, change.match_support, matching, stages.settings)
     if reason is not None:
         grown = following if changed else model_dir
         change = remap(stages, image_dir, change.state, priors, grown, following)
         changed = changed or change.changed
-        replaced = f"A re-map by {change.mapper} mapping replaced the current model."
-        lines = (replaced, *change.warnings) if change.mapper else change.warnings
-        if change.mapper:  # what was said of the cameras of the model before is no longer true
-            warnings = tuple(line for line in warnings if not line.startswith(DOUBTFUL))
-        warnings = (*warnings, *(f"{reason} {line}" for line in lines))
+        if change.mapper:
+            replaced = True
+            why = f"{reason} A re-map by {change.mapper} mapping replaced the current model."
+            warnings = (*without_doubts(warnings), why, *change.warnings)
+        else:
+            warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
+    warnings = (*stages.warnings, *warnings)
     unnamed = (name for name in state.pending if not any(mentions(line, name) for line in warnings))
     new = [name for name in unnamed if name in with_features]
     warnings = (*warnings, *_unregistered(new, candidates, change.state))
     state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
-    return Step(state, changed, still_true(warnings, state))
+    return Step(state, changed, still_true(warnings, state), replaced=replaced)
+
+
+def without_doubts(warnings: Iterable[str]) -> tuple[str, ...]:
+    """The ``warnings`` without those about the cameras of a model, which was replaced."""
+    return tuple(line for line in warnings if not line.startswith(DOUBTFUL))
 
 
 def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool:
@@ -133,6 +142,7 @@ def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored:
         changed=True,
         warnings=(*news, *stages.warnings, *change.warnings),
         from_all=True,
+        replaced=True,
     )
 
 

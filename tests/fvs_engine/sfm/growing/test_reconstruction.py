@@ -34,6 +34,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.growing.veto import Veto, veto
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.stages import Stages
 
 
 def test_added_images_are_registered_where_they_were_taken(grown: Grown, truth: Reconstruction):
@@ -145,6 +146,30 @@ def test_nothing_is_said_of_images_or_cameras_that_a_remap_puts_right(
     update = growing.add([NEXT, FAR], Monitor())
     assert update.warnings[0] == f"{FAR} is not registered: x."
     assert not any(line.startswith((NEXT, "DOUBTFUL")) for line in update.warnings)
+
+
+def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
+    grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
+    views, reasons = growing.reconstruction.views, iter([None, "It is due."])
+
+    def register(
+        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
+    ) -> ModelChange:
+        return ModelChange(state, warnings=("DOUBTFUL CAMERAS: of the model before.",))
+
+    def remap(stages: Stages, _images: object, state: GrowthState, *_: object) -> ModelChange:
+        stages.warnings.append("No focal length.")
+        return ModelChange(state, mapper="global", warnings=("DOUBTFUL CAMERAS: of the new model.",))
+
+    monkeypatch.setattr(step_module, "register", register)
+    monkeypatch.setattr(step_module, "remap", remap)
+    monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: next(reasons))
+    assert "DOUBTFUL CAMERAS: of the model before." in growing.add([FAR], Monitor(), known=views).warnings
+    warnings = growing.add([NEXT], Monitor(), known=views).warnings
+    assert "DOUBTFUL CAMERAS: of the model before." not in warnings
+    assert {"No focal length.", "DOUBTFUL CAMERAS: of the new model."} <= set(warnings)
 
 
 @pytest.mark.parametrize(("sigma_share", "asked"), [(0.01, []), (1.0, [NEVER])])
