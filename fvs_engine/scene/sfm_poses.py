@@ -30,7 +30,7 @@ class SfmPoses:
         self._priors = priors
         self._image_dir = dataset.image_dir
         self._growing = GrowingReconstruction.open(
-            folder, dataset.image_dir, settings, monitor, leaving=dataset.arriving
+            folder, dataset.image_dir, settings, monitor, remove_missing=dataset.arriving
         )
 
     @property

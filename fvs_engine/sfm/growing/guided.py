@@ -7,10 +7,10 @@ from pathlib import Path
 
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.model import read_colmap
-from fvs_engine.sfm.growing.chances import Chances, matches_of
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import register
+from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, rename_over
@@ -30,7 +30,7 @@ def guide(
     """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
     The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
-    written to the latter. Of the images whose chances have changed the one added last is matched first, then
+    written to the latter. Of the images whose inputs have changed the one added last is matched first, then
     those that were not tried for longest; newly registered images help to register others.
     """
     database, with_features = stages.folder.database, set(usable)
@@ -44,15 +44,15 @@ def guide(
             name: {other: matches.get(name, {}).get(other, 0) for other in others}
             for name, others in neighbours.items()
         }
-        chances = Chances(model_dir, around, image_cameras(database), priors)
-        due = [name for name in neighbours if chances.changed(name, change.state.tried_guided)]
+        inputs = RegistrationInputs(model_dir, around, image_cameras(database), priors)
+        due = [name for name in neighbours if inputs.changed(name, change.state.tried_guided)]
         if not due:
             break
         guided = register(
             stages, image_dir, change.state, due, priors, model_dir, folder.guided_model, neighbours
         )
         unregistered = set(guided.state.unregistered)
-        tried = {name: chances.of(name) for name in guided.tried if name in unregistered}
+        tried = {name: inputs.of(name) for name in guided.tried if name in unregistered}
         others = guided.state.tried_guided.items()
         tried_guided = {name: digest for name, digest in others if name not in tried} | tried
         warnings = (*change.warnings, *guided.warnings)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import Camera, RigidTransform
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
-from fvs_engine.sfm.verification.veto import believed_frame, is_vague
+from fvs_engine.sfm.verification.prior_frame import believed_frame, is_vague
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def most_overlapping(
     A point counts by exp(−(a / 20°)²), a the angle between the rays of the two cameras. Occlusion is ignored:
     there are no surfaces yet.
     """
-    points = current.points.xyz[:: max(1, len(current.points) // _MOST_POINTS)]
+    points = current.points.xyz[:: max(1, -(-len(current.points) // _MOST_POINTS))]
     seen = _in_frame(points, model_from_camera.inverse(), camera)
     points = points[seen]
     rays = _directions(points, model_from_camera.translation)

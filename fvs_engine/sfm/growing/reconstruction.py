@@ -45,10 +45,10 @@ class GrowingReconstruction:
     (near in capture order, added last, most similar, near in space to the best matched), registered and
     triangulated, with local bundle adjustment. A pose counts only if it explains the image's verified
     matches and these determine it; an unregistered image is tried again when its prior or the images around
-    it have changed, or may with one tried now (``chances``). Global bundle adjustment follows when the
-    model has grown by a share, after a review of the poses that hang on few points; a re-map, which must pass
-    the gate, when match support has fallen or many images that match the model stay unregistered. Both
-    results are aligned with the current model.
+    it have changed, or may with one tried now (``registration_inputs``). Global bundle adjustment follows
+    when the model has grown by a share, after a review of the poses that hang on few points; a re-map, which
+    must pass the gate, when match support has fallen or many images that match the model stay unregistered.
+    Both results are aligned with the current model.
 
     When the new images are many compared with the registered ones, all are mapped together, as if none had
     been registered.
@@ -79,11 +79,11 @@ class GrowingReconstruction:
         settings: SfmSettings,
         monitor: Monitor,
         *,
-        leaving: bool = False,
+        remove_missing: bool = False,
     ) -> "GrowingReconstruction":
         """Open the reconstruction in ``folder`` as it was last committed, or create it.
 
-        ``leaving``: images may leave the folder; those whose file is gone are removed.
+        ``remove_missing``: images whose file no longer exists are removed.
         Raises ``InvalidInputError`` when the folder belongs to other settings or an image file has changed,
         ``StorageError`` when it is damaged.
         """
@@ -91,7 +91,7 @@ class GrowingReconstruction:
         growth = GrowthFolder(folder)
         state = growth.open(settings)
         opened = cls(growth, image_dir, settings, state)
-        if leaving and (gone := {name for name in state.images if not (image_dir / name).is_file()}):
+        if remove_missing and (gone := {name for name in state.images if not (image_dir / name).is_file()}):
             opened.remove(gone)
         require_unchanged(state, image_dir, opened.added)
         return opened
@@ -188,7 +188,7 @@ class GrowingReconstruction:
                 seconds = advance(monitor, priors)
             except CulpritError as culprit:
                 self._folder.sfm.quarantine.add(culprit)
-                self._take_out({culprit.name})
+                self._remove({culprit.name})
         crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
         warnings = still_true(tuple(dict.fromkeys((*self._state.unreported, *crashed))), self._state)
         current = self.reconstruction
@@ -232,7 +232,7 @@ class GrowingReconstruction:
         fewer than two registered images are left, the next images start a new model, in a frame of its own.
         An image that was removed, or quarantined, can be added again.
         """
-        self._take_out(names)
+        self._remove(names)
         self._folder.sfm.quarantine.release(names)
 
     def localise(
@@ -324,7 +324,7 @@ class GrowingReconstruction:
             self._open_retrieval().prepare(list(done.state.images))
         return stages.seconds
 
-    def _take_out(self, names: Collection[str]) -> None:
+    def _remove(self, names: Collection[str]) -> None:
         """Remove images from the state, the model and, once that is committed, the database."""
         state = self._state.without(names)
         if len(state.registered) < _MIN_BOOTSTRAP:

@@ -31,7 +31,7 @@ class GrowthState(Record):
     """Digest of the settings, apart from the number of threads."""
 
     images: dict[str, int] = Field(default={})
-    """Every image that was ever added → its file's size in bytes, in the order of adding."""
+    """Added images, but removed and quarantined ones → the file's size in bytes, in the order of adding."""
 
     pending: tuple[str, ...] = ()
     """Added, and not yet processed by a complete update."""
@@ -43,7 +43,7 @@ class GrowthState(Record):
     """Unregistered images whose estimated pose is uncertain, or contradicted by matches or prior → why."""
 
     tried: dict[str, str] = Field(default={})
-    """Unregistered images → digest of their chances (``Chances``) when their matches were last tried."""
+    """Unregistered images → digest of their ``RegistrationInputs`` when their matches were last tried."""
 
     tried_guided: dict[str, str] = Field(default={})
     """The same for matches that their pose priors guide; the image tried last is the last."""

@@ -7,15 +7,15 @@ from pathlib import Path
 from fvs_engine.images.names import listed, mentions
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
-from fvs_engine.sfm.growing.chances import Chances, matches_of
 from fvs_engine.sfm.growing.guided import guide, still_true
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
+from fvs_engine.sfm.growing.prior_veto import veto
 from fvs_engine.sfm.growing.registration import not_registered, register
+from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
-from fvs_engine.sfm.growing.veto import veto
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -80,10 +80,12 @@ def step(
         if name not in state.rejected
     ]
     matches = matches_of(candidates, verified_matches(database, MIN_PAIR_MATCHES))
-    chances = Chances(model_dir, matches, image_cameras(database), priors, informative=decided.informative)
-    due = chances.due(state.tried)
+    inputs = RegistrationInputs(
+        model_dir, matches, image_cameras(database), priors, informative=decided.informative
+    )
+    due = inputs.due(state.tried)
     if due and _adjusts_all(state, len(due), stages.settings.growth):
-        due = list(matches)  # the adjustment changes the chances of all
+        due = list(matches)  # the adjustment changes the inputs of all
     change = register(
         stages,
         image_dir,
@@ -95,7 +97,7 @@ def step(
         informative=decided.informative,
     )
     left = set(change.state.unregistered)
-    tried = {name: chances.of(name) for name in change.tried if name in left}
+    tried = {name: inputs.of(name) for name in change.tried if name in left}
     change = change.with_state(tried=change.state.tried | tried)
     change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
     warnings = (*news, *change.warnings)

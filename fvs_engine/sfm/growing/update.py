@@ -61,7 +61,7 @@ class PoseUpdate:
         warnings: tuple[str, ...] = (),
         seconds: Mapping[str, float] | None = None,
     ) -> "PoseUpdate":
-        """Compare ``views`` with those ``known`` before; ``added`` names all images that were ever added."""
+        """Compare ``views`` with those ``known`` before; ``added``: all images, in the order of adding."""
         before = {view.name: view for view in known}
         now = {view.name: view for view in views}
         return PoseUpdate(

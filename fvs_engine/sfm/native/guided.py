@@ -20,7 +20,7 @@ from fvs_engine.sfm.native.registration import color_points, register
 from fvs_engine.sfm.native.two_view_points import add_two_view_points
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, supported
-from fvs_engine.sfm.verification.veto import PriorFrame, believed_frame
+from fvs_engine.sfm.verification.prior_frame import PriorFrame, believed_frame
 
 Report = Callable[[int], None]
 

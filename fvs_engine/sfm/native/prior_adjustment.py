@@ -7,7 +7,7 @@ from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.positions import misplaced
-from fvs_engine.sfm.verification.veto import believed_frame
+from fvs_engine.sfm.verification.prior_frame import believed_frame
 
 _LEAST_SIGMA_SHARE = 0.005
 """Minimum standard deviation of a prior, as a share of the cameras' distance from their middle."""

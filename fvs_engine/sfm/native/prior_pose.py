@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.rotations import matrix_from_rotation_vector
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.veto import PriorFrame, is_vague
+from fvs_engine.sfm.verification.prior_frame import PriorFrame, is_vague
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from fvs_engine.sfm.native.robust_adjustment import (
     use_robust_loss,
 )
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.veto import believed_frame
+from fvs_engine.sfm.verification.prior_frame import believed_frame
 
 Report = Callable[[int], None]
 

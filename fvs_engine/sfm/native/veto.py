@@ -19,10 +19,11 @@ from fvs_engine.sfm.colmap.database import (
 )
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.verification.contradicted_pairs import contradicted_pairs
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import contradict, informative
+from fvs_engine.sfm.verification.prior_frame import believed_frame, orientations_contradict
 from fvs_engine.sfm.verification.prior_support import prior_support
-from fvs_engine.sfm.verification.veto import believed_frame, contradicted_pairs, orientations_contradict
 
 Report = Callable[[int], None]
 
@@ -111,7 +112,7 @@ def _support(
     if not contradict(priors, centres):
         return None
     inside = [pair for pair in pairs if pair.first in posed and pair.second in posed]
-    inside = inside[:: max(1, len(inside) // _MOST_PAIRS)]
+    inside = inside[:: max(1, -(-len(inside) // _MOST_PAIRS))]
     keypoints = read_keypoints(database, {i for pair in inside for i in (pair.first, pair.second)})
     rotations = {i: image.cam_from_world().rotation.matrix().T for i, image in posed.items()}
     return prior_support(check_pairs(model, inside, keypoints), names, rotations, priors)

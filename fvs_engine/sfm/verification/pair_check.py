@@ -144,6 +144,12 @@ def angle_deg(rotation: Array) -> float:
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1.0) / 2.0)))
 
 
+def vector_angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """The angle between two vectors, in degrees."""
+    cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
 def supported(
     first: Array, second: Array, rotation: Array, translation: Array, max_error: float
 ) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from fvs_engine.sfm.native.guided_matching import GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, KnownPoints
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, refine
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.veto import believed_frame
+from fvs_engine.sfm.verification.prior_frame import believed_frame
 
 CAMERA = pycolmap.Camera(
     model="SIMPLE_PINHOLE", width=800, height=600, params=np.array([700.0, 400.0, 300.0])

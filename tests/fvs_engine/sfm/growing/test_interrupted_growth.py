@@ -144,7 +144,7 @@ def test_photographs_that_left_the_folder_are_taken_out_where_they_may(
     with pytest.raises(InvalidInputError, match=FIRST[1]):
         GrowingReconstruction.open(folder, images_copy, SETTINGS, Monitor())
     for _ in range(2):
-        opened = GrowingReconstruction.open(folder, images_copy, SETTINGS, Monitor(), leaving=True)
+        opened = GrowingReconstruction.open(folder, images_copy, SETTINGS, Monitor(), remove_missing=True)
         assert opened.added == (FIRST[0], *FIRST[2:])
         assert sorted(view.name for view in opened.reconstruction.views) == [FIRST[0], *FIRST[2:]]
 

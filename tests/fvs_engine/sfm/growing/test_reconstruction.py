@@ -29,9 +29,9 @@ from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.growing import registration as registration_module
 from fvs_engine.sfm.growing import step as step_module
 from fvs_engine.sfm.growing.model_change import ModelChange
+from fvs_engine.sfm.growing.prior_veto import Veto, veto
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.state import GrowthState
-from fvs_engine.sfm.growing.veto import Veto, veto
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import Stages

@@ -8,12 +8,8 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform, SimilarityTransform, look_at
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.veto import (
-    PriorFrame,
-    believed_frame,
-    contradicted_pairs,
-    orientations_contradict,
-)
+from fvs_engine.sfm.verification.contradicted_pairs import contradicted_pairs
+from fvs_engine.sfm.verification.prior_frame import PriorFrame, believed_frame, orientations_contradict
 
 CAMERA = pycolmap.Camera(
     model="SIMPLE_PINHOLE", width=640, height=480, params=np.array([500.0, 320.0, 240.0]), camera_id=1

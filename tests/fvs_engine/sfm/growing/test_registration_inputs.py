@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 from row_of_cameras import row_of_cameras
 
-from fvs_engine.sfm.growing.chances import Chances, matches_of
+from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, settings_digest
 from fvs_engine.sfm.growing.step import _adjusts_all
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -23,7 +23,7 @@ def model() -> pycolmap.Reconstruction:
     return row_of_cameras(0.0, seen_by=3)
 
 
-def chances(
+def inputs_of(
     model: pycolmap.Reconstruction,
     folder: Path,
     matches: dict[str, dict[str, int]],
@@ -31,10 +31,12 @@ def chances(
     camera: int = 1,
     *,
     informative: bool = True,
-) -> Chances:
+) -> RegistrationInputs:
     folder.mkdir(exist_ok=True)
     model.write_binary(folder)
-    return Chances(folder, matches, dict.fromkeys(matches, camera), priors, informative=informative)
+    return RegistrationInputs(
+        folder, matches, dict.fromkeys(matches, camera), priors, informative=informative
+    )
 
 
 def test_matches_are_of_both_images_of_a_pair():
@@ -44,10 +46,10 @@ def test_matches_are_of_both_images_of_a_pair():
 
 def test_nothing_changes_while_the_images_around_one_stay(model: pycolmap.Reconstruction, tmp_path: Path):
     matches = {A: {"00.jpg": 20, "01.jpg": 30}}
-    tried = {A: chances(model, tmp_path / "before", matches).of(A)}
+    tried = {A: inputs_of(model, tmp_path / "before", matches).of(A)}
     far = model.find_image_with_name("20.jpg")
     model.deregister_frame(far.frame_id)
-    after = chances(model, tmp_path / "after", matches)
+    after = inputs_of(model, tmp_path / "after", matches)
     assert not after.changed(A, tried)
     assert after.due(tried) == []
 
@@ -57,7 +59,7 @@ def test_nothing_changes_while_the_images_around_one_stay(model: pycolmap.Recons
 )
 def test_each_of_what_decides_counts(change: str, model: pycolmap.Reconstruction, tmp_path: Path):
     matches, priors, own = {A: {"00.jpg": 20, "01.jpg": 30}}, NONE, 1
-    tried = {A: chances(model, tmp_path / "before", matches).of(A)}
+    tried = {A: inputs_of(model, tmp_path / "before", matches).of(A)}
     image = model.find_image_with_name("01.jpg")
     match change:
         case "pose":
@@ -74,7 +76,7 @@ def test_each_of_what_decides_counts(change: str, model: pycolmap.Reconstruction
             priors = PosePriors(by_name={A: PosePrior.at(np.zeros(3), 1.0)})
         case "their prior":
             priors = PosePriors(by_name={"01.jpg": PosePrior.at(np.zeros(3), 1.0)})
-    after = chances(model, tmp_path / "after", matches, priors, own, informative=change != "informative")
+    after = inputs_of(model, tmp_path / "after", matches, priors, own, informative=change != "informative")
     assert after.due(tried) == [A]
 
 
@@ -87,7 +89,7 @@ def test_what_one_image_may_change_is_tried_with_it(model: pycolmap.Reconstructi
         B: {"05.jpg": 20, A: 20},
         A: {"00.jpg": 20, B: 20},
     }
-    now = chances(model, tmp_path / "model", matches)
+    now = inputs_of(model, tmp_path / "model", matches)
     tried = {name: now.of(name) for name in matches if name != A}
     assert now.due(tried) == [D, C, B, A]
     assert now.due({}) == list(matches)
@@ -116,7 +118,7 @@ def test_the_state_forgets_the_tries_of_images_that_are_registered_or_removed():
 
 
 @pytest.mark.parametrize(("new", "all_change"), [(0, False), (1, True)])
-def test_an_adjustment_of_all_images_that_is_due_changes_all_chances(new: int, all_change: bool):
+def test_an_adjustment_of_all_images_that_is_due_changes_the_inputs_of_all(new: int, all_change: bool):
     names = [f"{number}.jpg" for number in range(10)]
     state = GrowthState(settings="", registered=tuple(names), adjusted_images=10)
     assert _adjusts_all(state, new, GrowthSettings(adjust_every=0.1)) == all_change

@@ -1,4 +1,4 @@
-"""Which unregistered images to try again: those whose chances of a pose have changed since the last try."""
+"""Decides which unregistered images to try again: those whose inputs have changed since the last try."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ def matches_of(names: Sequence[str], pairs: Pairs) -> dict[str, dict[str, int]]:
     return {name: others for name, others in found.items() if others}
 
 
-class Chances:
-    """What decides whether unregistered images get a pose in a model.
+class RegistrationInputs:
+    """What the registration of unregistered images in a model depends on.
 
-    These are an image's own prior and its camera as far as registered images determine it, whether priors can
+    That is an image's own prior and its camera as far as registered images determine it, whether priors can
     judge poses, and the registered images ``around`` it (image → others, with the numbers of their verified
-    matches): their poses, cameras, priors and numbers of points. With the same chances a try has the same
+    matches): their poses, cameras, priors and numbers of points. With the same inputs a try has the same
     result, but for the luck of RANSAC and for what all images share: the spread of their centres, and the
     frame of their priors. ``cameras``: image → id of its camera.
     """
@@ -51,7 +51,7 @@ class Chances:
         self._informative = informative
 
     def of(self, name: str) -> str:
-        """Digest of an image's chances."""
+        """Digest of an image's inputs."""
         registered = self._registered
         camera = registered.cameras.get(self._cameras[name])
         facts = [f"{self._informative} {camera} {self._prior(name)}"]
@@ -61,11 +61,11 @@ class Chances:
         return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 
     def changed(self, name: str, tried: Mapping[str, str]) -> bool:
-        """Whether an image was not ``tried`` (image → digest at the last try) with its present chances."""
+        """Whether an image was not ``tried`` (image → digest at the last try) with its present inputs."""
         return name not in tried or tried[name] != self.of(name)
 
     def due(self, tried: Mapping[str, str]) -> list[str]:
-        """The images whose chances have changed, or may when one of these is registered.
+        """The images whose inputs have changed, or may when one of these is registered.
 
         The latter match one of them, or match the same image.
         """
@@ -73,8 +73,8 @@ class Chances:
         beside = due
         while beside:
             near = beside.union(*(self._around[name] for name in beside))
-            waiting = self._around.keys() - due
-            beside = {name for name in waiting if name in near or not near.isdisjoint(self._around[name])}
+            others = self._around.keys() - due
+            beside = {name for name in others if name in near or not near.isdisjoint(self._around[name])}
             due |= beside
         return [name for name in self._around if name in due]
 
