@@ -18,11 +18,13 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import read_dataset
 from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, map_scene
+from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.settings import FeatureSettings, MapperName, SfmSettings
@@ -46,7 +48,7 @@ _TURN_DEG = 10.0
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with true camera centres."""
+    """A scene with true camera centres, or those of the model of all its photographs."""
 
     name: str
     image_dir: Path
@@ -63,6 +65,19 @@ class Scene:
         else:
             centres = _strecha(folder)
         return Scene(name, folder / "images", centres)
+
+    @staticmethod
+    def of_all(data: Path, name: str, cache: Path) -> "Scene":
+        """A scene without true poses, with the centres of an accepted model of all its photographs.
+
+        Their EXIF's GPS positions, where there are any, are its priors. ``cache`` keeps the model.
+        """
+        image_dir = data / name / "images"
+        names = sorted(path.name for path in image_dir.iterdir())
+        result = reconstruct(image_dir, names, cache / name / "reference", SETTINGS, Monitor())
+        if result.report.verdict != "accepted":
+            raise ReconstructionError(f"The model of all photographs of {name} is {result.report.verdict}.")
+        return Scene(name, image_dir, result.reconstruction.centres())
 
     def pool(self) -> list[str]:
         """The images that subsets are drawn from."""
