@@ -77,7 +77,9 @@ class WorkingCopies:
         self._storage.blobs.export(working_copy_key(scene_id, newest), file)
         shutil.rmtree(arrived, ignore_errors=True)
         with tarfile.open(file) as tar:
-            tar.extractall(arrived, filter="data")
+            # Python before 3.11.4 has no filters; the archive is one of the workers' own.
+            tar.extraction_filter = getattr(tarfile, "data_filter", None)
+            tar.extractall(arrived)
         file.unlink()
         marker.unlink(missing_ok=True)  # from here on the folder is of neither, until the new marker
         for part in _PARTS:

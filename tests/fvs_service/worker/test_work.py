@@ -194,7 +194,7 @@ def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
     warnings: list[str] = []
     scene.quarantined = {"03": "It crashes."}
     monkeypatch.setattr(SomeUpdate, "warnings", ("It is doubtful.",))
-    monkeypatch.setattr(scene_jobs, "_leave_out", lambda *_: None)
+    monkeypatch.setattr(scene_jobs, "_quarantine", lambda *_: None)
     _jobs(tmp_path).run(
         _request(trains=True),
         _monitor(),
