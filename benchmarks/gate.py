@@ -32,7 +32,7 @@ from yards import YARDS, yard
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
-from fvs_engine.geometry.alignment.similarity import robust_umeyama
+from fvs_engine.geometry.alignment.similarity import robust_umeyama, umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, registered_names
 from fvs_engine.sfm.colmap.database import focal_length_priors, read_keypoints, read_verified_pairs
@@ -47,7 +47,8 @@ from fvs_engine.sfm.verification.scale import Scale, depth_ratios
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
 PHOTOGRAPHED = ("fox", "bonsai", "castle-P19", "fountain-P11")
-WITHOUT_TRUTH = ("brighton", "banana", "caliterra", "kermit", "lund")
+WITHOUT_TRUTH = ("brighton", "caliterra", "kermit", "lund")
+"""Scenes with an accepted model of all photographs; that of *banana* is doubtful, *truck11* has none."""
 SCENES = (*PHOTOGRAPHED, *WITHOUT_TRUTH, *YARDS)
 WRONG_SHARE = 0.1
 
@@ -198,7 +199,23 @@ def _centres(model: pycolmap.Reconstruction) -> Centres:
 
 def _wrong(kind: str, found: Centres, truth: Centres) -> set[str]:
     # Centres that are nearly in a plane look right in a mirror; the orientations do not.
-    return set(found) if kind == mirrored.__name__ else wrong_images(found, truth)
+    if kind == mirrored.__name__:
+        return set(found)
+    # Most cameras in a row leave the turn about it open, and the others would be far off. Spoilt models are
+    # wrong, though, also where all centres are near.
+    if kind in MAPPERS and all_near(found, truth):
+        return set()
+    return wrong_images(found, truth)
+
+
+def all_near(found: Centres, truth: Centres) -> bool:
+    """Whether one alignment brings all centres near the true ones."""
+    ours, theirs = (np.stack([centres[name] for name in sorted(found)]) for centres in (found, truth))
+    try:
+        off = np.linalg.norm(umeyama(ours, theirs).apply(ours) - theirs, axis=1)
+    except InvalidInputError:  # all in one place
+        return False
+    return bool(off.max() <= WRONG_SHARE * centre_spread(theirs))
 
 
 def wrong_images(found: Centres, truth: Centres) -> set[str]:

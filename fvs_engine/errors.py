@@ -48,6 +48,10 @@ class ReconstructionError(EngineError):
     code = "reconstruction-failed"
 
 
+class ContradictedModelsError(ReconstructionError):
+    """There are models, and the images' matches or positions contradict all of them."""
+
+
 class NativeJobError(ReconstructionError):
     """A native job failed; ``crashed``: by itself, not because its process was killed."""
 

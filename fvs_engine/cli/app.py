@@ -26,7 +26,7 @@ from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 from fvs_engine.cli.simulate_vehicle import simulate_vehicle
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import ContradictedModelsError
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -158,7 +158,7 @@ def reconstruct(
             images, out, settings, overwrite=overwrite, monitor=monitor, warn=warn, threads=run.threads
         )
 
-    run_job(job, machine=run.as_json, remedies={ReconstructionError.code: _CAMERA_OPTIONS})
+    run_job(job, machine=run.as_json, remedies={ContradictedModelsError: _CAMERA_OPTIONS})
     report.show_folder(out, machine=run.as_json)
 
 

@@ -24,20 +24,22 @@ _SHOW_CURSOR = b"\x1b[?25h\n"
 """The bars hide the cursor, and a process that ends at once does not restore it."""
 
 _Result = TypeVar("_Result")
-NO_REMEDIES: Mapping[str, str] = MappingProxyType({})
+Remedies = Mapping[type[EngineError], str]
+"""Kinds of errors → the sentence that names the options of the command that help."""
+NO_REMEDIES: Remedies = MappingProxyType({})
 Warn = Callable[[str], None]
 """Shows a warning, one sentence, to the user."""
 
 
 def run_job(
-    job: Callable[[Monitor, Warn], _Result], *, machine: bool, remedies: Mapping[str, str] = NO_REMEDIES
+    job: Callable[[Monitor, Warn], _Result], *, machine: bool, remedies: Remedies = NO_REMEDIES
 ) -> _Result:
     """Run ``job(monitor, warn)`` with progress on stderr, and return what it returns.
 
     The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
     The first SIGINT or SIGTERM requests the job to stop, the second ends the process at once. An
     ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
-    JSON on stdout), and with the sentence of ``remedies`` for its code: which options of the command help.
+    JSON on stdout), and with its sentence of ``remedies``.
     Warnings that the engine logs are shown as well.
     """
     outcome: list[_Result] = []
@@ -61,7 +63,7 @@ def run_job(
         return outcome[0]
     error = failure[0]
     if isinstance(error, EngineError):
-        fail(error, machine=machine, remedy=remedies.get(error.code, ""))
+        fail(error, machine=machine, remedy=remedies.get(type(error), ""))
     raise error
 
 

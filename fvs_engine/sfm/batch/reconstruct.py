@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import ContradictedModelsError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.images.names import listed
 from fvs_engine.monitor import Monitor
@@ -247,10 +247,10 @@ def _failure(
             hint="Add photographs from in between, taken from different places rather than by turning.",
         )
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
-    return ReconstructionError(
+    return ContradictedModelsError(
         f"Every model contradicts the images' matches or positions. {reasons}",
         hint="Places that look alike cause this, a zoom that EXIF does not tell, or a wrong camera model. "
         "Take photographs from farther away, which show what is there only once, and some in between; do not "
-        "zoom; give positions, as GPS in EXIF. If the camera is the cause, give its calibration, or cameras "
-        "that another program computed.",
+        "zoom; give positions, as GPS in EXIF or with the upload. If the camera is the cause, give its "
+        "calibration, or cameras that another program computed.",
     )

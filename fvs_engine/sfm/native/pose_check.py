@@ -79,7 +79,7 @@ class PoseCheck:
             matches = sum(check.matches for check in checks)
             supported = sum(check.supported for check in checks)
             if supported < EXPLAINED * matches:
-                return f"{supported} of its {matches} matches of other features fit its estimated pose"
+                return f"{supported} of its {matches} matches of ALIKED features fit its estimated pose"
         name = model.image(image_id).name
         if name in self._scale(model, {image_id}).contradicted:
             return "features seen in three images contradict its distance to the others"

@@ -12,7 +12,7 @@ import typer
 
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED
 from fvs_engine.cli.jobs import Warn, run_job
-from fvs_engine.errors import EngineError, ReconstructionError
+from fvs_engine.errors import ContradictedModelsError, EngineError, ReconstructionError
 from fvs_engine.monitor import Monitor
 
 
@@ -53,6 +53,22 @@ def test_an_engine_error_is_one_message_and_a_status(
         }
     else:
         assert captured.out == ""
+
+
+def test_the_options_that_help_are_named_with_their_kind_of_error_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for kind, expected in (
+        (ContradictedModelsError, "Step back. Try --colmap."),
+        (ReconstructionError, "Step back."),
+    ):
+
+        def job(_monitor: Monitor, _warn: Warn, kind: type[EngineError] = kind) -> None:
+            raise kind("No model.", hint="Step back.")
+
+        with pytest.raises(typer.Exit):
+            run_job(job, machine=False, remedies={ContradictedModelsError: "Try --colmap."})
+        assert capsys.readouterr().err.splitlines() == ["Error: No model.", expected]
 
 
 def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFixture[str]) -> None:

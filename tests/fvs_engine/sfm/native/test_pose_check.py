@@ -44,7 +44,7 @@ def test_the_witness_contradicts_a_pose_that_all_other_matches_fit(kermit_sfm: S
     mixed = with_matches(known.pairs, lambda matches: np.c_[matches[:, 0], np.roll(matches[:, 1], 7)])
     contradicts = replace(known, witness=WitnessMatches(mixed, known.keypoints))
     said = {str(contradicts.contradiction(model, image_id)) for image_id in model.images}
-    assert all("matches of other features fit" in contradiction for contradiction in said)
+    assert all("matches of ALIKED features fit" in contradiction for contradiction in said)
 
 
 def test_an_image_of_few_matches_is_loosely_linked_unless_the_witness_connects_it(
