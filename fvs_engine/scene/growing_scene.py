@@ -61,7 +61,7 @@ class GrowingScene:
         self._visited: tuple[str, ...] = ()
         self._posed: dict[str, AnyView] = {}  # by name, in the order of names, with distortion
         self._views: tuple[TrainingView, ...] = ()  # in the same order
-        self._points = PointCloud.empty()
+        self._points = self._starts = PointCloud.empty()
         self._models = SceneModels(files, settings, rasterizer)
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._generation = 0
@@ -100,7 +100,7 @@ class GrowingScene:
 
     @property
     def points(self) -> PointCloud:
-        """The sparse points that registered views share."""
+        """The sparse points of the model that registered views share. Gaussians start at others, too."""
         return self._points
 
     @property
@@ -168,10 +168,10 @@ class GrowingScene:
         found = time.monotonic()
         posed, views, moved = self._load(update, monitor)
         self._visited, self._generation, self._dirty = visited, update.generation, True
-        points = update.points
+        starts = update.points
         if update.two_view_points is not None:
-            points = points.and_also(colored(update.two_view_points, views))
-        self._set(posed, views, points)
+            starts = starts.and_also(colored(update.two_view_points, views))
+        self._set(posed, views, update.points, starts)
         return SceneUpdate(
             registered=update.registered,
             unregistered=update.unregistered,
@@ -212,9 +212,12 @@ class GrowingScene:
     def save(self) -> None:
         """Commit the visits and views: after a kill the folder holds this state or the previous one."""
         state = SceneState(
-            visited=self._visited, views=tuple(self._posed.values()), generation=self._generation
+            visited=self._visited,
+            views=tuple(self._posed.values()),
+            generation=self._generation,
+            two_view_points=len(self._starts) - len(self._points),
         )
-        self._files.write_state(state, self._points)
+        self._files.write_state(state, self._starts)
         self._dirty = False
         self._source.acknowledge()
 
@@ -270,24 +273,30 @@ class GrowingScene:
 
     def _scarcity(self) -> tuple[str, ...]:
         """A warning when models start from guesses."""
-        if not self._views or len(self._points) >= MIN_POINTS:
+        if not self._views or len(self._starts) >= MIN_POINTS:
             return ()
         return (
-            f"The {len(self._views)} registered views share only {len(self._points)} points: Gaussians also "
+            f"The {len(self._views)} registered views share only {len(self._starts)} points: Gaussians also "
             "start at guessed depths.",
         )
 
-    def _set(self, posed: Mapping[str, AnyView], views: Sequence[TrainingView], points: PointCloud) -> None:
-        """Replace the views, which are in the order of their names."""
-        self._posed, self._views, self._points = dict(posed), tuple(views), points
+    def _set(
+        self,
+        posed: Mapping[str, AnyView],
+        views: Sequence[TrainingView],
+        points: PointCloud,
+        starts: PointCloud,
+    ) -> None:
+        """Replace the views, in the order of their names, and the points, the first of ``starts``."""
+        self._posed, self._views, self._points, self._starts = dict(posed), tuple(views), points, starts
         self._usual_cameras = _usual_cameras(posed.values())
-        self._models.follow(self._posed, self._views, points)
+        self._models.follow(self._posed, self._views, starts)
 
     def _resume(self, monitor: Monitor) -> None:
         saved = self._files.read_state()
         if saved is None:
             return
-        state, points = saved
+        state, starts = saved
         self._visited, self._generation = state.visited, state.generation
         posed, views = {}, []
         for done, view in enumerate(state.views, start=1):
@@ -296,7 +305,8 @@ class GrowingScene:
                 views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
                 posed[view.name] = view
             monitor.report("load", done, len(state.views))
-        self._set(posed, views, points)
+        shared = len(starts) - state.two_view_points
+        self._set(posed, views, PointCloud(starts.xyz[:shared], starts.colors[:shared]), starts)
 
 
 def _usual_cameras(views: Iterable[AnyView]) -> dict[tuple[int, int], Camera]:

@@ -41,6 +41,8 @@ class SceneState(Record):
     visited: tuple[str, ...]
     views: tuple[AnyView, ...]
     generation: int
+    two_view_points: int = 0
+    """Number of the points that only two images show: the last ones."""
 
 
 @dataclass(frozen=True)

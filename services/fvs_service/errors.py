@@ -206,7 +206,7 @@ class StaleLeaseError(
     code="stale-lease",
     title="Another worker has leased the scene",
     rpc_status="ABORTED",
-    usual_hint="Try again: the other worker answers.",
+    usual_hint="Stop: the other worker goes on with the scene.",
 ):
     """Another worker has taken the lease: the operation must stop."""
 

@@ -214,8 +214,8 @@ def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
         )
     if chosen.with_few_points:
         warnings.append(
-            f"Left out {_counted(chosen.with_few_points, names)}: {listed(chosen.with_few_points)}. Hardly "
-            "any point of the model is seen there. Photograph what connects them with the others."
+            f"Left out {_counted(chosen.with_few_points, names)}: {listed(chosen.with_few_points)}. They "
+            "show hardly any point of the model. Photograph what connects them with the others."
         )
     evidence = chosen.candidate.evidence
     if weak := [] if evidence is None else unsupported_images(evidence):
@@ -249,8 +249,8 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     return ContradictedModelsError(
         f"Every model contradicts the images' matches or positions. {reasons}",
-        hint="Places that look alike cause this, a zoom that EXIF does not tell, or a wrong camera model. "
-        "Take photographs from farther away, which show what is there only once, and some in between; do not "
+        hint="Places that look alike cause this, a zoom that EXIF does not record, or a wrong camera model. "
+        "Take photographs from farther away, which include something unique, and some in between; do not "
         "zoom; give positions, as GPS in EXIF or with the upload. If the camera is the cause, give its "
         "calibration, or cameras that another program computed.",
     )

@@ -1,5 +1,6 @@
 """A reconstruction that images are added to, one by one or many at once."""
 
+import logging
 import shutil
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fvs_engine.errors import InvalidInputError
+from fvs_engine.errors import InvalidInputError, NativeJobError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import reconstruct
@@ -36,6 +37,7 @@ from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
+_log = logging.getLogger(__name__)
 
 
 class GrowingReconstruction:
@@ -203,19 +205,27 @@ class GrowingReconstruction:
         )
 
     def two_view_points(self, monitor: Monitor) -> TwoViewPoints | None:
-        """The points that only two registered images show; None without a model. Raises ``Cancelled``."""
-        if self.model_dir is None:
+        """The points that only two registered images show; None where they cannot be computed.
+
+        Models do without them, so a crash is no reason to fail. Raises ``Cancelled``.
+        """
+        database = self._folder.sfm.database
+        if self.model_dir is None or not database.exists():
             return None
         with tempfile.TemporaryDirectory() as scratch:
             target = Path(scratch) / "points.npz"
-            Stages(self._folder.sfm, self._settings, monitor).native(
-                "two_view_points",
-                {
-                    "database": str(self._folder.sfm.database),
-                    "model_dir": str(self.model_dir),
-                    "target": str(target),
-                },
-            )
+            arguments = {
+                "database": str(database),
+                "model_dir": str(self.model_dir),
+                "target": str(target),
+            }
+            try:
+                Stages(self._folder.sfm, self._settings, monitor).native("two_view_points", arguments)
+            except NativeJobError as error:
+                if not error.crashed:
+                    raise
+                _log.info("No points of two views: %s", error)
+                return None
             with np.load(target) as found:
                 return TwoViewPoints(found["xyz"], found["seen_in"])
 

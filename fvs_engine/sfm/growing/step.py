@@ -124,7 +124,7 @@ def step(
 
 def without_doubts(warnings: Iterable[str]) -> tuple[str, ...]:
     """The ``warnings`` without those about the cameras of a model, which was replaced."""
-    return tuple(line for line in warnings if not line.startswith(DOUBTFUL))
+    return tuple(line for line in warnings if DOUBTFUL not in line)
 
 
 def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool:

@@ -12,14 +12,18 @@ from fvs_engine.sfm.native.match_cache import load_all
 def two_view_points(_report: Callable[[int], None], *, database: str, model_dir: str, target: str) -> int:
     """Triangulate the points that only two images of ``model_dir`` show; returns their number.
 
-    Writes ``xyz`` [P, 3] and ``seen_in`` [P], the name of one of the two images, to ``target`` (npz).
+    Points with an error that COLMAP's mappers do not accept are left out. Writes ``xyz`` [P, 3] and
+    ``seen_in`` [P], the name of one of the two images, to ``target`` (npz).
     """
     model = pycolmap.Reconstruction(model_dir)
     old = set(model.point3D_ids())
     add_two_view_points(
         model, Path(database), sorted(image.name for image in model.images.values() if image.has_pose)
     )
-    added = [model.point3D(point_id) for point_id in sorted(model.point3D_ids() - old)]
+    model.update_point_3d_errors()
+    points = (model.point3D(point_id) for point_id in sorted(model.point3D_ids() - old))
+    largest = pycolmap.IncrementalMapperOptions().filter_max_reproj_error
+    added = [point for point in points if point.track.length() == 2 and point.error <= largest]
     np.savez(
         target,
         xyz=np.array([point.xyz for point in added]).reshape(-1, 3),

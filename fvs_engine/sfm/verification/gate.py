@@ -248,8 +248,8 @@ def loose_images(evidence: Evidence) -> list[str]:
 def few_matches(names: Sequence[str]) -> str:
     """Why the poses of these images are doubtful, and the remedy."""
     return (
-        f"Only few matches connect {listed(names)} with the rest of the model. Look-alike places cause this, "
-        "too; photographs taken in between would settle it."
+        f"Only a few matches connect {listed(names)} with the rest of the model. Look-alike places cause "
+        "this, too; photographs taken in between would settle it."
     )
 
 
@@ -280,7 +280,7 @@ def _unconfirmed_rest(contradicted: Sequence[str]) -> str:
     """Why a model is doubtful of which only a part was left out, and the remedy."""
     return (
         f"Matches of ALIKED features contradicted the poses of {listed(contradicted)}, and do not confirm "
-        "the remaining ones. Take photographs in between."
+        "the remaining poses. Take photographs in between."
     )
 
 
@@ -319,7 +319,10 @@ def _contradictions_of_priors(evidence: Evidence, images: int, settings: GateSet
     found = []
     misplaced, residual = evidence.misplaced_images, evidence.prior_residual_share
     if len(misplaced) > MAX_MISPLACED_SHARE * images:
-        found.append(f"Far from the position priors are {_counted(misplaced, images)}.")
+        found.append(
+            f"{len(misplaced)} of its {images} images are far from their position priors: "
+            f"{listed(misplaced)}."
+        )
     if residual is not None and residual > settings.max_prior_disagreement:
         found.append(f"Its camera centres are {residual:.0%} of the track off their position priors.")
     return found

@@ -98,7 +98,7 @@ class Jobs:
             if job.state not in (JobState.FAILED, JobState.CANCELED):
                 raise ConflictError(
                     f"The job is {job.state.value}; only failed and canceled jobs can be retried.",
-                    hint="Wait until it has ended, or submit another job.",
+                    hint="Submit another job." if job.state.ended else "Wait until it has ended.",
                 )
             if repository.queued_job(session, job.scene_id, job.kind) is not None:
                 raise ConflictError(

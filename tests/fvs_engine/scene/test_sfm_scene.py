@@ -10,6 +10,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.splat.raster import Rasterizer
 
@@ -39,11 +40,15 @@ def test_a_scene_whose_cameras_are_found_on_the_way(
     assert update.registered == first
     assert update.warnings == ()  # a hundred points or more
     scene.save()
+    assert scene.model_dir is not None
+    in_model = read_colmap(scene.model_dir).points.xyz
+    assert np.array_equal(scene.points.xyz, in_model)  # points of two views are none of the scene's
     before = {view.name: view.camera_from_model.matrix for view in scene.views}
     scene.add([later], Monitor())
 
     resumed = opened()
     assert resumed.visited == first
+    assert np.array_equal(resumed.points.xyz, in_model)
     assert {view.name: view.camera_from_model.matrix.tolist() for view in resumed.views} == {
         name: matrix.tolist() for name, matrix in before.items()
     }

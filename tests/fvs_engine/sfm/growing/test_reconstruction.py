@@ -157,7 +157,7 @@ def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
     def register(
         _stages: object, _images: object, state: GrowthState, *_: object, **__: object
     ) -> ModelChange:
-        return ModelChange(state, warnings=("DOUBTFUL CAMERAS: of the model before.",))
+        return ModelChange(state, warnings=("It was due. DOUBTFUL CAMERAS: of the model before.",))
 
     def remap(stages: Stages, _images: object, state: GrowthState, *_: object) -> ModelChange:
         stages.warnings.append("No focal length.")
@@ -166,9 +166,10 @@ def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
     monkeypatch.setattr(step_module, "register", register)
     monkeypatch.setattr(step_module, "remap", remap)
     monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: next(reasons))
-    assert "DOUBTFUL CAMERAS: of the model before." in growing.add([FAR], Monitor(), known=views).warnings
+    doubt = "It was due. DOUBTFUL CAMERAS: of the model before."
+    assert doubt in growing.add([FAR], Monitor(), known=views).warnings
     warnings = growing.add([NEXT], Monitor(), known=views).warnings
-    assert "DOUBTFUL CAMERAS: of the model before." not in warnings
+    assert doubt not in warnings
     assert {"No focal length.", "DOUBTFUL CAMERAS: of the new model."} <= set(warnings)
 
 
@@ -219,11 +220,27 @@ def test_points_that_only_two_images_show_are_found_beside_the_model(
     assert not set(map(tuple, found.xyz)) & set(map(tuple, model.points.xyz))
     views = {view.name: view for view in model.views}
     assert set(found.seen_in) <= set(views)
+    assert len(growing.reconstruction.points) == len(grown.last.points)
     for name, view in views.items():
         px = view.camera.project(view.camera_from_model.apply(found.xyz[found.seen_in == name]))
         assert ((px >= 0) & (px <= (view.camera.width, view.camera.height))).all()
     empty = GrowingReconstruction.open(tmp_path / "new", images, SETTINGS, Monitor())
     assert empty.two_view_points(Monitor()) is None
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_models_do_without_points_of_two_images_when_these_cannot_be_computed(
+    gone: bool, grown: Grown, images: Path, tmp_path: Path
+):
+    folder = copy_of(grown.folder, tmp_path)
+    growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
+    database = folder / "sfm" / "database.db"
+    if gone:
+        database.unlink()
+    else:
+        database.write_bytes(b"no database")
+    assert growing.two_view_points(Monitor()) is None
+    assert database.exists() != gone
 
 
 def test_localising_finds_where_an_image_was_taken_and_changes_nothing(

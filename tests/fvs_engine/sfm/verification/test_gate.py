@@ -151,7 +151,7 @@ def test_equally_supported_models_that_contradict_are_doubtful():
         ({"prior_residual_share": 0.5, "prior_support": 0.8}, "50% of the track"),
         (
             {"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8},
-            "Far from the position priors are 5 of its 12 images: 0.jpg",
+            "5 of its 12 images are far from their position priors: 0.jpg",
         ),
     ],
 )
