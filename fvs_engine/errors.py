@@ -49,7 +49,7 @@ class ReconstructionError(EngineError):
 
 
 class ContradictedModelsError(ReconstructionError):
-    """There are models, and the images' matches or positions contradict all of them."""
+    """Every model contradicts the images' matches or positions."""
 
 
 class NativeJobError(ReconstructionError):

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fvs_engine.choices import MAX_VEHICLES as MAX_VEHICLES  # other commands import it from here
-from fvs_engine.choices import Backend, Poses
+from fvs_engine.choices import MAX_VEHICLES, Backend, Poses
 
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
 MAX_SEED = 2**31 - 1

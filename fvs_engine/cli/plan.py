@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.cli.options import MAX_VEHICLES, JsonOption
+from fvs_engine.choices import MAX_VEHICLES
+from fvs_engine.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn

@@ -14,11 +14,12 @@ def colored(points: TwoViewPoints, views: Sequence[TrainingView]) -> PointCloud:
 
     Points outside of their undistorted photograph are left out.
     """
-    found = PointCloud.empty()
+    found, colors = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
     for view in views:
         xyz = points.xyz[points.seen_in == view.name]
         px = view.camera.project(view.camera_from_model.apply(xyz))
         inside = ((px >= 0) & (px < (view.camera.width, view.camera.height))).all(axis=1)
         column, row = px[inside].astype(np.int64).T
-        found = found.and_also(PointCloud(xyz[inside], view.image[row, column]))
-    return found
+        found.append(xyz[inside])
+        colors.append(view.image[row, column])
+    return PointCloud(np.concatenate(found), np.concatenate(colors))

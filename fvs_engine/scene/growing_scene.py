@@ -287,7 +287,7 @@ class GrowingScene:
         points: PointCloud,
         starts: PointCloud,
     ) -> None:
-        """Replace the views, in the order of their names, and the points, the first of ``starts``."""
+        """Replace the views, sorted by name, and the points; ``starts`` are these and the two-view points."""
         self._posed, self._views, self._points, self._starts = dict(posed), tuple(views), points, starts
         self._usual_cameras = _usual_cameras(posed.values())
         self._models.follow(self._posed, self._views, starts)

@@ -25,7 +25,7 @@ _MAX_ROLL_DEG = 5.0
 """Uncertainty of the rotation about the track's own axis above which an alignment is ill-conditioned."""
 
 _SAMPLES = 1000
-"""Number of random triples that are compared."""
+"""Number of random triples of points that are tried."""
 
 _BLOCK_RESIDUALS = 1 << 18
 """Residuals computed at once while triples are compared: bounds the memory."""

@@ -35,8 +35,8 @@ def guide(
     """
     database, with_features = stages.folder.database, set(usable)
     for _ in range(_ROUNDS):
-        waiting = (name for name in change.state.unregistered if name in priors.by_name)
-        left = [name for name in waiting if name in with_features]
+        with_prior = (name for name in change.state.unregistered if name in priors.by_name)
+        left = [name for name in with_prior if name in with_features]
         model_dir = folder.next_model if change.changed else model_dir
         neighbours = predicted_neighbours(left[::-1], priors, read_colmap(model_dir)) if left else {}
         matches = matches_of(list(neighbours), verified_matches(database, 1)) if neighbours else {}

@@ -178,7 +178,7 @@ class GrowthFolder:
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        # Versions that lack these fields can read the state as long as no image waits.
+        # Versions that lack these fields can read the state as long as no image is to be tried again.
         exclude = [field for field in ("tried", "tried_guided") if not getattr(state, field)]
         write_record(self._file, state, exclude=exclude)
 

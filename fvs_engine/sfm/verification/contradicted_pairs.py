@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Orientation:
-    """A camera's ``rotation`` world_from_camera [3, 3], and its standard deviation in degrees."""
+    """Rotation world_from_camera [3, 3] of a camera, and its standard deviation in degrees."""
 
     rotation: Array
     sigma_deg: float

@@ -1,4 +1,4 @@
-"""The paper's experiment with estimated poses: from the first ten photographs on, with noisy pose priors."""
+"""The paper's experiment with estimated poses and noisy pose priors, starting from ten photographs."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -117,14 +117,20 @@ def test_killed_between_matches_and_model_it_comes_to_the_same_model(
         assert file.read_bytes() == (Path(unmatched["out_dir"]) / file.name).read_bytes()
 
 
+def growth_folder(unmatched: dict[str, Any], tmp_path: Path) -> GrowthFolder:
+    """A folder with the database of the reconstruction."""
+    folder = GrowthFolder(tmp_path / "grown")
+    folder.sfm.root.mkdir(parents=True)
+    shutil.copy(unmatched["database"], folder.sfm.database)
+    return folder
+
+
 def test_what_ordinary_matches_leave_out_is_registered_after_them(
     unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path
 ):
     (name,) = unmatched["names"]
     image_dir = Path(unmatched["image_dir"])
-    folder = GrowthFolder(tmp_path / "grown")
-    folder.sfm.root.mkdir(parents=True)
-    shutil.copy(unmatched["database"], folder.sfm.database)
+    folder = growth_folder(unmatched, tmp_path)
     state = GrowthState(
         settings="",
         images={other: (image_dir / other).stat().st_size for other in kermit_names},
@@ -152,9 +158,7 @@ def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_it
     """It has no other matches: without them nothing would be said of it."""
     (name,) = unmatched["names"]
     image_dir = Path(unmatched["image_dir"])
-    folder = GrowthFolder(tmp_path / "grown")
-    folder.sfm.root.mkdir(parents=True)
-    shutil.copy(unmatched["database"], folder.sfm.database)
+    folder = growth_folder(unmatched, tmp_path)
     state = GrowthState(
         settings="",
         images=dict.fromkeys(kermit_names, 1),
