@@ -24,8 +24,8 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.gate import DOUBTFUL
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.sfm.warnings import doubtful
 from fvs_engine.views import AnyView
 
 _MIN_VIEWS = 2
@@ -139,15 +139,15 @@ def _report(
     missing: Sequence[str],
 ) -> SfmReport:
     evidence = read_model_evidence(stages).of(model, stages.monitor)
-    doubtful = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
+    doubt = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
     reason = (
         "No pair of images matches."
         if evidence is None
         else f"{evidence.match_support:.1%} of the verified matches fit the given cameras."
     )
     warnings = [*stages.warnings, *(warning(*each) for each in stages.folder.quarantine.reasons.items())]
-    if doubtful:
-        warnings.append(f"{DOUBTFUL} {reason}")
+    if doubt:
+        warnings.append(doubtful(reason))
     if missing:
         warnings.append(f"{len(missing)} of the given cameras have no image here: {listed(missing)}.")
     registered = {view.name for view in reconstruction.views}
@@ -158,7 +158,7 @@ def _report(
         points=len(reconstruction.points),
         mean_reprojection_error_px=error_px,
         evidence=evidence,
-        verdict="doubtful" if doubtful else "accepted",
+        verdict="doubtful" if doubt else "accepted",
         reasons=(reason,),
     )
     return SfmReport(

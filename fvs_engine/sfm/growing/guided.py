@@ -11,7 +11,7 @@ from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
-from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, rename_over
 
@@ -65,9 +65,3 @@ def guide(
         support = change.match_support if guided.match_support is None else guided.match_support
         change = dataclasses.replace(guided, match_support=support, warnings=warnings)
     return change
-
-
-def still_true(warnings: Sequence[str], state: GrowthState) -> tuple[str, ...]:
-    """The ``warnings`` without those about images that have been registered since."""
-    lines = tuple(f"{name} is not registered: " for name in state.registered)
-    return tuple(warning for warning in warnings if not warning.startswith(lines))

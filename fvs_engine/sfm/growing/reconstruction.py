@@ -21,12 +21,11 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
 )
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
-from fvs_engine.sfm.growing.guided import still_true
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.reasons import why_unregistered
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
-from fvs_engine.sfm.growing.step import step, without_doubts
+from fvs_engine.sfm.growing.step import step
 from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -34,6 +33,7 @@ from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
+from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
@@ -192,7 +192,7 @@ class GrowingReconstruction:
                 self._folder.sfm.quarantine.add(culprit)
                 self._remove({culprit.name})
         crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
-        warnings = still_true(tuple(dict.fromkeys((*self._state.unreported, *crashed))), self._state)
+        warnings = without_registered(dict.fromkeys((*self._state.unreported, *crashed)), self.registered)
         current = self.reconstruction
         return PoseUpdate.between(
             before,

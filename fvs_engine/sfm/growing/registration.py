@@ -9,7 +9,8 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import DOUBTFUL, few_matches, two_places, unknown_distance
+from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
+from fvs_engine.sfm.warnings import doubtful, not_registered
 
 
 def register(
@@ -77,15 +78,15 @@ def register(
         warnings.append(f"Global bundle adjustment left {', '.join(lost)} without a pose.")
     loose = [name for name in answer["loose"] if name in without]
     if loose:
-        warnings.append(f"{DOUBTFUL} {few_matches(loose)}")
+        warnings.append(doubtful(few_matches(loose)))
     if unscaled := [name for name in answer["unscaled"] if name in without]:
-        warnings.append(f"{DOUBTFUL} {unknown_distance(unscaled)}")
+        warnings.append(doubtful(unknown_distance(unscaled)))
     confirmed = priors.by_name if informative else ()
     if conflicting := [pair for pair in answer["conflicting"] if not all(name in confirmed for name in pair)]:
-        warnings.append(f"{DOUBTFUL} {two_places(conflicting)}")
+        warnings.append(doubtful(two_places(conflicting)))
     support = answer["match_support"]
     if support is not None and support < settings.gate.min_match_support:
-        warnings.append(f"{DOUBTFUL} {support:.1%} of the verified matches fit them.")
+        warnings.append(doubtful(f"{support:.1%} of the verified matches fit them."))
     kept = [name for name in state.registered if name in posed]
     state = state.model_copy(update={"rejected": state.rejected | answer["rejected"]})
     return ModelChange(
@@ -97,11 +98,6 @@ def register(
         warnings=tuple(warnings),
         tried=tried,
     )
-
-
-def not_registered(name: str, reason: str) -> str:
-    """The warning that an image was matched and has no pose, and the remedy."""
-    return f"{name} is not registered: {reason}. Photographs from between it and the others would help."
 
 
 def _guided(

@@ -15,7 +15,8 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import DOUBTFUL, Candidate, Judgement, agree, decide
+from fvs_engine.sfm.verification.gate import Candidate, Judgement, agree, decide
+from fvs_engine.sfm.warnings import doubtful
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
@@ -67,7 +68,7 @@ def remap(
     if chosen == 0:
         reasons = " ".join(decision.judgements[0].reasons)
         doubt = decision.judgements[0].verdict != "accepted"
-        warnings = (f"The re-map found no better model. {DOUBTFUL} {reasons}",) if doubt else ()
+        warnings = (f"The re-map found no better model. {doubtful(reasons)}",) if doubt else ()
         return ModelChange(state, match_support=_match_support(scenes[0]), warnings=warnings)
     return _replace(state, current, scenes[chosen], names, decision.warnings, out_dir)
 

@@ -1,18 +1,18 @@
 """One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fvs_engine.images.names import listed, mentions
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
-from fvs_engine.sfm.growing.guided import guide, still_true
+from fvs_engine.sfm.growing.guided import guide
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.prior_veto import veto
-from fvs_engine.sfm.growing.registration import not_registered, register
+from fvs_engine.sfm.growing.prior_veto import Veto, veto
+from fvs_engine.sfm.growing.registration import register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
@@ -21,9 +21,9 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
-from fvs_engine.sfm.verification.gate import DOUBTFUL
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import usable_priors
+from fvs_engine.sfm.warnings import not_registered, without_doubts, without_registered
 
 _MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
 """Number of new images, and ratio of new to registered ones, from which all images are mapped together."""
@@ -70,18 +70,39 @@ def step(
         if change.changed:
             return _from_all(stages, state, change, (*frozen, *decided.ignored))
         stages.warnings.extend(change.warnings)
-    candidates = _match(stages, unregistered, usable, current, retrieval, priors)
-    decided = veto(stages, model_dir, candidates, priors)
-    priors, ignored = decided.priors, (*frozen, *decided.ignored)
+    matched = _match(stages, unregistered, usable, current, retrieval, priors)
+    decided = veto(stages, model_dir, matched, priors)
+    change = _register_due(stages, image_dir, state, matched, decided, model_dir, following)
+    change = guide(stages, image_dir, change, usable, decided.priors, model_dir, folder)
+    change = _remap_if_due(stages, image_dir, change, decided.priors, model_dir, following)
+    ignored = (*frozen, *decided.ignored)
     news = [sentence for sentence in ignored if sentence not in state.priors_ignored]
-    news += [
-        not_registered(name, reason)
-        for name, reason in decided.without_pairs.items()
-        if name not in state.rejected
-    ]
-    matches = matches_of(candidates, verified_matches(database, MIN_PAIR_MATCHES))
+    warnings = [*stages.warnings, *news, *change.warnings]
+    unnamed = [name for name in state.pending if not any(mentions(line, name) for line in warnings)]
+    warnings += _unregistered([name for name in unnamed if name in with_features], matched, change.state)
+    state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
+    return Step(
+        state,
+        change.changed,
+        without_registered(warnings, state.registered),
+        replaced=change.mapper is not None,
+    )
+
+
+def _register_due(
+    stages: Stages,
+    image_dir: Path,
+    state: GrowthState,
+    matched: Sequence[str],
+    decided: Veto,
+    model_dir: Path,
+    out_dir: Path,
+) -> ModelChange:
+    """Register those of the ``matched`` images that were not tried with the same inputs before."""
+    database = stages.folder.database
+    matches = matches_of(matched, verified_matches(database, MIN_PAIR_MATCHES))
     inputs = RegistrationInputs(
-        model_dir, matches, image_cameras(database), priors, informative=decided.informative
+        model_dir, matches, image_cameras(database), decided.priors, informative=decided.informative
     )
     due = inputs.due(state.tried)
     if due and _adjusts_all(state, len(due), stages.settings.growth):
@@ -91,40 +112,43 @@ def step(
         image_dir,
         state.model_copy(update={"rejected": state.rejected | decided.without_pairs}),
         due,
-        priors,
+        decided.priors,
         model_dir,
-        following,
+        out_dir,
         informative=decided.informative,
     )
     left = set(change.state.unregistered)
     tried = {name: inputs.of(name) for name in change.tried if name in left}
-    change = change.with_state(tried=change.state.tried | tried)
-    change = guide(stages, image_dir, change, usable, priors, model_dir, folder)
-    warnings = (*news, *change.warnings)
-    changed, replaced = change.changed, False
-    matching = _count_matching_unregistered(database, change.state)
+    without_pairs = (
+        not_registered(name, reason)
+        for name, reason in decided.without_pairs.items()
+        if name not in state.rejected
+    )
+    change = replace(change, warnings=(*without_pairs, *change.warnings))
+    return change.with_state(tried=change.state.tried | tried)
+
+
+def _remap_if_due(
+    stages: Stages,
+    image_dir: Path,
+    change: ModelChange,
+    priors: PosePriors,
+    model_dir: Path,
+    following: Path,
+) -> ModelChange:
+    """Map all images again if that is due after ``change``; both changes in one, with their warnings."""
+    matching = _count_matching_unregistered(stages.folder.database, change.state)
     reason = reason_to_remap(change.state, change.match_support, matching, stages.settings)
-    if reason is not None:
-        grown = following if changed else model_dir
-        change = remap(stages, image_dir, change.state, priors, grown, following)
-        changed = changed or change.changed
-        if change.mapper:
-            replaced = True
-            why = f"{reason} A re-map by {change.mapper} mapping replaced the current model."
-            warnings = (*without_doubts(warnings), why, *change.warnings)
-        else:
-            warnings = (*warnings, *(f"{reason} {line}" for line in change.warnings))
-    warnings = (*stages.warnings, *warnings)
-    unnamed = (name for name in state.pending if not any(mentions(line, name) for line in warnings))
-    new = [name for name in unnamed if name in with_features]
-    warnings = (*warnings, *_unregistered(new, candidates, change.state))
-    state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
-    return Step(state, changed, still_true(warnings, state), replaced=replaced)
-
-
-def without_doubts(warnings: Iterable[str]) -> tuple[str, ...]:
-    """The ``warnings`` without those about the cameras of a model, which was replaced."""
-    return tuple(line for line in warnings if DOUBTFUL not in line)
+    if reason is None:
+        return change
+    grown = following if change.changed else model_dir
+    remapped = remap(stages, image_dir, change.state, priors, grown, following)
+    if remapped.mapper is None:
+        warnings = (*change.warnings, *(f"{reason} {warning}" for warning in remapped.warnings))
+    else:
+        why = f"{reason} A re-map by {remapped.mapper} mapping replaced the current model."
+        warnings = (*without_doubts(change.warnings), why, *remapped.warnings)
+    return replace(remapped, changed=change.changed or remapped.changed, warnings=warnings)
 
 
 def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool:

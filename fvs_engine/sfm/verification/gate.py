@@ -16,6 +16,7 @@ from fvs_engine.images.names import listed
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE
+from fvs_engine.sfm.warnings import doubtful
 
 MIN_SHARED_IMAGES = 4
 """Three centres always fit well; agreement is significant from four on."""
@@ -25,9 +26,6 @@ MAX_UNSUPPORTED_SHARE = 0.1
 
 MIN_PRIOR_SUPPORT = 0.6
 """Share of the pairs whose baselines must fit the position priors for these to be evidence."""
-
-DOUBTFUL = "DOUBTFUL CAMERAS:"
-"""Begins the warnings about a model that is used although it may be wrong."""
 
 PRIORS_IGNORED = (
     "The position priors contradict the images and are not used: the baselines between matched images do "
@@ -109,7 +107,7 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
         )
         judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
     if judgements[best].verdict == "doubtful":
-        warnings.append(f"{DOUBTFUL} {' '.join(judgements[best].reasons)} Look at the result before use.")
+        warnings.append(doubtful(f"{' '.join(judgements[best].reasons)} Look at the result before use."))
     return Decision(best, tuple(judgements), agreements, tuple(warnings))
 
 

@@ -16,7 +16,7 @@ from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
 from fvs_engine.sfm.colmap.model import camera_poses
-from fvs_engine.sfm.growing.guided import guide, still_true
+from fvs_engine.sfm.growing.guided import guide
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.registration import register
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
@@ -237,12 +237,6 @@ def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
     found = [warning for warning in change.warnings if "should overlap" in warning]
     assert len(found) == warned
     assert all(f"{new} and {old}" in warning for warning in found)
-
-
-def test_a_warning_of_an_image_that_was_registered_after_all_is_dropped():
-    state = GrowthState(settings="", images={"a": 1, "b": 1}, registered=("a",))
-    lines = ["a is not registered: too few.", "b is not registered: too few.", "Something else."]
-    assert still_true(lines, state) == tuple(lines[1:])
 
 
 def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[str, Any]):
